@@ -1,0 +1,182 @@
+"""Exact answers: what a policy is worth, and what the best one is.
+
+The process is finite and known, so nothing here is sampled: no noise, no seed, no episodes. A
+policy under a time limit is worth what its state distribution meets on the way (the probabilities
+of Sutton & Barto 2018, equation 3.4, carried forward from the start); the optimum is the fixed
+point of the Bellman optimality operator (ibid., section 4.4), or `horizon` applications of it.
+
+All returns are undiscounted unless a discount is named.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.policy import Policy
+from envs.model import EVENTS, ZONES, Model
+
+_SUCCESS = EVENTS.index("target_ping")
+_N_SUMS = 5 + len(ZONES)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Exact expectations over an episode of a policy; each field has the policies' leading shape."""
+
+    grid_return: NDArray[np.float64]  # the grid's rewards alone, the yardstick of every scenario
+    scenario_return: NDArray[np.float64]  # the issuer's rewards included
+    success: NDArray[np.float64]  # probability that the episode ends by PING in the target region
+    steps: NDArray[np.float64]  # to the episode's end or the horizon
+    wrong_pings: NDArray[np.float64]
+    zone_steps: NDArray[np.float64]  # (..., 4) steps after which the agent stands in each of ZONES
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The optimum of a model."""
+
+    q: NDArray[np.float64]  # (S, A) value of each action, the best ones taken afterwards
+    value: NDArray[np.float64]  # (S,)
+
+
+def evaluate(model: Model, policy: Policy, horizon: int) -> Evaluation:
+    """Computes what a policy is worth from the start, under a time limit.
+
+    Args:
+      model: Compiled scenario; O observations, A actions.
+      policy: Action probabilities, (..., O, A) float64, rows summing to one; leading axes are a
+        batch of policies.
+      horizon: Steps until truncation, at least 1.
+
+    Raises:
+      ValueError: `policy` was built for another model or is no policy, or `horizon` is below 1.
+    """
+    shape = (model.n_observations, model.next_state.shape[1])
+    policy = np.asarray(policy, dtype=np.float64)
+    if policy.shape[-2:] != shape:
+        raise ValueError(f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]}).")
+    if not (np.all(policy >= 0) and np.allclose(policy.sum(axis=-1), 1.0, atol=1e-9)):
+        raise ValueError("policy: rows must be probabilities that sum to one.")
+    if horizon < 1:
+        raise ValueError(f"horizon = {horizon}; at least 1.")
+    batch = np.ascontiguousarray(policy.reshape(-1, *shape))
+    sums = np.zeros((len(batch), _N_SUMS))
+    _sweep(
+        batch,
+        model.next_state,
+        model.grid_reward,
+        model.issuer_reward,
+        model.terminated,
+        model.event,
+        model.zone,
+        model.observation,
+        model.start,
+        horizon,
+        sums,
+    )
+    sums = sums.reshape(*policy.shape[:-2], _N_SUMS)
+    return Evaluation(
+        grid_return=sums[..., 0],
+        scenario_return=sums[..., 0] + sums[..., 1],
+        success=sums[..., 2],
+        steps=sums[..., 3],
+        wrong_pings=sums[..., 4],
+        zone_steps=sums[..., 5:],
+    )
+
+
+@numba.njit(nogil=True, cache=True)
+def _sweep(
+    policies: NDArray[np.float64],
+    next_state: NDArray[np.int32],
+    grid_reward: NDArray[np.float64],
+    issuer_reward: NDArray[np.float64],
+    terminated: NDArray[np.bool_],
+    event: NDArray[np.int8],
+    zone: NDArray[np.int8],
+    observation: NDArray[np.int32],
+    start: int,
+    horizon: int,
+    sums: NDArray[np.float64],
+) -> None:
+    """Carries the state distribution of each policy forward, adding up what it meets into `sums`.
+
+    Only states that carry probability are visited, which for a greedy policy are very few.
+    """
+    n_states, n_actions = next_state.shape
+    here = np.zeros(n_states)  # probability of each state before the step
+    there = np.zeros(n_states)  # and after it
+    occupied = np.empty(n_states, dtype=np.int32)  # the states with here > 0
+    reached = np.empty(n_states, dtype=np.int32)  # the states with there > 0
+    for n in range(policies.shape[0]):
+        here[start] = 1.0
+        occupied[0] = start
+        n_occupied = 1
+        for _ in range(horizon):
+            n_reached = 0
+            for i in range(n_occupied):
+                s = occupied[i]
+                p_state = here[s]
+                here[s] = 0.0
+                for a in range(n_actions):
+                    p = p_state * policies[n, observation[s], a]
+                    if p == 0.0:
+                        continue
+                    s_next = next_state[s, a]
+                    sums[n, 0] += p * grid_reward[s, a]
+                    sums[n, 1] += p * issuer_reward[s, a]
+                    sums[n, 3] += p
+                    sums[n, 5 + zone[s_next]] += p
+                    if event[s, a] == _SUCCESS:
+                        sums[n, 2] += p
+                    elif event[s, a] > _SUCCESS:  # the wrong PINGs
+                        sums[n, 4] += p
+                    if not terminated[s, a]:
+                        if there[s_next] == 0.0:
+                            reached[n_reached] = s_next
+                            n_reached += 1
+                        there[s_next] += p
+            here, there = there, here
+            occupied, reached = reached, occupied
+            n_occupied = n_reached
+            if n_occupied == 0:
+                break
+        for i in range(n_occupied):
+            here[occupied[i]] = 0.0
+
+
+def solve(
+    model: Model, discount: float = 1.0, horizon: int | None = None, *, issuer_rewards: bool = True
+) -> Solution:
+    """Computes the optimal values of a model, whose agent knows its state.
+
+    Value iteration from zero. What an agent that observes the cell alone can reach is at most this,
+    and equal to it where the optimum needs no wrong PING, as in the paper's scenarios.
+
+    Args:
+      model: Compiled scenario.
+      discount: In [0, 1]; below 1 if there is no horizon.
+      horizon: Steps to go; None for an endless task.
+      issuer_rewards: Whether the issuer's (mean) rewards count beside the grid's.
+
+    Raises:
+      ValueError: No horizon and a discount of 1.
+    """
+    if horizon is None and not 0 <= discount < 1:
+        raise ValueError(f"discount = {discount}; without a horizon it must lie in [0, 1).")
+    reward = model.grid_reward + model.issuer_reward if issuer_rewards else model.grid_reward
+    value = np.zeros(len(model.observation))
+    q = np.zeros_like(reward)
+    step = 0
+    while horizon is None or step < horizon:
+        q = reward + discount * np.where(model.terminated, 0.0, value[model.next_state])
+        best = q.max(axis=1)
+        # Rounding may keep the last digit alternating, so equality is not waited for.
+        converged = np.abs(best - value).max() <= 1e-15 * max(1.0, np.abs(best).max())
+        value = best
+        step += 1
+        if converged and discount < 1:
+            break
+    return Solution(q=q, value=value)

@@ -1,0 +1,49 @@
+"""Memoryless policies: tables of action probabilities, one row an observation.
+
+A set of actions is kept as a mask, the sum of 2**action over its members: `0b10001` is UP or PING.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from envs.model import ACTIONS, Model
+
+Policy = NDArray[np.float64]  # (..., O, A), rows summing to one
+ALL_ACTIONS = 2 ** len(ACTIONS) - 1
+
+
+def uniform_policy(model: Model) -> Policy:
+    """Returns the policy that draws every action with equal probability, (O, A)."""
+    return np.full((model.n_observations, len(ACTIONS)), 1 / len(ACTIONS))
+
+
+def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> NDArray[np.uint8]:
+    """Returns the set of best actions in every row.
+
+    Args:
+      q: Action values, (..., A).
+      tolerance: How far below the best an action may lie and still count as best.
+
+    >>> greedy_masks([[0, 0, -1, 0, -2], [1, 2, 3, 4, 5]])
+    array([11, 16], dtype=uint8)
+    """
+    q = np.asarray(q)
+    best = q >= q.max(axis=-1, keepdims=True) - tolerance
+    return (best @ (1 << np.arange(len(ACTIONS)))).astype(np.uint8)
+
+
+def contains(masks: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Returns which actions each mask holds, (..., A)."""
+    return (masks[..., None] >> np.arange(len(ACTIONS)) & 1).astype(np.bool_)
+
+
+def mask_policy(masks: NDArray[np.uint8]) -> Policy:
+    """Returns the policy that draws uniformly from the actions of each mask, (..., A).
+
+    >>> mask_policy(np.array([17], dtype=np.uint8))
+    array([[0.5, 0. , 0. , 0. , 0.5]])
+    """
+    member: NDArray[Any] = contains(masks)
+    return np.asarray(member / member.sum(axis=-1, keepdims=True))

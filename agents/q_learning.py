@@ -1,0 +1,284 @@
+"""Tabular Q-learning (Watkins & Dayan 1992) for a whole population of independent agents.
+
+Each agent starts at Q = 0, acts epsilon-greedily, and after action a in observation o updates
+
+    Q(o, a) += learning_rate * (r + discount * max_b Q(o', b) - Q(o, a)),
+
+without the bootstrap term where the episode terminates, and with it where the time limit truncates.
+
+Every agent has a random stream of its own (xoshiro256++, Blackman & Vigna 2021), seeded by the
+caller, so that agents trained together equal the same agents trained one at a time, bit for bit, on
+any number of threads. Each step takes one 64-bit draw: its upper half decides whether to explore,
+its lower half which member of the set of candidate actions to take (all of them when exploring, the
+greedy ones otherwise). A noisy issuer takes one draw more at each PING.
+"""
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+import numba
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+from pydantic import Field
+
+from agents.policy import ALL_ACTIONS, contains
+from envs.inputs import Table
+from envs.model import ACTIONS, Model, draw_issuer_reward
+
+VERSION: Final = 1  # part of every run's identity: raise it when a change alters what is learned
+
+U = np.uint64
+_draw_issuer_reward = numba.njit(draw_issuer_reward)
+
+# Row m lists the actions of mask m, evenly over 60 places: 60 is divisible by every possible count,
+# so one draw from 0..59, made before the mask is known, picks each member with equal probability.
+_PLACES: Final = 60
+_CHOICE: Final = np.zeros((ALL_ACTIONS + 1, _PLACES), dtype=np.uint8)
+for _mask in range(1, ALL_ACTIONS + 1):
+    _members = np.flatnonzero(contains(np.array(_mask, dtype=np.uint8)))
+    _CHOICE[_mask] = _members[np.arange(_PLACES) * len(_members) // _PLACES]
+
+
+class Settings(Table):
+    """What a Q-learner can be told; the defaults are the paper's."""
+
+    learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
+    discount: Annotated[float, Field(ge=0, le=1)] = 0.9
+    epsilon: Annotated[float, Field(ge=0, le=1)] = 0.6  # probability of a uniformly random action
+    ties: Literal["uniform", "lowest"] = "uniform"  # which of several best actions is greedy
+    budget: Annotated[int, Field(ge=1, le=10**9)] = 10_000
+    budget_unit: Literal["steps", "episodes"] = "steps"
+    time_limit: Annotated[int, Field(ge=1)] | None = None  # steps until an episode is truncated
+    record_every: Annotated[int, Field(ge=1)] = 1  # budget units from one record of max Q to the next
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """What came of training N agents: O observations, A actions, R records, T snapshots."""
+
+    q: NDArray[np.float64]  # (N, O, A) final values
+    greedy: NDArray[np.uint8]  # (N, T, O) masks of greedy actions, see `agents.policy`
+    max_q: NDArray[np.float64]  # (N, R) max_a Q(o_t, a) of the visited o_t before its update
+    table_max_q: NDArray[np.float64]  # (N, R) the largest Q of the table then; R = 0 if not asked for
+    steps: NDArray[np.int64]  # (N,) steps taken
+    episodes: NDArray[np.int64]  # (N,) episodes ended
+
+
+def train(
+    model: Model,
+    settings: Settings,
+    seeds: Sequence[SeedSequence],
+    evaluation_steps: Sequence[int] = (),
+    *,
+    record_table: bool = False,
+    threads: int = 1,
+) -> Training:
+    """Trains one agent a seed.
+
+    Args:
+      model: Compiled scenario.
+      settings: The learner's settings, the same for all.
+      seeds: One an agent; agents of equal seeds are equal.
+      evaluation_steps: When to keep the greedy policy: rising, in budget units, 0 to the budget.
+        With a budget of episodes each record of max Q is the largest value met in that episode.
+      record_table: Whether to record the whole table's maximum, too.
+      threads: How many to use; no result depends on it.
+
+    Raises:
+      ValueError: No agents, no thread, or evaluation steps that do not rise from 0 to the budget.
+    """
+    n_agents, n_cells = len(seeds), model.n_observations
+    points = np.array([*evaluation_steps, settings.budget + 1], dtype=np.int64)
+    if n_agents < 1 or threads < 1:
+        raise ValueError(f"{n_agents} agents on {threads} threads; at least one of each.")
+    if points[0] < 0 or np.any(np.diff(points) <= 0):
+        raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {settings.budget}.")
+    n_records = math.ceil(settings.budget / settings.record_every)
+    result = Training(
+        q=np.zeros((n_agents, n_cells, len(ACTIONS))),
+        greedy=np.empty((n_agents, len(points) - 1, n_cells), dtype=np.uint8),
+        max_q=np.empty((n_agents, n_records)),
+        table_max_q=np.empty((n_agents, n_records if record_table else 0)),
+        steps=np.empty(n_agents, dtype=np.int64),
+        episodes=np.empty(n_agents, dtype=np.int64),
+    )
+    streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
+    # Ended transitions go on at the start, and bootstrap from a place behind the table that holds 0.
+    next_state = np.where(model.terminated, model.start, model.next_state)
+    bootstrap = np.where(model.terminated, n_cells, model.observation[model.next_state])
+
+    def work(first: int, last: int) -> None:
+        _train(
+            next_state.astype(np.int64),
+            bootstrap.astype(np.int64),
+            model.grid_reward + model.issuer_reward,
+            model.issuer_noise,
+            model.terminated,
+            model.observation.astype(np.int64),
+            model.start,
+            settings.learning_rate,
+            settings.discount,
+            U(round(settings.epsilon * 2**32)),
+            settings.ties == "lowest",
+            settings.budget,
+            settings.budget_unit == "episodes",
+            settings.time_limit or 2**62,
+            settings.record_every,
+            points,
+            _CHOICE,
+            streams[first:last],
+            result.q[first:last],
+            result.greedy[first:last],
+            result.max_q[first:last],
+            result.table_max_q[first:last],
+            result.steps[first:last],
+            result.episodes[first:last],
+        )
+
+    # Small blocks, so that threads end together and an interrupt waits for one block at most.
+    n_blocks = min(n_agents, threads * math.ceil(n_agents / (threads * 8)) if threads > 1 else 1)
+    edges = np.linspace(0, n_agents, n_blocks + 1).astype(int)
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for future in [pool.submit(work, a, b) for a, b in zip(edges, edges[1:], strict=False)]:
+                future.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return result
+
+
+@numba.njit(nogil=True, cache=True)
+def _train(
+    next_state: NDArray[np.int64],  # (S, A)
+    bootstrap: NDArray[np.int64],  # (S, A) the observation to bootstrap from; O for none
+    reward: NDArray[np.float64],  # (S, A) mean
+    noise: NDArray[np.float64],  # (S, A)
+    terminated: NDArray[np.bool_],  # (S, A)
+    observation: NDArray[np.int64],  # (S,)
+    start: int,
+    learning_rate: float,
+    discount: float,
+    explore_below: np.uint64,  # of 2**32
+    lowest: bool,
+    budget: int,
+    by_episode: bool,
+    time_limit: int,
+    record_every: int,
+    points: NDArray[np.int64],  # (T + 1,) the last one is never reached
+    choice: NDArray[np.uint8],  # (32, 60)
+    streams: NDArray[np.uint64],  # (N, 4)
+    q_out: NDArray[np.float64],  # (N, O, A)
+    greedy_out: NDArray[np.uint8],  # (N, T, O)
+    max_out: NDArray[np.float64],  # (N, R)
+    table_max_out: NDArray[np.float64],  # (N, R) or (N, 0)
+    steps_out: NDArray[np.int64],  # (N,)
+    episodes_out: NDArray[np.int64],  # (N,)
+) -> None:
+    """Trains agents one after the other, each from its own stream."""
+    n_cells = q_out.shape[1]
+    record_table = table_max_out.shape[1] > 0
+    # A tournament tree: leaves are the rows' maxima, each inner node the larger of its two children.
+    leaves = 1
+    while leaves < n_cells:
+        leaves *= 2
+    for n in range(q_out.shape[0]):
+        s0, s1, s2, s3 = streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3]
+        q = q_out[n]
+        row_max = np.zeros(n_cells + 1)  # the place behind the table is what a terminal state is worth
+        greedy = np.full(n_cells, 1 if lowest else 31, dtype=np.int64)  # masks of the greedy actions
+        tree = np.zeros(2 * leaves)
+        for i in range(n_cells, leaves):
+            tree[leaves + i] = -np.inf
+        state = start
+        o = observation[start]
+        steps = 0
+        episodes = 0
+        episode_steps = 0
+        next_point = 0
+        next_record = 0
+        n_records = 0
+        for unit in range(budget):
+            if unit == points[next_point]:
+                for i in range(n_cells):
+                    greedy_out[n, next_point, i] = greedy[i]
+                next_point += 1
+            recorded = unit == next_record
+            highest = -np.inf
+            table_highest = -np.inf
+            while True:
+                if recorded:
+                    highest = max(highest, row_max[o])
+                    if record_table:
+                        table_highest = max(table_highest, tree[1])
+
+                draw = s0 + s3
+                draw = ((draw << U(23)) | (draw >> U(41))) + s0
+                shifted = s1 << U(17)
+                s2 ^= s0
+                s3 ^= s1
+                s1 ^= s2
+                s0 ^= s3
+                s2 ^= shifted
+                s3 = (s3 << U(45)) | (s3 >> U(19))
+
+                place = ((draw & U(0xFFFFFFFF)) * U(60)) >> U(32)
+                candidates = 31 if (draw >> U(32)) < explore_below else greedy[o]
+                a = choice[candidates, place]
+                r = reward[state, a]
+                if noise[state, a] > 0.0:
+                    draw = s0 + s3
+                    draw = ((draw << U(23)) | (draw >> U(41))) + s0
+                    shifted = s1 << U(17)
+                    s2 ^= s0
+                    s3 ^= s1
+                    s1 ^= s2
+                    s0 ^= s3
+                    s2 ^= shifted
+                    s3 = (s3 << U(45)) | (s3 >> U(19))
+                    r = _draw_issuer_reward(r, noise[state, a], (draw >> U(11)) * 2.0**-53)
+
+                target = r + discount * row_max[bootstrap[state, a]]
+                q[o, a] += learning_rate * (target - q[o, a])
+                q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
+                best = max(max(max(q0, q1), max(q2, q3)), q4)
+                mask = (q0 == best) | ((q1 == best) << 1) | ((q2 == best) << 2)
+                mask |= ((q3 == best) << 3) | ((q4 == best) << 4)
+                greedy[o] = mask & -mask if lowest else mask
+                row_max[o] = best
+                if record_table:
+                    node = leaves + o
+                    tree[node] = best
+                    while node > 1:
+                        node >>= 1
+                        winner = max(tree[2 * node], tree[2 * node + 1])
+                        if tree[node] == winner:
+                            break
+                        tree[node] = winner
+
+                steps += 1
+                episode_steps += 1
+                ended = terminated[state, a] or episode_steps == time_limit
+                state = next_state[state, a]
+                if ended:
+                    state = start
+                    episodes += 1
+                    episode_steps = 0
+                o = observation[state]
+                if ended or not by_episode:
+                    break
+            if recorded:
+                max_out[n, n_records] = highest
+                if record_table:
+                    table_max_out[n, n_records] = table_highest
+                n_records += 1
+                next_record += record_every
+        if points[next_point] == budget:
+            for i in range(n_cells):
+                greedy_out[n, next_point, i] = greedy[i]
+        steps_out[n] = steps
+        episodes_out[n] = episodes

@@ -1,0 +1,1 @@
+"""What is run, kept, aggregated and shown; `python -m benchmark --help` says how."""

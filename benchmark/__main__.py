@@ -1,0 +1,177 @@
+"""The command line: arguments in, exit code out."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from envs import InputError
+
+_EPILOG = """\
+examples:
+  python -m benchmark list                         what there is, and what is done
+  python -m benchmark run reproduce                run what is missing, on all cores
+  python -m benchmark report reproduce             draw results/reproduce from the runs
+  python -m benchmark run reproduce --seeds 0-9    ten agents only
+  python -m benchmark speed                        measure speed against the stock way
+
+Runs are kept in RESULTS/runs.db. A run that is there is never repeated: interrupt at any moment, and
+the same command goes on. Exit codes: 0 done, 1 a run failed, 2 a mistake in what was given.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.command(options))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted: finished runs are kept; the same command goes on.", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmark",
+        description="Runs experiments on the proxemic gridworld and draws their results.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    def command(name: str, function: object, summary: str, *, experiment: bool) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
+        sub.set_defaults(command=function)
+        sub.add_argument(
+            "--results",
+            type=Path,
+            default=Path("results"),
+            metavar="DIR",
+            help="folder of results, made if missing (default: results)",
+        )
+        if experiment:
+            sub.add_argument(
+                "experiment", metavar="EXPERIMENT", help="a name that 'list' shows, or the path of a TOML file"
+            )
+            sub.add_argument(
+                "--seeds",
+                metavar="A-B",
+                help="seeds of the runs, for example 0-29 or 7 (default: as the experiment declares)",
+            )
+        return sub
+
+    command("list", _list, "show scenarios, algorithms and experiments, and how much is done", experiment=False)
+    run = command("run", _run, "execute the runs of an experiment that are not done yet", experiment=True)
+    run.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="threads to use; no result depends on it (default: one a core)",
+    )
+    command("report", _report, "draw the tables and figures of an experiment from its runs", experiment=True)
+    speed = command("speed", _speed, "measure speed, each row against the stock way in the same run", experiment=False)
+    speed.add_argument("--smoke", action="store_true", help="a second only; the figures mean nothing")
+    return parser
+
+
+def _list(options: argparse.Namespace) -> int:
+    from agents import ALGORITHMS
+    from benchmark.experiment import all_specifications, experiment_names, load_experiment
+    from benchmark.runner import pending
+    from benchmark.store import Store
+    from envs import load_scenario, scenario_names
+
+    print("scenarios")
+    for name in scenario_names():
+        print(f"  {name:18} {load_scenario(name).description}")
+    print("algorithms")
+    for name, module in ALGORITHMS.items():
+        print(f"  {name:18} {module}")
+    print("experiments")
+    database = options.results / "runs.db"
+    for name in experiment_names():
+        experiment = load_experiment(name)
+        runs = all_specifications(experiment)
+        done = 0
+        if database.exists():
+            with Store(database) as store:
+                done = len(runs) - len(pending(runs, store))
+        print(f"  {name:18} {done} of {len(runs)} runs done. {experiment.description}")
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    from benchmark import runner
+    from benchmark.experiment import all_specifications, load_experiment
+    from benchmark.store import Store
+
+    if options.jobs < 1:
+        raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
+    experiment = load_experiment(options.experiment)
+    runs = all_specifications(experiment, _seeds(options.seeds))
+    with Store(options.results / "runs.db") as store:
+        todo = len(runner.pending(runs, store))
+        if todo == 0:
+            print(f"{experiment.name}: all {len(runs)} runs are done already.")
+            return 0
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("runs,"),
+            TimeElapsedColumn(),
+            TextColumn("gone,"),
+            Remaining(),
+            TextColumn("to go"),
+        )
+        with Progress(*columns, console=Console(stderr=True)) as progress:
+            task = progress.add_task(experiment.name, total=len(runs), completed=len(runs) - todo)
+            errors = runner.run(runs, store, options.jobs, lambda n: progress.advance(task, n))
+    if errors:
+        print(f"error: {len(errors)} runs failed, and will be tried again; the first: {errors[0]}", file=sys.stderr)
+        return 1
+    print(f"{experiment.name}: {todo} runs done, {len(runs) - todo} were done already.")
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    from benchmark import report
+    from benchmark.experiment import load_experiment
+    from benchmark.store import Store
+
+    experiment = load_experiment(options.experiment)
+    directory = options.results / experiment.name
+    with Store(options.results / "runs.db") as store:
+        report.draw(experiment, store, directory, _seeds(options.seeds))
+    print(f"{experiment.name}: tables and figures are in {directory}.")
+    return 0
+
+
+def _speed(options: argparse.Namespace) -> int:
+    from benchmark import speed
+
+    speed.measure(options.results / "speed", smoke=options.smoke)
+    return 0
+
+
+def _seeds(text: str | None) -> range | None:
+    """Reads `--seeds`."""
+    if text is None:
+        return None
+    first, dash, last = text.partition("-")
+    if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
+        raise InputError(f"--seeds {text}: accepted: A-B with A not above B, as in 0-29, or one seed, as in 7.")
+    return range(int(first), int(last if dash else first) + 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

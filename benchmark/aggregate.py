@@ -1,0 +1,272 @@
+"""Records become populations, and populations become tables of numbers with intervals.
+
+A population is all agents of one scenario under one reading. Intervals are 95 % percentile bootstrap
+intervals over its agents; their resampling is seeded, so the same records give the same digits.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import contains, greedy_masks, uniform_policy
+from benchmark.experiment import RunSpecification
+from benchmark.store import Record, Store
+from envs import ACTIONS, InputError, Model, Scenario, compile_scenario
+
+RESAMPLES: Final = 2000
+_BOOTSTRAP_SEED: Final = 20210803
+_OPTIMAL: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """All agents of one scenario under one reading, in the order of their seeds.
+
+    N agents, T evaluation points, O cells, A actions, R records of max Q.
+    """
+
+    specification: Mapping[str, Any]  # of the agent of the first seed, as recorded
+    arrays: Mapping[str, NDArray[Any]]  # name to values, (N, ...): see `agents.q_learning.Training`
+
+    @cached_property
+    def model(self) -> Model:
+        """The compiled scenario, as recorded."""
+        return compile_scenario(Scenario.model_validate_json(json.dumps(self.specification["scenario"])))
+
+    @property
+    def scenario(self) -> str:
+        """The scenario's name."""
+        return str(self.specification["scenario"]["name"])
+
+    @cached_property
+    def evaluation_steps(self) -> list[int]:
+        """(T,) budget units."""
+        budget = self.specification["settings"]["budget"]
+        return [*range(0, budget, self.specification["evaluation_every"]), budget]
+
+    @cached_property
+    def recorded_steps(self) -> NDArray[np.int_]:
+        """(R,) budget units at which max Q was recorded."""
+        return np.arange(self.arrays["max_q"].shape[1]) * int(self.specification["settings"]["record_every"])
+
+    @cached_property
+    def anchors(self) -> dict[str, tuple[float, float]]:
+        """Exact returns of the random and of the optimal policy, by the grid's and all rewards."""
+        horizon = self.specification["horizon"]
+        random = evaluate(self.model, uniform_policy(self.model), horizon)
+        return {
+            name: (
+                float(value),
+                float(solve(self.model, 1.0, horizon, issuer_rewards=issuer).value[self.model.start]),
+            )
+            for name, value, issuer in (
+                ("grid_return", random.grid_return, False),
+                ("scenario_return", random.scenario_return, True),
+            )
+        }
+
+    @cached_property
+    def scores(self) -> NDArray[np.float64]:
+        """(N, T) grid return of the greedy policy: 0 as the random policy, 1 as the optimal one."""
+        random, optimal = self.anchors["grid_return"]
+        return np.asarray((self.arrays["grid_return"] - random) / (optimal - random))
+
+
+def load_population(runs: Sequence[RunSpecification], store: Store) -> Population:
+    """Reads the records of runs that differ by their seed alone.
+
+    Raises:
+      InputError: Some have no record, or failed; nothing is averaged over what happens to be there.
+    """
+    statuses = store.statuses()
+    missing = [run.seed for run in runs if statuses.get(run.digest) != "done"]
+    if missing:
+        raise InputError(
+            f"{len(missing)} of {len(runs)} runs of {runs[0].algorithm} in {runs[0].scenario.name} are not "
+            f"done (the first is seed {missing[0]}); run the experiment first."
+        )
+    records: list[Record] = store.get([run.digest for run in runs])
+    return Population(
+        specification=json.loads(records[0].specification),
+        arrays={
+            name: np.stack([record.arrays[name] for record in records]) for name in records[0].arrays
+        },
+    )
+
+
+def resample(n_agents: int) -> NDArray[np.float64]:
+    """Draws how often each agent is counted, (RESAMPLES + 1, N); the first row is the sample itself.
+
+    A statistic that is a function of means is thus resampled by one product of matrices.
+    """
+    rng = np.random.default_rng(_BOOTSTRAP_SEED)
+    counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
+    return np.vstack([np.ones(n_agents), counts]).astype(np.float64)
+
+
+def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the ends of the 95 % interval of resampled values.
+
+    Args:
+      samples: (RESAMPLES + 1, ...), the first of which is the sample's own.
+    """
+    low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
+    return low, high
+
+
+def q_values(populations: Sequence[Population]) -> pd.DataFrame:
+    """Tabulates the final Q-values over agents: one row a scenario, cell and action."""
+    frames = []
+    for population in populations:
+        q = population.arrays["q"]
+        grid = population.model.scenario.grid
+        row, column, action = np.indices((grid.rows, grid.columns, len(ACTIONS))).reshape(3, -1)
+        frames.append(
+            pd.DataFrame(
+                {
+                    "scenario": population.scenario,
+                    "row": row,
+                    "column": column,
+                    "action": np.array(ACTIONS)[action],
+                }
+                | _spread(q.reshape(len(q), -1))
+            )
+        )
+    return pd.concat(frames, ignore_index=True)
+
+
+def max_q(populations: Sequence[Population]) -> pd.DataFrame:
+    """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
+    frames = []
+    for population in populations:
+        table = _spread(population.arrays["table_max_q"])
+        frames.append(
+            pd.DataFrame(
+                {"scenario": population.scenario, "step": population.recorded_steps}
+                | _spread(population.arrays["max_q"])
+                | {f"table_{name}": table[name] for name in ("mean", "min", "max")}
+            )
+        )
+    return pd.concat(frames, ignore_index=True)
+
+
+def learning(populations: Sequence[Population]) -> pd.DataFrame:
+    """Tabulates the exact score of the greedy policy, and the share of optimal agents, over training.
+
+    `score_iqm` is the interquartile mean (Agarwal et al. 2021): scores have no lower bound, since a
+    greedy policy may bump a wall until the horizon, and the mean shows it.
+    """
+    frames = []
+    for population in populations:
+        weights = resample(len(population.scores))
+        columns: dict[str, Any] = {"scenario": population.scenario, "step": population.evaluation_steps}
+        for name, values in (
+            ("score", population.scores),
+            ("success", population.arrays["success"]),
+            ("optimal_share", population.scores >= 1 - _OPTIMAL),
+            ("return", population.arrays["grid_return"]),
+            ("scenario_return", population.arrays["scenario_return"]),
+        ):
+            columns |= _mean_with_interval(name, weights @ values / len(values))
+            if name == "score":
+                columns |= _interquartile_mean(values)
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)
+
+
+def optimal(populations: Sequence[Population]) -> pd.DataFrame:
+    """Tabulates the exact anchors beside what the greedy policies reached at the end of training."""
+    rows = []
+    for population in populations:
+        scores = population.scores[:, -1]
+        weights = resample(len(scores))
+        row: dict[str, Any] = {"scenario": population.scenario, "agents": len(scores)}
+        for name, (random, best) in population.anchors.items():
+            learned = population.arrays[name][:, -1]
+            samples = weights @ (best - learned) / len(learned)
+            regret = _mean_with_interval("regret", samples[:, None])
+            row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned.mean()}
+            row |= {f"{name}_{key}": value[0] for key, value in regret.items()}
+        row["optimal_share"] = (scores >= 1 - _OPTIMAL).mean()
+        row["start_value_optimal"] = optimal_values(population).max(axis=1)[population.model.start]
+        row["start_value_learned"] = population.arrays["q"].mean(axis=0).max(axis=1)[population.model.start]
+        walkable = np.flatnonzero(~population.model.terminated[: population.model.n_observations].all(axis=1))
+        row["cells_differing"] = differing(population)[walkable].mean()
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
+    """Tabulates Q* beside the learned Q: one row a scenario, cell and action.
+
+    Q* is that of an agent that knows its state, with no wrong PING so far, discounted and with the
+    issuer's mean rewards, as the learner's is. `differs` is the share of agents whose greedy action
+    in the cell is not an optimal one.
+    """
+    frame = q_values(populations)[["scenario", "row", "column", "action", "mean"]]
+    frame = frame.rename(columns={"mean": "q_learned"})
+    frame["q_optimal"] = np.concatenate([optimal_values(p).ravel() for p in populations])
+    frame["difference"] = frame["q_learned"] - frame["q_optimal"]
+    frame["is_optimal"] = np.concatenate(
+        [contains(greedy_masks(optimal_values(p), _OPTIMAL)).ravel() for p in populations]
+    )
+    frame["differs"] = np.concatenate([differing(p).repeat(len(ACTIONS)) for p in populations])
+    return frame
+
+
+def optimal_values(population: Population) -> NDArray[np.float64]:
+    """Returns Q* of every cell with no wrong PING so far, (O, A)."""
+    discount = population.specification["settings"]["discount"]
+    return solve(population.model, discount).q[: population.model.n_observations]
+
+
+def differing(population: Population) -> NDArray[np.float64]:
+    """Returns the share of agents whose greedy action is not an optimal one, (O,).
+
+    An agent with several best actions, which it draws from, counts by the share that is not optimal.
+    """
+    best = contains(greedy_masks(optimal_values(population), _OPTIMAL))  # (O, A)
+    greedy = contains(population.arrays["greedy"][:, -1])  # (N, O, A)
+    wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
+    return np.asarray(wrong.mean(axis=0))
+
+
+def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Returns mean, sample standard deviation and extremes over agents of (N, ...) values."""
+    std = values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
+    return {"mean": values.mean(axis=0), "std": std, "min": values.min(axis=0), "max": values.max(axis=0)}
+
+
+def _mean_with_interval(name: str, samples: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Names a resampled statistic, (RESAMPLES + 1, T), and its interval."""
+    low, high = interval(samples)
+    return {name: samples[0], f"{name}_low": low, f"{name}_high": high}
+
+
+def _interquartile_mean(scores: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Returns the interquartile mean of (N, T) scores and its bootstrap interval."""
+
+    def iqm(values: NDArray[np.float64], axis: int = 0) -> NDArray[np.float64]:
+        return np.asarray(stats.trim_mean(values, 0.25, axis=axis))
+
+    if len(scores) == 1:
+        low = high = scores[0]
+    else:
+        bootstrap = stats.bootstrap(
+            (scores,),
+            iqm,
+            axis=0,
+            n_resamples=RESAMPLES,
+            method="percentile",
+            rng=np.random.default_rng(_BOOTSTRAP_SEED),
+        )
+        low, high = bootstrap.confidence_interval
+    return {"score_iqm": iqm(scores), "score_iqm_low": low, "score_iqm_high": high}

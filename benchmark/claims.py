@@ -1,0 +1,305 @@
+"""The paper's claims as measured rows, each with a threshold and a verdict.
+
+A claim is made of one or more parts, each a number that must lie on one side of a threshold. The
+verdict follows one rule: a part *passes* if its whole 95 % interval lies on the right side, and
+*fails* if its value lies on the wrong one. All parts pass: `holds`. All fail: `does not hold`.
+Otherwise: `holds in part`. The claim's value is that of its weakest part.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmark.aggregate import Population, interval, resample
+from envs.model import PING, ZONES
+
+Populations = Mapping[str, Population]  # by scenario: S1, S2, S3
+Samples = NDArray[np.float64]  # (RESAMPLES + 1,) as measured, then resampled
+
+VERDICTS: Final = ("holds", "holds in part", "does not hold")
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One number of a claim."""
+
+    name: str
+    samples: Samples
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the paper says, how it is measured, and from when on it counts as true."""
+
+    id: str
+    says: str
+    measure: str
+    right_side: str  # ">" or "<": where a part must lie
+    threshold: float
+    because: str  # why this threshold
+    parts: Callable[[Populations, str, NDArray[np.float64]], list[Part]]
+
+
+def judge(populations: Populations, curve: str) -> pd.DataFrame:
+    """Measures every claim.
+
+    Args:
+      populations: The scenarios' agents, all of one reading.
+      curve: Which maximum Q the claims on curves are about, `"visited"` or `"table"`.
+
+    Returns:
+      One row a claim: claim, says, measure, value, low, high, threshold, verdict, parts, because.
+    """
+    n_agents = len(next(iter(populations.values())).scores)
+    weights = resample(n_agents)
+    return pd.DataFrame([_judge(claim, populations, curve, weights) for claim in CLAIMS])
+
+
+def _judge(
+    claim: Claim, populations: Populations, curve: str, weights: NDArray[np.float64]
+) -> dict[str, Any]:
+    """Measures one claim."""
+    sign = 1 if claim.right_side == ">" else -1
+    parts = claim.parts(populations, curve, weights)
+    margins = [sign * (part.samples[0] - claim.threshold) for part in parts]
+    bounds = [interval(part.samples) for part in parts]
+    nearest = [sign * ((low if sign > 0 else high) - claim.threshold) for low, high in bounds]
+    if all(margin > 0 for margin in nearest):
+        verdict = "holds"
+    elif not any(margin > 0 for margin in margins):
+        verdict = "does not hold"
+    else:
+        verdict = "holds in part"
+    weakest = int(np.argmin(np.nan_to_num(margins, nan=-np.inf)))
+    return {
+        "claim": claim.id,
+        "says": claim.says,
+        "measure": claim.measure,
+        "value": parts[weakest].samples[0],
+        "low": bounds[weakest][0],
+        "high": bounds[weakest][1],
+        "threshold": f"{claim.right_side} {claim.threshold:g}",
+        "verdict": verdict,
+        "parts": "; ".join(
+            f"{part.name}: {part.samples[0]:.3g} [{low:.3g}, {high:.3g}]{part.note}"
+            for part, (low, high) in zip(parts, bounds, strict=True)
+        ),
+        "because": claim.because,
+    }
+
+
+def _curves(population: Population, curve: str) -> NDArray[np.float64]:
+    """Returns the curves of maximum Q, (N, R)."""
+    return population.arrays["table_max_q" if curve == "table" else "max_q"]
+
+
+def _variability(population: Population, curve: str, weights: NDArray[np.float64]) -> Samples:
+    """Returns the standard deviation over agents of their maximum Q, averaged over steps."""
+    curves = _curves(population, curve)
+    n = len(curves)
+    mean = weights @ curves / n
+    variance = weights @ curves**2 / n - mean**2
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0) * n / max(n - 1, 1)).mean(axis=1))
+
+
+def _ratio(numerator: Samples, denominator: Samples) -> Samples:
+    """Divides, giving infinity or NaN where there is nothing to divide by."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return numerator / denominator
+
+
+def _variability_against(
+    scenario: str,
+) -> Callable[[Populations, str, NDArray[np.float64]], list[Part]]:
+    """Compares one scenario's variability with that of each other."""
+
+    def parts(populations: Populations, curve: str, weights: NDArray[np.float64]) -> list[Part]:
+        own = _variability(populations[scenario], curve, weights)
+        return [
+            Part(f"{scenario}/{name}", _ratio(own, _variability(other, curve, weights)))
+            for name, other in populations.items()
+            if name != scenario
+        ]
+
+    return parts
+
+
+def _near_one(populations: Populations, curve: str, weights: NDArray[np.float64]) -> list[Part]:
+    """Measures the level that an agent's curve reaches at one step in a hundred."""
+    parts = []
+    for name in ("S1", "S3"):
+        population = populations[name]
+        level = np.percentile(_curves(population, curve), 99, axis=1)  # (N,)
+        model = population.model
+        in_target = model.zone_of_cell == ZONES.index("target")
+        reward = (model.grid_reward + model.issuer_reward)[: model.n_observations, PING]
+        ceiling = reward[in_target].max()
+        samples = weights @ level / len(level)
+        parts.append(Part(name, samples, f" = {samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"))
+    return parts
+
+
+def _focus(population: Population, weights: NDArray[np.float64]) -> Samples:
+    """Returns how far from the target region the positive mean Q-values of the moves lie, in cells."""
+    q = population.arrays["q"][:, :, :PING]
+    mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
+    mass = mass.reshape(len(weights), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
+    scenario = population.model.scenario
+    cell = np.stack(np.divmod(np.arange(mass.shape[1]), scenario.grid.columns), axis=1)
+    chebyshev = np.abs(cell - scenario.issuer.position).max(axis=1)
+    regions = scenario.regions
+    distance = np.maximum(chebyshev - regions.target_radius, regions.uncomfortable_radius + 1 - chebyshev)
+    return _ratio(mass @ np.maximum(distance, 0), mass.sum(axis=1))
+
+
+def _moves_focused(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+    own = _focus(populations["S3"], weights)
+    return [Part(f"S3/{name}", _ratio(own, _focus(populations[name], weights))) for name in ("S1", "S2")]
+
+
+def _mean_ping(population: Population, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the mean PING Q-value of every cell, (RESAMPLES + 1, O)."""
+    q = population.arrays["q"][:, :, PING]
+    return weights @ q / len(q)
+
+
+def _in_target(population: Population) -> NDArray[np.bool_]:
+    """Returns which cells are in the target region, (O,)."""
+    return np.asarray(population.model.zone_of_cell == ZONES.index("target"))
+
+
+def _valued_outside(scenario: str) -> Callable[[Populations, str, NDArray[np.float64]], list[Part]]:
+    """Counts the cells outside the target region with a positive mean PING Q-value."""
+
+    def parts(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+        population = populations[scenario]
+        valued = _mean_ping(population, weights) > 0
+        in_target = _in_target(population)
+        inside = int(valued[0, in_target].sum())
+        count = valued[:, ~in_target].sum(axis=1).astype(np.float64)
+        return [Part(scenario, count, f" outside; {inside} of {in_target.sum()} target cells")]
+
+    return parts
+
+
+def _overlap(valued: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Returns the intersection over union of valued cells, (..., O), with the target region, (...)."""
+    return np.asarray((valued & in_target).sum(axis=-1) / (valued | in_target).sum(axis=-1))
+
+
+def _own_overlap(population: Population, weights: NDArray[np.float64]) -> Samples:
+    """Returns the overlap of each agent's own map, averaged over agents."""
+    q = population.arrays["q"][:, :, PING]
+    return weights @ _overlap(q > 0, _in_target(population)) / len(q)
+
+
+def _random_helps(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+    def mean_map(population: Population) -> Samples:
+        return _overlap(_mean_ping(population, weights) > 0, _in_target(population))
+
+    s1, s2 = populations["S1"], populations["S2"]
+    return [
+        Part("map of the mean agent, S2 - S1", mean_map(s2) - mean_map(s1)),
+        Part("each agent's own map, S2 - S1", _own_overlap(s2, weights) - _own_overlap(s1, weights)),
+    ]
+
+
+def _identifies(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+    return [Part(name, _own_overlap(population, weights)) for name, population in populations.items()]
+
+
+def _reaches(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+    success = populations["S1"].arrays["success"][:, -1]
+    return [Part("S1", weights @ success / len(success))]
+
+
+CLAIMS: Final = (
+    Claim(
+        "variability-S2",
+        "The max-Q curves vary more across agents in S2 than in S1 and S3.",
+        "standard deviation of max Q over agents, averaged over steps: S2 / S1 and S2 / S3",
+        ">",
+        1.0,
+        "A ratio of 1 is equal variability.",
+        _variability_against("S2"),
+    ),
+    Claim(
+        "max-near-1",
+        "In S1 and S3 the max-Q value reaches about 1 at several time steps.",
+        "level that an agent's max-Q curve reaches at 1 % of the steps, mean over agents",
+        ">",
+        0.95,
+        "0.95 is the least number that one decimal writes as 1.0; 1 % of 10,000 steps are several.",
+        _near_one,
+    ),
+    Claim(
+        "variability-S3",
+        "The variability is smallest in S3.",
+        "standard deviation of max Q over agents, averaged over steps: S3 / S1 and S3 / S2",
+        "<",
+        1.0,
+        "A ratio of 1 is equal variability.",
+        _variability_against("S3"),
+    ),
+    Claim(
+        "moves-focused",
+        "The moves' Q-values are more concentrated around the target region in S3 than in S1 and S2.",
+        "distance to the target region in cells, averaged over cells with the positive mean Q-values of "
+        "the moves as weights: S3 / S1 and S3 / S2",
+        "<",
+        1.0,
+        "A ratio of 1 is equal concentration.",
+        _moves_focused,
+    ),
+    Claim(
+        "ping-S3",
+        "In S3 only cells of the target region have a mean PING Q-value above zero.",
+        "cells outside the target region with a mean PING Q-value above zero, S3",
+        "<",
+        1.0,
+        "A single such cell contradicts 'only'.",
+        _valued_outside("S3"),
+    ),
+    Claim(
+        "ping-S1",
+        "In S1 some cells outside the target region have a mean PING Q-value above zero.",
+        "cells outside the target region with a mean PING Q-value above zero, S1",
+        ">",
+        0.0,
+        "A single such cell is enough for 'some'.",
+        _valued_outside("S1"),
+    ),
+    Claim(
+        "reaches",
+        "The agent reaches the target region even when the issuer gives no information.",
+        "exact probability that the greedy policy at the end of training PINGs in the target region, S1",
+        ">",
+        0.95,
+        "Reliable in the usual sense: at most one failure in twenty. To PING there is more than to be there.",
+        _reaches,
+    ),
+    Claim(
+        "random-helps",
+        "Even random issuer feedback sharpens where PING is valued, against S1.",
+        "intersection over union of the cells with a PING Q-value above zero and the target region: S2 - S1",
+        ">",
+        0.0,
+        "A difference of 0 is no help. The paper shows the mean agent; an agent has only its own map.",
+        _random_helps,
+    ),
+    Claim(
+        "identifies",
+        "The agent identifies the region in which to PING.",
+        "intersection over union of the cells with a PING Q-value above zero and the target region, "
+        "each agent's own map, mean over agents",
+        ">",
+        0.9,
+        "0.9 lies between one cell of sixteen missed (0.94) and two added (0.89).",
+        _identifies,
+    ),
+)

@@ -1,0 +1,169 @@
+"""The only module that knows how results are kept: one SQLite file, `runs.db`.
+
+A record is a run's specification, how it ended, where and when it ran, and the arrays it produced.
+Only the driver writes, one transaction for each group of runs, so that an interrupt or a crash
+leaves whole records and nothing else.
+"""
+
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs import InputError
+
+_APPLICATION_ID = 0x50524F58  # "PROX"
+_FORMAT = 1
+_SCHEMA = """
+CREATE TABLE runs (
+  digest TEXT PRIMARY KEY,
+  specification TEXT NOT NULL,
+  status TEXT NOT NULL CHECK (status IN ('done', 'failed')),
+  error TEXT,
+  provenance TEXT NOT NULL
+);
+CREATE TABLE arrays (
+  digest TEXT NOT NULL REFERENCES runs ON DELETE CASCADE,
+  name TEXT NOT NULL,
+  dtype TEXT NOT NULL,
+  shape TEXT NOT NULL,
+  data BLOB NOT NULL,
+  PRIMARY KEY (digest, name)
+);
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What is kept of a run."""
+
+    digest: str
+    specification: str  # canonical JSON
+    status: str  # "done" or "failed"
+    provenance: Mapping[str, Any]  # versions, commit, machine, times
+    arrays: Mapping[str, NDArray[Any]]  # empty if it failed
+    error: str | None = None
+
+
+class Store:
+    """An open `runs.db`, used as a context manager."""
+
+    def __init__(self, path: Path) -> None:
+        """Opens the file, or makes it.
+
+        Raises:
+          InputError: It cannot be opened, is no SQLite file, or holds something else.
+        """
+        self._path = path
+        with self._sentences():
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"{path.parent}: cannot be made: {error.strerror}; accepted: a folder that can be written."
+                ) from error
+            self._connection = sqlite3.connect(path, timeout=60.0, isolation_level=None)
+            self._connection.execute("PRAGMA foreign_keys = ON")
+            with self._transaction():
+                (tables,) = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+                if tables == 0:
+                    for statement in _SCHEMA.split(";"):
+                        self._connection.execute(statement)
+                    self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                    self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
+            (application,) = self._connection.execute("PRAGMA application_id").fetchone()
+            (version,) = self._connection.execute("PRAGMA user_version").fetchone()
+            if application != _APPLICATION_ID or version != _FORMAT:
+                self._connection.close()
+                raise InputError(
+                    f"{path}: a database of something else, or of another version of this project; "
+                    f"move it away, or choose another folder with --results."
+                )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._connection.close()
+
+    def statuses(self) -> dict[str, str]:
+        """Returns the status of every run kept, by digest."""
+        with self._sentences():
+            return dict(self._connection.execute("SELECT digest, status FROM runs"))
+
+    def add(self, records: Iterable[Record]) -> None:
+        """Keeps records, all or none; a run kept before is replaced."""
+        with self._sentences(), self._transaction():
+            for record in records:
+                self._connection.execute("DELETE FROM runs WHERE digest = ?", (record.digest,))
+                self._connection.execute(
+                    "INSERT INTO runs VALUES (?, ?, ?, ?, ?)",
+                    (
+                        record.digest,
+                        record.specification,
+                        record.status,
+                        record.error,
+                        json.dumps(record.provenance, sort_keys=True),
+                    ),
+                )
+                self._connection.executemany(
+                    "INSERT INTO arrays VALUES (?, ?, ?, ?, ?)",
+                    [
+                        (record.digest, name, array.dtype.str, json.dumps(array.shape), array.tobytes())
+                        for name, array in record.arrays.items()
+                    ],
+                )
+
+    def get(self, digests: Sequence[str]) -> list[Record]:
+        """Returns the records of these runs, in this order.
+
+        Raises:
+          KeyError: One of them is not kept.
+        """
+        records = []
+        with self._sentences():
+            for digest in digests:
+                row = self._connection.execute(
+                    "SELECT specification, status, error, provenance FROM runs WHERE digest = ?", (digest,)
+                ).fetchone()
+                if row is None:
+                    raise KeyError(digest)
+                arrays = {
+                    name: np.frombuffer(data, dtype=dtype).reshape(json.loads(shape))
+                    for name, dtype, shape, data in self._connection.execute(
+                        "SELECT name, dtype, shape, data FROM arrays WHERE digest = ?", (digest,)
+                    )
+                }
+                specification, status, error, provenance = row
+                records.append(
+                    Record(digest, specification, status, json.loads(provenance), arrays, error)
+                )
+        return records
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """Writes all that follows, or none of it."""
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            self._connection.execute("ROLLBACK")
+            raise
+        self._connection.execute("COMMIT")
+
+    @contextmanager
+    def _sentences(self) -> Iterator[None]:
+        """Turns what SQLite says into a sentence."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise InputError(
+                f"{self._path}: cannot be used as the store of runs: {error}; "
+                f"move it away, free it, or choose another folder with --results."
+            ) from error

@@ -1,0 +1,51 @@
+"""Writes data frames as CSV, Markdown and LaTeX; computes nothing."""
+
+from pathlib import Path
+
+import pandas as pd
+from tabulate import tabulate
+
+_DIGITS = 6  # significant ones in CSV, fewer than any machine's rounding shows
+_SHOWN_DIGITS = 3
+
+
+def write_csv(frame: pd.DataFrame, path: Path) -> None:
+    """Writes a frame with six significant digits."""
+    frame = frame.map(_clean)
+    frame.to_csv(path, index=False, float_format=f"%.{_DIGITS}g", lineterminator="\n")
+
+
+def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = None) -> None:
+    """Writes a frame as `stem.csv`, and for readers as `stem.md` and `stem.tex`.
+
+    Args:
+      frame: All of it, for the CSV.
+      stem: Path without suffix.
+      shown: What readers see, where that is less or otherwise arranged.
+    """
+    write_csv(frame, stem.with_suffix(".csv"))
+    shown = frame if shown is None else shown
+    stem.with_suffix(".md").write_text(to_markdown(shown), encoding="utf-8")
+    stem.with_suffix(".tex").write_text(_format(shown, "latex_booktabs"), encoding="utf-8")
+
+
+def to_markdown(frame: pd.DataFrame) -> str:
+    """Returns a Markdown table with three significant digits."""
+    return _format(frame, "github")
+
+
+def _format(frame: pd.DataFrame, kind: str) -> str:
+    cells = [[_show(value) for value in row] for row in frame.itertuples(index=False)]
+    aligned = ["left" if isinstance(value, str) else "right" for value in frame.iloc[0]]
+    return tabulate(cells, list(frame.columns), tablefmt=kind, disable_numparse=True, colalign=aligned) + "\n"
+
+
+def _show(value: object) -> str:
+    """Returns a cell's text."""
+    value = _clean(value)
+    return f"{value:.{_SHOWN_DIGITS}g}" if isinstance(value, float) else str(value)
+
+
+def _clean(value: object) -> object:
+    """Takes rounding's dust, such as -1e-16 for an exact 0, off a number."""
+    return 0.0 if isinstance(value, float) and abs(value) < 1e-12 else value

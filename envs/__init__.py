@@ -1,0 +1,42 @@
+"""Proxemic scenes as Gymnasium environments.
+
+Importing this package registers `Proxemic/S1-v0`, `Proxemic/S2-v0` and `Proxemic/S3-v0`, and one
+id more for every TOML file added to `envs/scenarios`.
+
+>>> import gymnasium
+>>> env = gymnasium.make("envs:Proxemic/S1-v0", observation="coordinates")
+>>> env.observation_space.shape
+(2,)
+"""
+
+import gymnasium
+
+from envs.inputs import InputError
+from envs.model import ACTIONS, EVENTS, ZONES, Model, compile_scenario
+from envs.observations import OBSERVATIONS
+from envs.proxemic_env import ProxemicEnv
+from envs.scenario import Scenario, load_scenario, scenario_names
+from envs.vector_env import ProxemicVectorEnv
+
+__all__ = [
+    "ACTIONS",
+    "EVENTS",
+    "OBSERVATIONS",
+    "ZONES",
+    "InputError",
+    "Model",
+    "ProxemicEnv",
+    "ProxemicVectorEnv",
+    "Scenario",
+    "compile_scenario",
+    "load_scenario",
+    "scenario_names",
+]
+
+for _name in scenario_names():
+    gymnasium.register(
+        id=f"Proxemic/{_name}-v0",
+        entry_point="envs.proxemic_env:ProxemicEnv",
+        vector_entry_point="envs.vector_env:ProxemicVectorEnv",
+        kwargs={"scenario": _name},
+    )

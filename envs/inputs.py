@@ -1,0 +1,115 @@
+"""Turns TOML tables into checked values; every mistake becomes one clear sentence.
+
+The one home of input checking: scenarios, experiments and algorithm settings are all declared
+as `Table` subclasses and read through `parse`.
+"""
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+
+class InputError(ValueError):
+    """A mistake in what the user gave; its message is one sentence fit to be shown as it is."""
+
+
+class Table(BaseModel):
+    """A frozen table of named values: unknown keys, wrong types, NaN and infinity are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+TableT = TypeVar("TableT", bound=Table)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Reads a TOML file.
+
+    Raises:
+      InputError: The file cannot be read, or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise InputError(f"{path}: cannot be read: {reason}.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}.") from error
+
+
+def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """Returns a copy of nested tables with some values replaced.
+
+    Args:
+      data: Tables as read from TOML.
+      overrides: Dotted key to new value, for example `{"issuer.position": [8, 6]}`.
+      source: What `data` was read from, for the message.
+
+    Raises:
+      InputError: A key passes through a value that is not a table.
+    """
+    result = json.loads(json.dumps(data, default=str))
+    for dotted, value in overrides.items():
+        *tables, key = dotted.split(".")
+        table = result
+        for name in tables:
+            table = table.setdefault(name, {})
+            if not isinstance(table, dict):
+                raise InputError(f"{source}: cannot set {dotted}: {name} is a value, not a table.")
+        table[key] = value
+    return dict(result)
+
+
+def parse(cls: type[TableT], data: Mapping[str, Any], source: str) -> TableT:
+    """Checks raw tables and returns them typed.
+
+    Args:
+      cls: What the tables should hold.
+      data: Tables as read from TOML.
+      source: The file they came from, for the message.
+
+    Raises:
+      InputError: Names the file, the key, its value and what would be accepted.
+    """
+    try:
+        # By way of JSON, because strict validation of Python objects refuses a list for a tuple.
+        return cls.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            unknown_name(source, "key", key, _keys(cls))
+        if first["type"] == "missing":
+            raise InputError(f"{source}: the key {key} is missing.") from None
+        message = first["msg"].removeprefix("Value error, ")
+        where = f"{key} = {json.dumps(first['input'])}: " if key else ""
+        raise InputError(f"{source}: {where}{message[:1].lower()}{message[1:]}.") from None
+
+
+def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> NoReturn:
+    """Refuses a name, saying which ones would be accepted and the nearest of them.
+
+    Raises:
+      InputError: Always.
+    """
+    accepted = sorted(accepted)
+    nearest = difflib.get_close_matches(name, accepted, n=1, cutoff=0.6)
+    hint = f" (did you mean {nearest[0]}?)" if nearest else ""
+    raise InputError(f"{source}: unknown {kind} {name}{hint}; accepted: {', '.join(accepted)}.")
+
+
+def _keys(cls: type[BaseModel], prefix: str = "") -> list[str]:
+    """Lists the dotted keys that a table accepts."""
+    keys = []
+    for name, field in cls.model_fields.items():
+        annotation = field.annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            keys += _keys(annotation, f"{prefix}{name}.")
+        else:
+            keys.append(prefix + name)
+    return keys

@@ -1,0 +1,42 @@
+"""What the agent is given of its cell, as tables with one row a cell."""
+
+from typing import Any, Final
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from envs.inputs import unknown_name
+from envs.model import Model
+
+OBSERVATIONS: Final = ("index", "one_hot", "coordinates")
+
+
+def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:
+    """Returns the observation of every cell.
+
+    Args:
+      model: Compiled scenario with O cells.
+      kind: `"index"`: the cell's number, (O,) int64; `"one_hot"`: (O, O) float32;
+        `"coordinates"`: (O, 2) float32, row and column, each divided by its largest value.
+
+    Raises:
+      InputError: Unknown `kind`.
+    """
+    n_cells = model.n_observations
+    if kind == "index":
+        return np.arange(n_cells)
+    if kind == "one_hot":
+        return np.eye(n_cells, dtype=np.float32)
+    if kind == "coordinates":
+        grid = model.scenario.grid
+        position = np.stack(np.divmod(np.arange(n_cells), grid.columns), axis=1)
+        return (position / np.maximum((grid.rows - 1, grid.columns - 1), 1)).astype(np.float32)
+    unknown_name("observation", "form", kind, OBSERVATIONS)
+
+
+def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:
+    """Returns the space that holds the rows of an observation table."""
+    if table.ndim == 1:
+        return spaces.Discrete(len(table))
+    return spaces.Box(0.0, 1.0, table.shape[1:], np.float32)

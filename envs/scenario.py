@@ -1,0 +1,158 @@
+"""Scenarios: declared scenes, read from TOML and checked.
+
+A scenario says what is where and what is rewarded; `envs.model` says how it moves. The values of
+the shipped files, and what each was read from, are in `envs/scenarios/*.toml`.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from envs.inputs import Table, override, parse, read_toml, unknown_name
+
+SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
+MAX_STATES = 100_000
+
+Cell = tuple[int, int]  # (row, column), (0, 0) top left
+
+
+class Grid(Table):
+    """The floor: its size, and where every episode starts."""
+
+    rows: Annotated[int, Field(ge=1, le=1000)]
+    columns: Annotated[int, Field(ge=1, le=1000)]
+    start: Cell
+
+
+class NoFeedback(Table):
+    """The issuer adds nothing."""
+
+    kind: Literal["none"]
+
+
+class UniformFeedback(Table):
+    """The issuer adds a number drawn anew at each PING, uniform between two bounds."""
+
+    kind: Literal["uniform"]
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.low >= self.high:
+            raise ValueError(f"low = {self.low} must lie below high = {self.high}")
+        return self
+
+
+class DistanceFeedback(Table):
+    """The issuer adds minus the L1 distance to the agent, as a share of that from the start."""
+
+    kind: Literal["distance"]
+
+
+class Issuer(Table):
+    """Whose personal space it is, and what it adds to the reward of every PING."""
+
+    position: Cell
+    feedback: Annotated[NoFeedback | UniformFeedback | DistanceFeedback, Field(discriminator="kind")]
+
+
+class Regions(Table):
+    """Square regions around the issuer, by Chebyshev distance in cells.
+
+    Uncomfortable: distance 1 to `uncomfortable_radius`. Target: beyond it, up to `target_radius`.
+    """
+
+    uncomfortable_radius: Annotated[int, Field(ge=0)]
+    target_radius: Annotated[int, Field(ge=1)]
+
+    @model_validator(mode="after")
+    def _nested(self) -> Self:
+        if self.target_radius <= self.uncomfortable_radius:
+            raise ValueError(
+                f"target_radius = {self.target_radius} must be larger than "
+                f"uncomfortable_radius = {self.uncomfortable_radius}"
+            )
+        return self
+
+
+class Rewards(Table):
+    """The grid's reward for each event."""
+
+    issuer_reached: float
+    target_ping: float
+    last_wrong_ping: float
+    wrong_ping: float
+    wrong_ping_uncomfortable: float
+    uncomfortable: float
+    other: float
+
+
+class Scenario(Table):
+    """A declared scene; its name is that of its file."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
+    description: str
+    grid: Grid
+    issuer: Issuer
+    regions: Regions
+    ping_limit: Annotated[int, Field(ge=1)]  # the wrong PING that ends the episode
+    rewards: Rewards
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        rows, columns = self.grid.rows, self.grid.columns
+        for key, (row, column) in (
+            ("grid.start", self.grid.start),
+            ("issuer.position", self.issuer.position),
+        ):
+            if not (0 <= row < rows and 0 <= column < columns):
+                raise ValueError(
+                    f"{key} = [{row}, {column}] is off the grid; accepted: rows 0 to {rows - 1}, "
+                    f"columns 0 to {columns - 1}"
+                )
+        distance = max(abs(a - b) for a, b in zip(self.grid.start, self.issuer.position, strict=True))
+        if distance <= self.regions.target_radius:
+            raise ValueError(
+                f"grid.start = {list(self.grid.start)} lies inside a region of the issuer at "
+                f"{list(self.issuer.position)}; accepted: a Chebyshev distance above "
+                f"regions.target_radius = {self.regions.target_radius}"
+            )
+        states = rows * columns * self.ping_limit
+        if states > MAX_STATES:
+            raise ValueError(
+                f"grid.rows x grid.columns x ping_limit = {states} states; accepted: at most {MAX_STATES}"
+            )
+        return self
+
+
+def scenario_names() -> list[str]:
+    """Lists the shipped scenarios: one TOML file each, named after it."""
+    return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
+
+
+def load_scenario(scenario: str | Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """Reads a scenario and checks it.
+
+    Args:
+      scenario: The name of a shipped scenario (`"S1"`), or the path of a TOML file.
+      overrides: Dotted key to the value that replaces the file's, for example
+        `{"issuer.position": [8, 6]}`.
+
+    Raises:
+      InputError: One sentence that names the file, the key, its value and what is accepted.
+
+    >>> load_scenario("S1").issuer.position
+    (6, 8)
+    """
+    path = Path(scenario)
+    if path.suffix != ".toml":
+        path = SCENARIO_DIRECTORY / f"{scenario}.toml"
+        if str(scenario) not in scenario_names():
+            unknown_name("scenarios", "scenario", str(scenario), scenario_names())
+    data = override(read_toml(path), overrides or {}, str(path))
+    if "name" in data:
+        unknown_name(str(path), "key", "name", [key for key in Scenario.model_fields if key != "name"])
+    return parse(Scenario, data | {"name": path.stem}, str(path))
