@@ -18,6 +18,7 @@ from agents.policy import Policy
 from envs.model import EVENTS, ZONES, Model
 
 _SUCCESS = EVENTS.index("target_ping")
+_WRONG_PINGS = (EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping"))
 _N_SUMS = 5 + len(ZONES)
 
 
@@ -101,16 +102,21 @@ def _sweep(
     horizon: int,
     sums: NDArray[np.float64],
 ) -> None:
-    """Carries the state distribution of each policy forward, adding up what it meets into `sums`.
+    """Carries the state distribution of each policy forward, and adds up what it meets into `sums`.
 
     Only states that carry probability are visited, which for a greedy policy are very few.
     """
     n_states, n_actions = next_state.shape
-    here = np.zeros(n_states)  # probability of each state before the step
-    there = np.zeros(n_states)  # and after it
+    # Where probability flows: an ended episode's goes to a place behind the states, never visited.
+    follows = np.where(terminated, n_states, next_state)
+    here = np.zeros(n_states + 1)  # probability of each state before the step
+    there = np.zeros(n_states + 1)  # and after it
+    here[n_states] = there[n_states] = 1.0
     occupied = np.empty(n_states, dtype=np.int32)  # the states with here > 0
     reached = np.empty(n_states, dtype=np.int32)  # the states with there > 0
+    visits = np.zeros(n_states)  # expected number of steps that begin in each state
     for n in range(policies.shape[0]):
+        policy = policies[n]
         here[start] = 1.0
         occupied[0] = start
         n_occupied = 1
@@ -120,20 +126,12 @@ def _sweep(
                 s = occupied[i]
                 p_state = here[s]
                 here[s] = 0.0
+                visits[s] += p_state
+                o = observation[s]
                 for a in range(n_actions):
-                    p = p_state * policies[n, observation[s], a]
-                    if p == 0.0:
-                        continue
-                    s_next = next_state[s, a]
-                    sums[n, 0] += p * grid_reward[s, a]
-                    sums[n, 1] += p * issuer_reward[s, a]
-                    sums[n, 3] += p
-                    sums[n, 5 + zone[s_next]] += p
-                    if event[s, a] == _SUCCESS:
-                        sums[n, 2] += p
-                    elif event[s, a] > _SUCCESS:  # the wrong PINGs
-                        sums[n, 4] += p
-                    if not terminated[s, a]:
+                    p = p_state * policy[o, a]
+                    if p > 0.0:
+                        s_next = follows[s, a]
                         if there[s_next] == 0.0:
                             reached[n_reached] = s_next
                             n_reached += 1
@@ -145,6 +143,18 @@ def _sweep(
                 break
         for i in range(n_occupied):
             here[occupied[i]] = 0.0
+        for s in range(n_states):
+            if visits[s] == 0.0:
+                continue
+            for a in range(n_actions):
+                p = visits[s] * policy[observation[s], a]
+                sums[n, 0] += p * grid_reward[s, a]
+                sums[n, 1] += p * issuer_reward[s, a]
+                sums[n, 2] += p * (event[s, a] == _SUCCESS)
+                sums[n, 3] += p
+                sums[n, 4] += p * (event[s, a] in _WRONG_PINGS)
+                sums[n, 5 + zone[next_state[s, a]]] += p
+            visits[s] = 0.0
 
 
 def solve(

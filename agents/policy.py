@@ -31,12 +31,12 @@ def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> NDArray[np.uint8]:
     """
     q = np.asarray(q)
     best = q >= q.max(axis=-1, keepdims=True) - tolerance
-    return (best @ (1 << np.arange(len(ACTIONS)))).astype(np.uint8)
+    return np.asarray(best @ (1 << np.arange(len(ACTIONS))), dtype=np.uint8)
 
 
 def contains(masks: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Returns which actions each mask holds, (..., A)."""
-    return (masks[..., None] >> np.arange(len(ACTIONS)) & 1).astype(np.bool_)
+    return np.asarray(masks[..., None] >> np.arange(len(ACTIONS)) & 1, dtype=np.bool_)
 
 
 def mask_policy(masks: NDArray[np.uint8]) -> Policy:

@@ -17,6 +17,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Final, Literal
 
 import numba
@@ -113,11 +114,10 @@ def train(
 
     def work(first: int, last: int) -> None:
         _train(
-            next_state.astype(np.int64),
-            bootstrap.astype(np.int64),
-            model.grid_reward + model.issuer_reward,
-            model.issuer_noise,
-            model.terminated,
+            next_state.astype(np.int64).ravel(),
+            bootstrap.astype(np.int64).ravel(),
+            (model.grid_reward + model.issuer_reward).ravel(),
+            model.issuer_noise.ravel(),
             model.observation.astype(np.int64),
             model.start,
             settings.learning_rate,
@@ -144,7 +144,7 @@ def train(
     edges = np.linspace(0, n_agents, n_blocks + 1).astype(int)
     with ThreadPoolExecutor(threads) as pool:
         try:
-            for future in [pool.submit(work, a, b) for a, b in zip(edges, edges[1:], strict=False)]:
+            for future in [pool.submit(work, a, b) for a, b in pairwise(edges)]:
                 future.result()
         except BaseException:
             pool.shutdown(cancel_futures=True)
@@ -152,13 +152,29 @@ def train(
     return result
 
 
+@numba.njit
+def _xoshiro(
+    s0: np.uint64, s1: np.uint64, s2: np.uint64, s3: np.uint64
+) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64, np.uint64]:
+    """Draws from xoshiro256++: 64 random bits, and the state that follows."""
+    draw = s0 + s3
+    draw = ((draw << U(23)) | (draw >> U(41))) + s0
+    shifted = s1 << U(17)
+    s2 ^= s0
+    s3 ^= s1
+    s1 ^= s2
+    s0 ^= s3
+    s2 ^= shifted
+    s3 = (s3 << U(45)) | (s3 >> U(19))
+    return draw, s0, s1, s2, s3
+
+
 @numba.njit(nogil=True, cache=True)
 def _train(
-    next_state: NDArray[np.int64],  # (S, A)
-    bootstrap: NDArray[np.int64],  # (S, A) the observation to bootstrap from; O for none
-    reward: NDArray[np.float64],  # (S, A) mean
-    noise: NDArray[np.float64],  # (S, A)
-    terminated: NDArray[np.bool_],  # (S, A)
+    next_state: NDArray[np.int64],  # (S * A,) the start where the episode terminates
+    bootstrap: NDArray[np.int64],  # (S * A,) the observation to bootstrap from; O where it terminates
+    reward: NDArray[np.float64],  # (S * A,) mean
+    noise: NDArray[np.float64],  # (S * A,)
     observation: NDArray[np.int64],  # (S,)
     start: int,
     learning_rate: float,
@@ -179,8 +195,13 @@ def _train(
     steps_out: NDArray[np.int64],  # (N,)
     episodes_out: NDArray[np.int64],  # (N,)
 ) -> None:
-    """Trains agents one after the other, each from its own stream."""
+    """Trains agents one after the other, each from its own stream.
+
+    Indices are unsigned, which spares numba's test for negative ones: a fifth of the time.
+    """
     n_cells = q_out.shape[1]
+    nowhere = U(n_cells)
+    noisy = noise.any()
     record_table = table_max_out.shape[1] > 0
     # A tournament tree: leaves are the rows' maxima, each inner node the larger of its two children.
     leaves = 1
@@ -194,19 +215,21 @@ def _train(
         tree = np.zeros(2 * leaves)
         for i in range(n_cells, leaves):
             tree[leaves + i] = -np.inf
-        state = start
-        o = observation[start]
+        state = U(start)
+        o = U(observation[start])
         steps = 0
         episodes = 0
         episode_steps = 0
-        next_point = 0
+        n_points = 0
+        next_point = points[0]
         next_record = 0
         n_records = 0
         for unit in range(budget):
-            if unit == points[next_point]:
+            if unit == next_point:
                 for i in range(n_cells):
-                    greedy_out[n, next_point, i] = greedy[i]
-                next_point += 1
+                    greedy_out[n, n_points, i] = greedy[i]
+                n_points += 1
+                next_point = points[n_points]
             recorded = unit == next_record
             highest = -np.inf
             table_highest = -np.inf
@@ -215,34 +238,17 @@ def _train(
                     highest = max(highest, row_max[o])
                     if record_table:
                         table_highest = max(table_highest, tree[1])
-
-                draw = s0 + s3
-                draw = ((draw << U(23)) | (draw >> U(41))) + s0
-                shifted = s1 << U(17)
-                s2 ^= s0
-                s3 ^= s1
-                s1 ^= s2
-                s0 ^= s3
-                s2 ^= shifted
-                s3 = (s3 << U(45)) | (s3 >> U(19))
-
+                draw, s0, s1, s2, s3 = _xoshiro(s0, s1, s2, s3)
                 place = ((draw & U(0xFFFFFFFF)) * U(60)) >> U(32)
                 candidates = 31 if (draw >> U(32)) < explore_below else greedy[o]
-                a = choice[candidates, place]
-                r = reward[state, a]
-                if noise[state, a] > 0.0:
-                    draw = s0 + s3
-                    draw = ((draw << U(23)) | (draw >> U(41))) + s0
-                    shifted = s1 << U(17)
-                    s2 ^= s0
-                    s3 ^= s1
-                    s1 ^= s2
-                    s0 ^= s3
-                    s2 ^= shifted
-                    s3 = (s3 << U(45)) | (s3 >> U(19))
-                    r = _draw_issuer_reward(r, noise[state, a], (draw >> U(11)) * 2.0**-53)
-
-                target = r + discount * row_max[bootstrap[state, a]]
+                a = U(choice[U(candidates), place])
+                taken = state * U(5) + a
+                r = reward[taken]
+                if noisy and noise[taken] > 0.0:
+                    draw, s0, s1, s2, s3 = _xoshiro(s0, s1, s2, s3)
+                    r = _draw_issuer_reward(r, noise[taken], (draw >> U(11)) * 2.0**-53)
+                source = U(bootstrap[taken])
+                target = r + discount * row_max[source]
                 q[o, a] += learning_rate * (target - q[o, a])
                 q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
                 best = max(max(max(q0, q1), max(q2, q3)), q4)
@@ -251,7 +257,7 @@ def _train(
                 greedy[o] = mask & -mask if lowest else mask
                 row_max[o] = best
                 if record_table:
-                    node = leaves + o
+                    node = leaves + int(o)
                     tree[node] = best
                     while node > 1:
                         node >>= 1
@@ -259,16 +265,15 @@ def _train(
                         if tree[node] == winner:
                             break
                         tree[node] = winner
-
                 steps += 1
                 episode_steps += 1
-                ended = terminated[state, a] or episode_steps == time_limit
-                state = next_state[state, a]
+                ended = source == nowhere or episode_steps == time_limit
+                state = U(next_state[taken])
                 if ended:
-                    state = start
+                    state = U(start)
                     episodes += 1
                     episode_steps = 0
-                o = observation[state]
+                o = U(observation[state])
                 if ended or not by_episode:
                     break
             if recorded:
@@ -277,8 +282,8 @@ def _train(
                     table_max_out[n, n_records] = table_highest
                 n_records += 1
                 next_record += record_every
-        if points[next_point] == budget:
+        if next_point == budget:
             for i in range(n_cells):
-                greedy_out[n, next_point, i] = greedy[i]
+                greedy_out[n, n_points, i] = greedy[i]
         steps_out[n] = steps
         episodes_out[n] = episodes

@@ -55,7 +55,9 @@ def _parser() -> argparse.ArgumentParser:
         )
         if experiment:
             sub.add_argument(
-                "experiment", metavar="EXPERIMENT", help="a name that 'list' shows, or the path of a TOML file"
+                "experiment",
+                metavar="EXPERIMENT",
+                help="a name that 'list' shows, or the path of a TOML file",
             )
             sub.add_argument(
                 "--seeds",
@@ -64,7 +66,9 @@ def _parser() -> argparse.ArgumentParser:
             )
         return sub
 
-    command("list", _list, "show scenarios, algorithms and experiments, and how much is done", experiment=False)
+    command(
+        "list", _list, "show scenarios, algorithms and experiments, and how much is done", experiment=False
+    )
     run = command("run", _run, "execute the runs of an experiment that are not done yet", experiment=True)
     run.add_argument(
         "--jobs",
@@ -74,7 +78,9 @@ def _parser() -> argparse.ArgumentParser:
         help="threads to use; no result depends on it (default: one a core)",
     )
     command("report", _report, "draw the tables and figures of an experiment from its runs", experiment=True)
-    speed = command("speed", _speed, "measure speed, each row against the stock way in the same run", experiment=False)
+    speed = command(
+        "speed", _speed, "measure speed, each row against the stock way in the same run", experiment=False
+    )
     speed.add_argument("--smoke", action="store_true", help="a second only; the figures mean nothing")
     return parser
 
@@ -137,7 +143,10 @@ def _run(options: argparse.Namespace) -> int:
             task = progress.add_task(experiment.name, total=len(runs), completed=len(runs) - todo)
             errors = runner.run(runs, store, options.jobs, lambda n: progress.advance(task, n))
     if errors:
-        print(f"error: {len(errors)} runs failed, and will be tried again; the first: {errors[0]}", file=sys.stderr)
+        print(
+            f"error: {len(errors)} runs failed, and will be tried again; the first: {errors[0]}",
+            file=sys.stderr,
+        )
         return 1
     print(f"{experiment.name}: {todo} runs done, {len(runs) - todo} were done already.")
     return 0
@@ -169,7 +178,9 @@ def _seeds(text: str | None) -> range | None:
         return None
     first, dash, last = text.partition("-")
     if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
-        raise InputError(f"--seeds {text}: accepted: A-B with A not above B, as in 0-29, or one seed, as in 7.")
+        raise InputError(
+            f"--seeds {text}: accepted: A-B with A not above B, as in 0-29, or one seed, as in 7."
+        )
     return range(int(first), int(last if dash else first) + 1)
 
 

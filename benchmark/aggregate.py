@@ -21,7 +21,7 @@ from benchmark.experiment import RunSpecification
 from benchmark.store import Record, Store
 from envs import ACTIONS, InputError, Model, Scenario, compile_scenario
 
-RESAMPLES: Final = 2000
+RESAMPLES: Final = 1000
 _BOOTSTRAP_SEED: Final = 20210803
 _OPTIMAL: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
 
@@ -96,9 +96,7 @@ def load_population(runs: Sequence[RunSpecification], store: Store) -> Populatio
     records: list[Record] = store.get([run.digest for run in runs])
     return Population(
         specification=json.loads(records[0].specification),
-        arrays={
-            name: np.stack([record.arrays[name] for record in records]) for name in records[0].arrays
-        },
+        arrays={name: np.stack([record.arrays[name] for record in records]) for name in records[0].arrays},
     )
 
 
@@ -171,13 +169,13 @@ def learning(populations: Sequence[Population]) -> pd.DataFrame:
         for name, values in (
             ("score", population.scores),
             ("success", population.arrays["success"]),
-            ("optimal_share", population.scores >= 1 - _OPTIMAL),
+            ("optimal_share", (population.scores >= 1 - _OPTIMAL).astype(np.float64)),
             ("return", population.arrays["grid_return"]),
             ("scenario_return", population.arrays["scenario_return"]),
         ):
             columns |= _mean_with_interval(name, weights @ values / len(values))
             if name == "score":
-                columns |= _interquartile_mean(values)
+                columns |= _interquartile_mean(population.scores)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 

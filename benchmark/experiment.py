@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ class Arm(Table):
     algorithm: str
     observation: str
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs a scenario, of seeds 0 to seeds - 1
-    settings: dict[str, Any] = {}
+    settings: Mapping[str, Any] = MappingProxyType({})
 
 
 class Reading(Table):
@@ -33,8 +34,8 @@ class Reading(Table):
 
     question: str
     answer: str
-    scenario: dict[str, Any] = {}
-    settings: dict[str, Any] = {}
+    scenario: Mapping[str, Any] = MappingProxyType({})
+    settings: Mapping[str, Any] = MappingProxyType({})
     curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
 
 
@@ -138,8 +139,8 @@ def load_experiment(experiment: str | Path) -> Experiment:
         for reading in loaded.readings:
             _settings(loaded, name, reading, str(path))
     for scenario in loaded.scenarios:
-        for reading in loaded.readings.values():
-            load_scenario(scenario, reading.scenario)
+        for changes in loaded.readings.values():
+            load_scenario(scenario, changes.scenario)
     return loaded
 
 
@@ -174,9 +175,7 @@ def specifications(
     ]
 
 
-def all_specifications(
-    experiment: Experiment, seeds: Sequence[int] | None = None
-) -> list[RunSpecification]:
+def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
     """Lists every run of an experiment once, the default reading first."""
     readings = sorted(experiment.readings, key=lambda name: name != DEFAULT_READING)
     runs = {

@@ -24,6 +24,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from benchmark.claims import VERDICTS
@@ -56,6 +57,7 @@ def write_figure(figure: Figure, stem: Path) -> None:
     """Writes a figure as `stem.png` and `stem.svg`, the same bytes for the same figure."""
     with plt.rc_context(_RC):
         figure.savefig(stem.with_suffix(".png"), dpi=160, metadata={"Software": None})
+        figure.set_layout_engine("none")  # the layout stands; computing it again takes seconds
         figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
     plt.close(figure)
 
@@ -77,8 +79,10 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
             axis.fill_between(curve["step"], curve["min"], curve["max"], color=_COLOURS[9], alpha=0.55, lw=0)
             axis.plot(curve["step"], curve["mean"], color=_COLOURS[0], lw=0.9)
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
-            axis.set(title=f"({'abcdefghi'[column]}) {name}: {model.scenario.description}")
-            axis.set(xlabel="environment step", xlim=(0, curve["step"].max()), ylim=_limits(curves, "min", "max"))
+            axis.set(title=f"({'abcdefghi'[column]}) max Q, {name}: {model.scenario.issuer.feedback.label}")
+            axis.set(
+                xlabel="environment step", xlim=(0, curve["step"].max()), ylim=_limits(curves, "min", "max")
+            )
             _triangles(axes[1, column], model, moves[moves["scenario"] == name], _norm(moves["mean"]))
             axes[1, column].set(title=f"({'abcdefghi'[3 + column]}) moves, {name}")
             ping = pings.loc[pings["scenario"] == name, "mean"].to_numpy()
@@ -89,14 +93,16 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
             axes[2, column].plot(cell_column, row, "o", ms=3, mfc="black", mec="white", mew=0.5)
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(
-            [Line2D([], [], color=_COLOURS[0]), Patch(color=_COLOURS[9], alpha=0.55)],
+            [Line2D([], [], color=_COLOURS[0]), Patch(color=_COLOURS[9], alpha=0.55, lw=0)],
             ["mean of the agents", "least to largest"],
-            loc="lower right",
+            loc="upper left",
             frameon=False,
         )
         _colour_bar(figure, axes[1], _norm(moves["mean"]), "mean final Q of UP, DOWN, LEFT, RIGHT")
         _colour_bar(figure, axes[2], _norm(pings["mean"]), "mean final Q of PING")
-        _region_legend(figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0"))
+        _region_legend(
+            figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0")
+        )
     return figure
 
 
@@ -122,12 +128,17 @@ def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
                     one["step"], one[f"{key}_low"], one[f"{key}_high"], color=_COLOURS[i], alpha=0.25, lw=0
                 )
             axis.set(xlabel="environment step", title=label, xlim=(0, frame["step"].max()))
+            axis.xaxis.set_major_locator(MaxNLocator(5, prune="upper"))
             if key != "optimal_share":
                 axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
                 axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
                 axis.set(ylabel="0 random policy, 1 optimal policy")
         axes[0, 2].set(ylim=(-0.03, 1.03))
-        axes[0, 2].legend(frameon=False, title="mean and 95 % interval", loc="upper left")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=len(models), frameon=False,
+            title="line: over agents; shade: 95 % interval",
+        )  # fmt: skip
     return figure
 
 
@@ -142,22 +153,24 @@ def optimal(cells: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
     best["difference"] = best["q_learned"] - best["q_optimal"]
     best["differs"] = cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first()
     rows = (
-        ("q_optimal", "optimal value of the cell, with its optimal actions"),
-        ("difference", "largest mean Q, minus the optimal value"),
+        ("q_optimal", "optimal value of the cell"),
+        ("difference", "largest mean learned Q minus optimal value"),
         ("differs", "share of agents not acting optimally"),
     )
     with _figure(3, len(models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(models.items()):
-            for row, (key, label) in enumerate(rows):
-                _heat(axes[row, column], model, best.loc[name][key].to_numpy(), _norm(best[key]))
-                axes[row, column].set(title=f"{name}: {label}" if column == 0 else name)
+            over = model.terminated[: model.n_observations].all(axis=1)  # the issuer's cell: no actions
+            for row, (key, _) in enumerate(rows):
+                shown = np.where(over, np.nan, best.loc[name][key].to_numpy())
+                _heat(axes[row, column], model, shown, _norm(best[key]))
+                axes[row, column].set(title=name)
             chosen = cells[(cells["scenario"] == name) & cells["is_optimal"]]
             _actions(axes[0, column], model, chosen)
         for row, (key, label) in enumerate(rows):
-            _colour_bar(figure, axes[row], _norm(best[key]), label.split(",")[0])
+            _colour_bar(figure, axes[row], _norm(best[key]), label)
         _region_legend(
             figure,
-            Line2D([], [], ls="", marker=r"$\rightarrow$", color="black", label="optimal move"),
+            Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move"),
             Line2D([], [], ls="", marker="o", color="black", ms=3, label="optimal PING"),
         )
     return figure
@@ -174,16 +187,16 @@ def sensitivity(frame: pd.DataFrame) -> Figure:
     signs = dict(zip(VERDICTS, ("✓", "(✓)", "✗"), strict=True))
     with _figure(1, 1, (11.0, 4.4)) as (figure, axes):
         axis = axes[0, 0]
-        for row in frame.itertuples():
-            x, y = list(readings).index(row.reading), list(claims).index(row.claim)
-            axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colours[row.verdict], ec="white", lw=2))
-            axis.text(x, y, f"{signs[row.verdict]}  {row.value:.2g}", ha="center", va="center")
+        for claim, reading, value, verdict in frame[["claim", "reading", "value", "verdict"]].to_numpy():
+            x, y = list(readings).index(reading), list(claims).index(claim)
+            axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colours[verdict], ec="white", lw=2))
+            axis.text(x, y, f"{signs[verdict]}  {round(value, 2) + 0.0:g}", ha="center", va="center")
         axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(claims) - 0.5, -0.5))
         axis.set_xticks(range(len(readings)), readings)
         axis.set_yticks(range(len(claims)), claims)
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
-        sns.despine(ax=axis, left=True, bottom=True)
+        axis.spines[:].set_visible(False)
         figure.legend(
             handles=[Patch(color=colours[v], label=f"{signs[v]}  {v}") for v in VERDICTS],
             loc="outside lower center",
@@ -203,7 +216,6 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tupl
         for axis in axes.flat:
             if axis.get_aspect() == "auto":
                 sns.despine(ax=axis)
-        figure.canvas.draw()
 
 
 def _norm(values: pd.Series) -> Normalize:
@@ -230,7 +242,11 @@ def _triangles(axis: Axes, model: Model, frame: pd.DataFrame, norm: Normalize) -
     centre = frame[["column", "row"]].to_numpy()[:, None, :]
     action = frame["action"].map(ACTIONS.index).to_numpy()
     triangles = PolyCollection(
-        list(centre + _TRIANGLES[action]), array=frame["mean"].to_numpy(), cmap=_MAP, norm=norm, edgecolors="face"
+        list(centre + _TRIANGLES[action]),
+        array=frame["mean"].to_numpy(),
+        cmap=_MAP,
+        norm=norm,
+        edgecolors="face",
     )
     triangles.set_linewidth(0.2)
     axis.add_collection(triangles)
@@ -259,7 +275,9 @@ def _dress(axis: Axes, model: Model) -> None:
         top, bottom = max(row - radius, 0) - 0.5, min(row + radius, grid.rows - 1) + 0.5
         left, right = max(column - radius, 0) - 0.5, min(column + radius, grid.columns - 1) + 0.5
         box = Rectangle((left, top), right - left, bottom - top, fill=False, ec="white", lw=1.6, ls=dash)
-        box.set_path_effects(_OUTLINE if dash == "-" else [patheffects.withStroke(linewidth=2.8, foreground="black")])
+        box.set_path_effects(
+            _OUTLINE if dash == "-" else [patheffects.withStroke(linewidth=2.8, foreground="black")]
+        )
         axis.add_patch(box)
     axis.plot(column, row, "*", ms=9, mfc="white", mec="black", mew=0.8)
     axis.plot(grid.start[1], grid.start[0], "s", ms=5, mfc="none", mec="white", mew=1.2)
@@ -277,11 +295,10 @@ def _colour_bar(figure: Figure, axes: Sequence[Axes], norm: Normalize, label: st
 
 def _region_legend(figure: Figure, *more: Line2D) -> None:
     """Says what the marks on the maps are."""
-    black = {"color": "black", "lw": 1.4}
     handles = [
         Line2D([], [], ls="", marker="*", mfc="white", mec="black", ms=9, label="issuer"),
-        Line2D([], [], **black, label="target region's outer edge"),
-        Line2D([], [], ls=(0, (2, 1.5)), **black, label="uncomfortable region's edge"),
+        Line2D([], [], color="black", lw=1.4, label="target region's outer edge"),
+        Line2D([], [], ls=(0, (2, 1.5)), color="black", lw=1.4, label="uncomfortable region's edge"),
         Line2D([], [], ls="", marker="s", mfc="none", mec="black", ms=5, label="start"),
         *more,
     ]

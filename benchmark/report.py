@@ -1,5 +1,6 @@
 """Draws an experiment's folder of results from the store: which tables and figures there are."""
 
+import hashlib
 import json
 import shutil
 import tempfile
@@ -167,7 +168,7 @@ measured, all its parts, and why the threshold is where it is: `claims.csv`.
 def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None) -> dict[str, object]:
     """Returns what made the runs, from their records alone: drawing again gives the same."""
     runs = all_specifications(experiment, seeds)
-    records = store.get([run.digest for run in runs])
+    records = store.get([run.digest for run in runs], arrays=False)
     provenance = [record.provenance for record in records]
 
     def every(key: str) -> list[object]:
@@ -188,6 +189,4 @@ def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None)
 
 def _digest(digests: Sequence[str]) -> str:
     """Returns the identity of a set of runs."""
-    import hashlib
-
     return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()

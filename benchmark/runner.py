@@ -120,9 +120,7 @@ def _train_and_evaluate(runs: list[RunSpecification]) -> list[dict[str, Any]]:
         record_table=True,
     )
     # Equal policies, as all are before the first step, are evaluated once.
-    masks, where = np.unique(
-        training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True
-    )
+    masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
     evaluation = evaluate(model, mask_policy(masks), first.horizon)
     shape = training.greedy.shape[:2]  # (N, T)
     columns = {field.name: getattr(training, field.name) for field in fields(training)}

@@ -66,7 +66,7 @@ class Store:
                 path.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise InputError(
-                    f"{path.parent}: cannot be made: {error.strerror}; accepted: a folder that can be written."
+                    f"{path.parent}: cannot be made: {error.strerror}; choose another folder with --results."
                 ) from error
             self._connection = sqlite3.connect(path, timeout=60.0, isolation_level=None)
             self._connection.execute("PRAGMA foreign_keys = ON")
@@ -120,8 +120,8 @@ class Store:
                     ],
                 )
 
-    def get(self, digests: Sequence[str]) -> list[Record]:
-        """Returns the records of these runs, in this order.
+    def get(self, digests: Sequence[str], *, arrays: bool = True) -> list[Record]:
+        """Returns the records of these runs, in this order, with or without their arrays.
 
         Raises:
           KeyError: One of them is not kept.
@@ -134,17 +134,20 @@ class Store:
                 ).fetchone()
                 if row is None:
                     raise KeyError(digest)
-                arrays = {
-                    name: np.frombuffer(data, dtype=dtype).reshape(json.loads(shape))
-                    for name, dtype, shape, data in self._connection.execute(
-                        "SELECT name, dtype, shape, data FROM arrays WHERE digest = ?", (digest,)
-                    )
-                }
                 specification, status, error, provenance = row
-                records.append(
-                    Record(digest, specification, status, json.loads(provenance), arrays, error)
-                )
+                kept = self._arrays(digest) if arrays else {}
+                records.append(Record(digest, specification, status, json.loads(provenance), kept, error))
         return records
+
+    def _arrays(self, digest: str) -> dict[str, NDArray[Any]]:
+        """Returns a run's arrays."""
+        rows = self._connection.execute(
+            "SELECT name, dtype, shape, data FROM arrays WHERE digest = ?", (digest,)
+        )
+        return {
+            name: np.frombuffer(data, dtype=dtype).reshape(json.loads(shape))
+            for name, dtype, shape, data in rows
+        }
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

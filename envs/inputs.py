@@ -9,7 +9,7 @@ import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -83,7 +83,9 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str) -> TableT:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            unknown_name(source, "key", key, _keys(cls))
+            *table, name = first["loc"]
+            where = f"{source}: [{'.'.join(map(str, table))}]" if table else source
+            unknown_name(where, "key", str(name), _accepted(cls, table))
         if first["type"] == "missing":
             raise InputError(f"{source}: the key {key} is missing.") from None
         message = first["msg"].removeprefix("Value error, ")
@@ -103,13 +105,17 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
     raise InputError(f"{source}: unknown {kind} {name}{hint}; accepted: {', '.join(accepted)}.")
 
 
-def _keys(cls: type[BaseModel], prefix: str = "") -> list[str]:
-    """Lists the dotted keys that a table accepts."""
-    keys = []
-    for name, field in cls.model_fields.items():
-        annotation = field.annotation
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            keys += _keys(annotation, f"{prefix}{name}.")
-        else:
-            keys.append(prefix + name)
-    return keys
+def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
+    """Lists the keys of the table at a place in nested tables."""
+    for part in location:
+        if get_origin(annotation) in (dict, Mapping):  # tables with names of the user's own
+            annotation = get_args(annotation)[1]
+        elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            annotation = annotation.model_fields[str(part)].annotation
+        else:  # one of several tables, told apart by their kind
+            annotation = next(
+                table
+                for table in get_args(annotation)
+                if part in get_args(table.model_fields["kind"].annotation)
+            )
+    return list(annotation.model_fields)

@@ -11,7 +11,7 @@ through it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ EVENTS: Final = (
     "wrong_ping",
     "last_wrong_ping",  # condition C2
 )
+
+
+Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 
 
 class Transition(NamedTuple):
@@ -108,7 +111,7 @@ class Model:
         }
 
 
-def draw_issuer_reward(mean: float, noise: float, uniform: float) -> float:
+def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbers:
     """Returns the issuer's reward for one draw; plain arithmetic, so arrays and numba take it too.
 
     Args:

@@ -28,11 +28,11 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         return np.arange(n_cells)
     if kind == "one_hot":
         return np.eye(n_cells, dtype=np.float32)
-    if kind == "coordinates":
-        grid = model.scenario.grid
-        position = np.stack(np.divmod(np.arange(n_cells), grid.columns), axis=1)
-        return (position / np.maximum((grid.rows - 1, grid.columns - 1), 1)).astype(np.float32)
-    unknown_name("observation", "form", kind, OBSERVATIONS)
+    if kind != "coordinates":
+        unknown_name("observation", "form", kind, OBSERVATIONS)
+    grid = model.scenario.grid
+    position = np.stack(np.divmod(np.arange(n_cells), grid.columns), axis=1)
+    return (position / np.maximum((grid.rows - 1, grid.columns - 1), 1)).astype(np.float32)
 
 
 def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:

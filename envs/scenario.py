@@ -6,7 +6,7 @@ the shipped files, and what each was read from, are in `envs/scenarios/*.toml`.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -29,12 +29,14 @@ class Grid(Table):
 class NoFeedback(Table):
     """The issuer adds nothing."""
 
+    label: ClassVar[str] = "no feedback"
     kind: Literal["none"]
 
 
 class UniformFeedback(Table):
     """The issuer adds a number drawn anew at each PING, uniform between two bounds."""
 
+    label: ClassVar[str] = "random feedback"
     kind: Literal["uniform"]
     low: float
     high: float
@@ -49,6 +51,7 @@ class UniformFeedback(Table):
 class DistanceFeedback(Table):
     """The issuer adds minus the L1 distance to the agent, as a share of that from the start."""
 
+    label: ClassVar[str] = "feedback by distance"
     kind: Literal["distance"]
 
 

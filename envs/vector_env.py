@@ -57,9 +57,10 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise InputError(f"max_episode_steps = {max_episode_steps}; accepted: at least 1, or None.")
         if render_mode is not None:
             raise InputError(f"render_mode = {render_mode!r}; accepted: None, a batch is not drawn.")
+        modes = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
+        if autoreset_mode not in (*modes, *(mode.value for mode in modes)):
+            raise InputError(f"autoreset_mode = {autoreset_mode}; accepted: NextStep, SameStep.")
         mode = AutoresetMode(autoreset_mode)
-        if mode is AutoresetMode.DISABLED:
-            raise InputError("autoreset_mode = Disabled; accepted: NextStep, SameStep.")
         self.model = compile_scenario(load_scenario(scenario, overrides))
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": mode, "render_modes": []}
@@ -89,7 +90,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Puts every agent at the start. Observations: (N, ...)."""
-        super().reset(seed=seed, options=options)  # type: ignore[arg-type]
+        super().reset(seed=seed, options=options)
         self._state[:] = self.model.start
         self._steps[:] = 0
         self._over[:] = False
@@ -114,9 +115,13 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise InputError(f"actions: {actions.dtype} {actions.shape}; accepted: ({self.num_envs},) integers.")
+            raise InputError(
+                f"actions: {actions.dtype} {actions.shape}; accepted: ({self.num_envs},) integers."
+            )
         if actions.min() < 0 or actions.max() >= len(ACTIONS):
-            raise InputError(f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {len(ACTIONS) - 1}.")
+            raise InputError(
+                f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {len(ACTIONS) - 1}."
+            )
         taken = self._state * len(ACTIONS) + actions
         self._state = self._next_state.take(taken)
         self._steps += 1
@@ -127,9 +132,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), uniform)
         terminated = self._terminated.take(taken)
         truncated = self._steps >= self._limit
-        info = self._info(
-            self._event.take(taken), self._wrong_pings.take(taken), grid_reward, issuer_reward
-        )
+        info = self._info(self._event.take(taken), self._wrong_pings.take(taken), grid_reward, issuer_reward)
         if self._over.any():  # next-step autoreset: these envs were not stepped, but begin anew
             over = np.flatnonzero(self._over)
             self._state[over] = self.model.start
@@ -159,7 +162,12 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         for name, values in self._reset_info(len(ended)).items():
             info[name][ended] = values
         final_info |= {f"_{name}": mask for name in info}
-        return info | {"final_obs": final_obs, "_final_obs": mask, "final_info": final_info, "_final_info": mask}
+        return info | {
+            "final_obs": final_obs,
+            "_final_obs": mask,
+            "final_info": final_info,
+            "_final_info": mask,
+        }
 
     def _observe(self) -> NDArray[Any]:
         """Returns the observations, (N, ...), a copy."""

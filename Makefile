@@ -1,0 +1,48 @@
+# `make reproduce` and `make test` do all the set-up there is. Everything else: `make help`.
+PYTHON ?= python3
+VENV ?= .venv
+PY ?= $(VENV)/bin/python
+RESULTS ?= results
+EXPERIMENT ?= reproduce
+TESTS ?= tests
+SPEED ?=
+
+# What has been installed; empty these to use a Python that has all it needs: make reproduce PY=python BASE=
+BASE ?= $(VENV)/.base
+DEV ?= $(VENV)/.dev
+
+.PHONY: help reproduce test check speed clean
+
+help: ## this list
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-10s %s\n", $$1, $$2}'
+
+reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
+	$(PY) -m benchmark run $(EXPERIMENT) --results $(RESULTS)
+	$(PY) -m benchmark report $(EXPERIMENT) --results $(RESULTS)
+
+test: $(DEV) ## every test
+	$(PY) -m pytest $(TESTS)
+
+check: $(DEV) ## format, lint, types, spelling
+	$(PY) -m ruff format --check .
+	$(PY) -m ruff check .
+	$(PY) -m mypy
+	$(PY) -m codespell_lib
+
+speed: $(BASE) ## speed against the stock way, in results/speed/
+	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
+
+clean: ## remove what was installed, cached and run; published results stay
+	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke
+	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.base: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=...")'
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.base
+	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@

@@ -1,0 +1,218 @@
+"""Measures speed, each row against the stock way of doing the same in the same run.
+
+Machines are noisy, so a row measures its two sides in turn, several times over, and compares the
+best of each.
+"""
+
+import random
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import gymnasium
+import numpy as np
+import pandas as pd
+from numpy.random import SeedSequence
+
+from agents import q_learning
+from agents.dynamic_programming import evaluate
+from agents.policy import uniform_policy
+from benchmark import tables
+from envs import InputError, Model, compile_scenario, load_scenario
+
+_ENV = "envs:Proxemic/S1-v0"
+
+
+class Row(NamedTuple):
+    """Two ways to do the same; each callable does its work once and returns how much that was."""
+
+    name: str
+    unit: str
+    ours: Callable[[], float]
+    stock: Callable[[], float]
+    against: str
+
+
+def measure(directory: Path, *, smoke: bool) -> None:
+    """Measures every row, prints the table, and writes `speed.csv`, `.md` and `.tex`.
+
+    Args:
+      directory: Where to write.
+      smoke: Whether to do very little, to try the code; the figures then mean nothing.
+
+    Raises:
+      InputError: The folder cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        (directory / "speed.csv").touch()
+    except OSError as error:
+        raise InputError(
+            f"{directory}: cannot be written: {error.strerror}; choose another folder with --results."
+        ) from error
+    rows = []
+    for row in _rows(smoke):
+        ours, stock = _compare(row, rounds=1 if smoke else 5)
+        rows.append(
+            {
+                "name": row.name,
+                "per_second": ours,
+                "baseline": stock,
+                "ratio": ours / stock,
+                "unit": row.unit,
+                "against": row.against,
+            }
+        )
+        print(
+            f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.1f} times {row.against}", flush=True
+        )
+    tables.write_table(pd.DataFrame(rows), directory / "speed")
+    print(f"written to {directory}")
+
+
+def _compare(row: Row, rounds: int) -> tuple[float, float]:
+    """Returns the best rates of both sides, per second."""
+    best = {row.ours: 0.0, row.stock: 0.0}
+    for side in best:  # compile, import, fill caches
+        side()
+    for _ in range(rounds):
+        for side in best:
+            started = time.perf_counter()
+            done = side()
+            best[side] = max(best[side], done / (time.perf_counter() - started))
+    return best[row.ours], best[row.stock]
+
+
+def _rows(smoke: bool) -> list[Row]:
+    """Returns what is compared, on S1 with the paper's constants."""
+    size = 0.01 if smoke else 1.0
+    model = compile_scenario(load_scenario("S1"))
+    return [
+        Row(
+            "q_learning_kernel",
+            "updates",
+            lambda: _kernel(model, 200, round(20_000 * size), threads=1),
+            lambda: _numpy_q_learning(round(50_000 * size)),
+            "a plain Python loop over gymnasium.make, Q in NumPy",
+        ),
+        Row(
+            "q_learning_kernel_lists",
+            "updates",
+            lambda: _kernel(model, 200, round(20_000 * size), threads=1),
+            lambda: _list_q_learning(round(200_000 * size)),
+            "the same loop tuned: Q in lists, Python's own random numbers",
+        ),
+        Row(
+            "q_learning_threads",
+            "updates",
+            lambda: _kernel(model, 400, round(50_000 * size), threads=2),
+            lambda: _kernel(model, 400, round(50_000 * size), threads=1),
+            "one thread, by two",
+        ),
+        Row(
+            "vector_env_1000",
+            "steps",
+            lambda: _vector_env("vector_entry_point", max(round(500 * size), 5)),
+            lambda: _vector_env("sync", max(round(10 * size), 1)),
+            "gymnasium.vector.SyncVectorEnv",
+        ),
+        Row(
+            "evaluate",
+            "policies",
+            lambda: _exact(model, max(round(100 * size), 1)),
+            lambda: _simulated(model, round(1000 * size), 1000),
+            "1,000 simulated episodes, uniform random policy",
+        ),
+    ]
+
+
+def _kernel(model: Model, agents: int, steps: int, threads: int) -> float:
+    """Trains agents with the kernel, every step's max Q recorded."""
+    settings = q_learning.Settings(budget=steps)
+    seeds = [SeedSequence([0, i]) for i in range(agents)]
+    q_learning.train(model, settings, seeds, threads=threads)
+    return agents * steps
+
+
+def _numpy_q_learning(steps: int) -> float:
+    """Q-learning as it is usually written."""
+    env = gymnasium.make(_ENV)
+    rng = np.random.default_rng(0)
+    q = np.zeros((120, 5))
+    visited_max = np.empty(steps)
+    observation, _ = env.reset(seed=0)
+    for t in range(steps):
+        best = q[observation].max()
+        visited_max[t] = best
+        explore = rng.random() < 0.6
+        action = rng.integers(5) if explore else rng.choice(np.flatnonzero(q[observation] == best))
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else 0.9 * q[following].max())
+        q[observation, action] += 0.6 * (target - q[observation, action])
+        observation = env.reset()[0] if terminated or truncated else following
+    return steps
+
+
+def _list_q_learning(steps: int) -> float:
+    """The same without NumPy, whose calls cost more than the few numbers they handle."""
+    env = gymnasium.make(_ENV)
+    rng = random.Random(0)
+    q = [[0.0] * 5 for _ in range(120)]
+    visited_max = []
+    observation, _ = env.reset(seed=0)
+    for _ in range(steps):
+        row = q[observation]
+        best = max(row)
+        visited_max.append(best)
+        if rng.random() < 0.6:
+            action = rng.randrange(5)
+        else:
+            action = rng.choice([a for a in range(5) if row[a] == best])
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else 0.9 * max(q[following]))
+        row[action] += 0.6 * (target - row[action])
+        observation = env.reset()[0] if terminated or truncated else following
+    return steps
+
+
+def _vector_env(mode: str, steps: int) -> float:
+    """Steps 1,000 envs with random actions; making them is not counted, as `_ENVS` keeps them."""
+    if mode not in _ENVS:
+        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode)
+        _ENVS[mode].reset(seed=0)
+    env = _ENVS[mode]
+    actions = np.random.default_rng(0).integers(0, 5, (50, 1000))
+    for t in range(steps):
+        env.step(actions[t % 50])
+    return steps * 1000
+
+
+_ENVS: dict[str, gymnasium.vector.VectorEnv] = {}
+
+
+def _exact(model: Model, times: int) -> float:
+    """Evaluates the random policy exactly, the policy with the most states to visit."""
+    policy = uniform_policy(model)
+    for _ in range(times):
+        evaluate(model, policy, 200)
+    return times
+
+
+def _simulated(model: Model, episodes: int, per_evaluation: int) -> float:
+    """Simulates episodes of the same policy; returns how many evaluations they make."""
+    env = gymnasium.make(_ENV, max_episode_steps=200)
+    rng = random.Random(0)
+    weights = [list(row) for row in uniform_policy(model).cumsum(axis=1)]
+    actions = range(5)
+    total = 0.0
+    env.reset(seed=0)
+    for _ in range(episodes):
+        observation, _ = env.reset()
+        over = False
+        while not over:
+            action = rng.choices(actions, cum_weights=weights[observation])[0]
+            observation, reward, terminated, truncated, _ = env.step(action)
+            total += float(reward)
+            over = terminated or truncated
+    return episodes / per_evaluation

@@ -1,0 +1,1 @@
+"""Tests; truth comes from the paper, hand arithmetic or a second method."""

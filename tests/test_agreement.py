@@ -1,0 +1,83 @@
+"""Env, vector env, planner and kernel agree step by step on the same actions and draws."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from envs import EVENTS, ZONES, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
+
+SCENARIOS = ("S1", "S2", "S3")
+READINGS: list[dict[str, Any]] = [
+    {},
+    {"issuer.position": [8, 6]},
+    {"rewards.wrong_ping_uncomfortable": -0.8},
+]
+
+
+def wandering(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
+    """Actions that drift towards the issuer, so that every region is met."""
+    return rng.choice(5, size=n, p=[0.12, 0.28, 0.12, 0.33, 0.15])
+
+
+@pytest.mark.parametrize("overrides", READINGS)
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any]) -> None:
+    env = gymnasium.make(f"envs:Proxemic/{name}-v0", overrides=overrides)
+    single = ProxemicVectorEnv(1, name, overrides=overrides, autoreset_mode="SameStep")
+    model = compile_scenario(load_scenario(name, overrides))
+    env.reset(seed=11)
+    single.reset(seed=11)
+    draws = np.random.default_rng()
+    draws.bit_generator.state = env.unwrapped.np_random.bit_generator.state
+    state = model.start
+    met = set()
+    for action in wandering(np.random.default_rng(0), 5000):
+        observation, reward, terminated, truncated, info = env.step(int(action))
+        batch = single.step(np.array([action]))
+        # The planner's arrays, with the env's next draw.
+        uniform = draws.random() if model.is_noisy else 0.5
+        issuer = model.issuer_reward[state, action] + model.issuer_noise[state, action] * (2 * uniform - 1)
+        following = model.next_state[state, action]
+        assert (observation, terminated, truncated) == (
+            model.observation[following],
+            model.terminated[state, action],
+            False,
+        )
+        assert reward == model.grid_reward[state, action] + issuer
+        ((_, p_following, p_reward, p_terminated),) = env.unwrapped.P[state][action]  # type: ignore[attr-defined]
+        assert (p_following, p_terminated) == (following, terminated)
+        if not model.is_noisy:
+            assert p_reward == reward
+        told = batch[4]["final_info"] if terminated else batch[4]
+        shown = batch[4]["final_obs"] if terminated else batch[0]
+        assert shown[0] == observation
+        assert (batch[1][0], batch[2][0], batch[3][0]) == (reward, terminated, False)
+        assert {key: values[0] for key, values in told.items() if not key.startswith("_")} == info
+        assert info["event"] == EVENTS[model.event[state, action]]
+        assert info["zone"] == ZONES[model.zone[following]]
+        assert info["wrong_pings"] == model.wrong_pings[state, action]
+        met.add(info["event"])
+        state = following
+        if terminated:
+            env.reset()
+            state = model.start
+    assert met == set(EVENTS) - {"none"}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_env_from_every_state(name: str) -> None:
+    env = ProxemicEnv(name)
+    env.reset(seed=0)
+    for state in range(600):
+        if env.model.terminated[state].all():
+            continue
+        for action in range(5):
+            env.s = state
+            observation, _, terminated, _, info = env.step(action)
+            assert env.s == env.model.next_state[state, action]
+            assert observation == env.s % 120
+            assert terminated == env.model.terminated[state, action]
+            assert info["grid_reward"] == env.model.grid_reward[state, action]

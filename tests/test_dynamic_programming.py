@@ -1,0 +1,188 @@
+"""Exact answers against hand arithmetic, a linear programme, a backward sweep, and simulation."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from scipy import optimize, sparse
+
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import greedy_masks, mask_policy, uniform_policy
+from envs import ACTIONS, ZONES, Model, ProxemicVectorEnv, compile_scenario, load_scenario
+
+SCENARIOS = ("S1", "S2", "S3")
+
+
+def model_of(name: str, **overrides: Any) -> Model:
+    return compile_scenario(load_scenario(name, overrides))
+
+
+def linear_programme(model: Model, discount: float) -> NDArray[np.float64]:
+    """Optimal values by the primal linear programme (Puterman 1994, section 6.9.1)."""
+    n_states, n_actions = model.next_state.shape
+    rows = np.arange(n_states * n_actions)
+    state = rows // n_actions
+    following = model.next_state.ravel()
+    matrix = sparse.coo_array((np.ones(len(rows)), (rows, state)), shape=(len(rows), n_states))
+    bootstrap = discount * ~model.terminated.ravel()
+    matrix = matrix - sparse.coo_array((bootstrap, (rows, following)), shape=matrix.shape)
+    reward = (model.grid_reward + model.issuer_reward).ravel()
+    solution = optimize.linprog(np.ones(n_states), -matrix.toarray(), -reward, bounds=(None, None))
+    assert solution.success
+    return np.asarray(solution.x)
+
+
+@pytest.mark.parametrize("discount", [0.5, 0.9])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_optimum_equals_linear_programme(name: str, discount: float) -> None:
+    model = model_of(name)
+    assert solve(model, discount).value == pytest.approx(linear_programme(model, discount), abs=1e-7)
+
+
+@pytest.mark.parametrize("name", ["S1", "S2"])
+def test_optimum_by_hand(name: str) -> None:
+    # Ten moves and a PING: 10 * (-0.1) + 1 = 0, and discounted
+    # -0.1 * (1 - 0.9**10) / 0.1 + 0.9**10 = 2 * 0.9**10 - 1.
+    model = model_of(name)
+    assert solve(model, 1.0, 200, issuer_rewards=False).value[0] == pytest.approx(0.0, abs=1e-12)
+    assert solve(model, 0.9).value[0] == pytest.approx(2 * 0.9**10 - 1)
+    # Ten moves leave no time to PING: standing still in place of moving costs the same, so -0.1 a step.
+    assert solve(model, 1.0, 10).value[0] == pytest.approx(-1.0)
+    assert solve(model, 1.0, 11).value[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_optimum_of_s3_by_hand() -> None:
+    # The near corner, four cells off in both ways together: -1 + 1 - 4/14; nearer to the issuer costs
+    # 0.1 for a step and saves 1/14 only.
+    assert solve(model_of("S3"), 1.0, 200).value[0] == pytest.approx(-4 / 14)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_memoryless_policy_reaches_the_optimum(name: str) -> None:
+    # So the anchor, computed for an agent that knows its state, is one that a score can reach.
+    model = model_of(name)
+    q = solve(model, 0.9).q[: model.n_observations]
+    result = evaluate(model, mask_policy(greedy_masks(q, 1e-9)), 200)
+    assert result.grid_return == pytest.approx(0.0, abs=1e-12)
+    assert result.success == pytest.approx(1.0)
+    assert result.steps == pytest.approx(11.0)
+    assert result.wrong_pings == 0
+    assert result.scenario_return == pytest.approx(-4 / 14 if name == "S3" else 0.0, abs=1e-12)
+
+
+def test_evaluation_by_hand() -> None:
+    model = model_of("S1")
+    always = np.zeros((4, 120, 5))
+    always[0, :, 0] = 1  # UP against the wall until the horizon
+    always[1, :, 4] = 1  # five wrong PINGs
+    always[2, :, 3] = 1  # along the upper edge
+    always[3, :, 1] = 1  # DOWN to row 6 ...
+    always[3, 6 * 12 : 6 * 12 + 12] = np.eye(5)[3]  # ... and there to the RIGHT, into the issuer
+    result = evaluate(model, always, 50)
+    assert result.grid_return == pytest.approx([-5.0, -2.6, -5.0, -6 * 0.1 - 6 * 0.1 - 0.8 - 1.0])
+    assert result.steps == pytest.approx([50, 5, 50, 14])
+    assert result.success.tolist() == [0, 0, 0, 0]
+    assert result.wrong_pings == pytest.approx([0, 5, 0, 0])
+    assert result.zone_steps[3] == pytest.approx([11, 1, 1, 1])
+    assert evaluate(model, always[1], 3).grid_return == pytest.approx(-1.2)
+
+
+def backward(model: Model, policy: NDArray[np.float64], horizon: int) -> NDArray[np.float64]:
+    """Return, success and steps by sweeping the Bellman operator of the policy backwards."""
+    chosen = policy[model.observation]  # (S, A)
+    totals = np.zeros((3, len(model.observation)))
+    rewards = (
+        model.grid_reward + model.issuer_reward,
+        (model.grid_reward == 1.0).astype(float),
+        np.ones(model.grid_reward.shape),
+    )
+    for _ in range(horizon):
+        for i, reward in enumerate(rewards):
+            following = np.where(model.terminated, 0.0, totals[i][model.next_state])
+            totals[i] = (chosen * (reward + following)).sum(axis=1)
+    return totals[:, model.start]
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    name=st.sampled_from(SCENARIOS),
+    weights=arrays(np.float64, (120, 5), elements=st.floats(0, 1)),
+    horizon=st.integers(1, 60),
+)
+def test_evaluation_equals_backward_sweep(name: str, weights: NDArray[np.float64], horizon: int) -> None:
+    model = model_of(name)
+    policy = weights + 0.01 * (weights.sum(axis=1, keepdims=True) == 0)
+    policy /= policy.sum(axis=1, keepdims=True)
+    result = evaluate(model, policy, horizon)
+    expected = backward(model, policy, horizon)
+    assert [result.scenario_return, result.success, result.steps] == pytest.approx(expected, abs=1e-9)
+    assert result.zone_steps.sum() == pytest.approx(result.steps)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_evaluation_equals_simulation(name: str) -> None:
+    model = model_of(name)
+    rng = np.random.default_rng(7)
+    policy = 0.5 * uniform_policy(model) + 0.5 * mask_policy(greedy_masks(solve(model, 0.9).q[:120], 1e-9))
+    n, horizon = 20_000, 15
+    env = ProxemicVectorEnv(n, name, max_episode_steps=horizon)
+    observation, _ = env.reset(seed=1)
+    going = np.ones(n, dtype=bool)
+    totals: dict[str, NDArray[Any]] = {
+        key: np.zeros(n)
+        for key in ("grid_return", "scenario_return", "success", "steps", "wrong_pings", *ZONES)
+    }
+    for _ in range(horizon):
+        uniform = rng.random((n, 1))
+        actions = (uniform > policy[observation].cumsum(axis=1)[:, :-1]).sum(axis=1)
+        observation, reward, terminated, _, info = env.step(actions)
+        totals["grid_return"] += going * info["grid_reward"]
+        totals["scenario_return"] += going * reward
+        totals["success"] += going * (info["event"] == "target_ping")
+        totals["wrong_pings"] += going * np.isin(info["event"].astype(str), ["wrong_ping", "last_wrong_ping"])
+        totals["steps"] += going
+        for zone in ZONES:
+            totals[zone] += going * (info["zone"] == zone)
+        going &= ~terminated
+    exact = evaluate(model, policy, horizon)
+    for key, values in totals.items():
+        truth = exact.zone_steps[ZONES.index(key)] if key in ZONES else getattr(exact, key)
+        assert abs(values.mean() - truth) < 4.5 * values.std() / np.sqrt(n) + 1e-12, key
+
+
+def test_batches_keep_their_shape() -> None:
+    model = model_of("S2")
+    policy = uniform_policy(model)
+    one = evaluate(model, policy, 20)
+    many = evaluate(model, np.tile(policy, (2, 3, 1, 1)), 20)
+    assert many.grid_return.shape == (2, 3)
+    assert many.zone_steps.shape == (2, 3, len(ZONES))
+    assert (many.grid_return == one.grid_return).all()
+
+
+def test_what_is_no_policy_is_refused() -> None:
+    model = model_of("S1")
+    policy = uniform_policy(model)
+    with pytest.raises(ValueError, match=r"this model takes \(..., 120, 5\)"):
+        evaluate(model, policy[:-1], 10)
+    with pytest.raises(ValueError, match="sum to one"):
+        evaluate(model, policy * 0.9, 10)
+    with pytest.raises(ValueError, match="sum to one"):
+        evaluate(model, policy - np.eye(5)[0] + np.eye(5)[1], 10)
+    with pytest.raises(ValueError, match="horizon = 0"):
+        evaluate(model, policy, 0)
+    with pytest.raises(ValueError, match="without a horizon"):
+        solve(model, 1.0)
+
+
+def test_masks_and_policies_correspond() -> None:
+    rng = np.random.default_rng(0)
+    q = rng.integers(0, 3, (7, 120, 5)).astype(float)
+    policy = mask_policy(greedy_masks(q))
+    for values, row in zip(q.reshape(-1, 5), policy.reshape(-1, 5), strict=True):
+        best = [a for a in range(len(ACTIONS)) if values[a] == max(values)]
+        assert row.tolist() == [1 / len(best) if a in best else 0 for a in range(5)]

@@ -1,0 +1,129 @@
+"""The compiled model against the paper's text, every state and action."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from envs import ACTIONS, EVENTS, ZONES, compile_scenario, load_scenario
+from envs.model import draw_issuer_reward
+
+SCENARIOS = ("S1", "S2", "S3")
+STEP = {"UP": (-1, 0), "DOWN": (1, 0), "LEFT": (0, -1), "RIGHT": (0, 1)}
+
+
+def paper_zone(row: int, column: int) -> str:
+    distance = max(abs(row - 6), abs(column - 8))
+    return {0: "issuer", 1: "uncomfortable", 2: "target"}.get(distance, "outside")
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_state_and_action_follows_the_reward_table(name: str) -> None:
+    model = compile_scenario(load_scenario(name))
+    assert len(model.observation) == 600
+    assert model.start == 0
+    for pings in range(5):
+        for row in range(10):
+            for column in range(12):
+                state = pings * 120 + row * 12 + column
+                zone = paper_zone(row, column)
+                assert ZONES[model.zone[state]] == zone
+                assert model.observation[state] == row * 12 + column
+                if zone == "issuer":  # the episode is over: absorbing, worth nothing
+                    assert (model.next_state[state] == state).all()
+                    assert not model.grid_reward[state].any()
+                    assert not model.issuer_reward[state].any()
+                    assert model.terminated[state].all()
+                    continue
+                for action, name_of_action in enumerate(ACTIONS):
+                    cell, reward, over, event, wrong = (row, column), 0.0, False, "", 0
+                    if name_of_action == "PING":
+                        if zone == "target":
+                            reward, over, event = 1.0, True, "target_ping"
+                        elif pings == 4:
+                            reward, over, event, wrong = -1.0, True, "last_wrong_ping", 1
+                        else:
+                            reward, event, wrong = -0.4, "wrong_ping", 1
+                    else:
+                        moved = row + STEP[name_of_action][0], column + STEP[name_of_action][1]
+                        if 0 <= moved[0] < 10 and 0 <= moved[1] < 12:
+                            cell = moved
+                        entered = paper_zone(*cell)
+                        if entered == "issuer":
+                            reward, over, event = -1.0, True, "issuer_reached"
+                        elif entered == "uncomfortable":
+                            reward, event = -0.8, "uncomfortable"
+                        else:
+                            reward, event = -0.1, "move"
+                    assert model.grid_reward[state, action] == reward
+                    assert model.terminated[state, action] == over
+                    assert EVENTS[model.event[state, action]] == event
+                    assert model.wrong_pings[state, action] == pings + wrong
+                    following = model.next_state[state, action]
+                    assert following == min(pings + wrong, 4) * 120 + cell[0] * 12 + cell[1]
+                    is_ping = name_of_action == "PING"
+                    distance = abs(row - 6) + abs(column - 8)
+                    mean = -distance / 14 if name == "S3" and is_ping else 0.0
+                    assert model.issuer_reward[state, action] == pytest.approx(mean, abs=1e-15)
+                    assert model.issuer_noise[state, action] == (1.0 if name == "S2" and is_ping else 0.0)
+
+
+def test_regions_have_the_paper_sizes() -> None:
+    zones = compile_scenario(load_scenario("S1")).zone_of_cell
+    assert np.bincount(zones).tolist() == [120 - 25, 16, 8, 1]
+
+
+def test_reading_of_the_origin_cuts_the_target_region() -> None:
+    model = compile_scenario(load_scenario("S1", {"issuer.position": [8, 6]}))
+    assert (model.zone_of_cell == ZONES.index("target")).sum() == 11  # 16 less the row that is off the grid
+
+
+def test_reading_of_ping_discomfort_changes_nothing_else() -> None:
+    plain = compile_scenario(load_scenario("S1"))
+    other = compile_scenario(load_scenario("S1", {"rewards.wrong_ping_uncomfortable": -0.8}))
+    changed = plain.grid_reward != other.grid_reward
+    assert changed.sum() == 8 * 4  # the uncomfortable cells, with none to three wrong PINGs before
+    assert (other.grid_reward[changed] == -0.8).all()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_mirrored_scenario_gives_the_mirrored_model(name: str) -> None:
+    model = compile_scenario(load_scenario(name))
+    mirrored = compile_scenario(load_scenario(name, {"grid.start": [0, 11], "issuer.position": [6, 3]}))
+    pings, cell = np.divmod(np.arange(600), 120)
+    row, column = np.divmod(cell, 12)
+    image = pings * 120 + row * 12 + (11 - column)
+    swap = [0, 1, 3, 2, 4]  # LEFT for RIGHT
+    assert (mirrored.next_state[image][:, swap] == image[model.next_state]).all()
+    for array in ("grid_reward", "issuer_reward", "issuer_noise", "terminated", "event"):
+        assert (getattr(mirrored, array)[image][:, swap] == getattr(model, array)).all()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_transition_table_is_a_distribution_over_the_same_process(name: str) -> None:
+    model = compile_scenario(load_scenario(name))
+    assert len(model.P) == 600
+    for state, actions in model.P.items():
+        for action, outcomes in actions.items():
+            assert sum(outcome[0] for outcome in outcomes) == 1.0
+            ((_, following, reward, terminated),) = outcomes
+            assert following == model.next_state[state, action]
+            assert reward == model.grid_reward[state, action] + model.issuer_reward[state, action]
+            assert terminated == model.terminated[state, action]
+            assert type(reward) is float
+            assert type(terminated) is bool
+
+
+def test_issuer_reward_is_uniform_between_its_bounds() -> None:
+    assert draw_issuer_reward(0.5, 2.0, 0.0) == -1.5
+    assert draw_issuer_reward(0.5, 2.0, 0.5) == 0.5
+    assert draw_issuer_reward(0.0, 1.0, 0.75) == 0.5
+
+
+def test_models_are_shared_read_only_and_pickle_small() -> None:
+    model = compile_scenario(load_scenario("S1"))
+    assert compile_scenario(load_scenario("S1")) is model
+    with pytest.raises(ValueError, match="read-only"):
+        model.grid_reward[0, 0] = 1.0
+    assert len(pickle.dumps(model)) < 5000
+    assert pickle.loads(pickle.dumps(model)) is model

@@ -1,0 +1,158 @@
+"""Scenarios: what is accepted, and what the sentence says of what is not."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from envs import ACTIONS, ZONES, InputError, compile_scenario, load_scenario, scenario_names
+from envs.inputs import override, parse, read_toml
+from envs.scenario import SCENARIO_DIRECTORY, Scenario
+
+S1 = read_toml(SCENARIO_DIRECTORY / "S1.toml") | {"name": "S1"}
+
+
+def test_paper_scenarios_are_shipped() -> None:
+    assert scenario_names()[:3] == ["S1", "S2", "S3"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"grid.start": [5, 7]}, "grid.start = [5, 7] lies inside a region"),
+        ({"grid.start": [6, 8]}, "grid.start = [6, 8] lies inside a region"),
+        ({"grid.start": [10, 0]}, "grid.start = [10, 0] is off the grid; accepted: rows 0 to 9"),
+        ({"issuer.position": [6, 12]}, "issuer.position = [6, 12] is off the grid; accepted: rows 0 to 9"),
+        ({"issuer.position": [-1, 3]}, "issuer.position = [-1, 3] is off the grid"),
+        ({"regions.uncomfortable_radius": -1}, "regions.uncomfortable_radius = -1"),
+        ({"regions.target_radius": 1}, "target_radius = 1 must be larger than uncomfortable_radius = 1"),
+        ({"grid.rows": 0}, "grid.rows = 0: input should be greater than or equal to 1"),
+        ({"grid.rows": 9.5}, "grid.rows = 9.5"),
+        ({"grid.rows": True}, "grid.rows = true"),
+        ({"grid.depth": 3}, "[grid]: unknown key depth; accepted: columns, rows, start."),
+        ({"grid.colums": 3}, "unknown key colums (did you mean columns?)"),
+        ({"rewards.target_ping": "much"}, 'rewards.target_ping = "much"'),
+        ({"rewards.target_ping": float("nan")}, "rewards.target_ping"),
+        ({"issuer.feedback": {"kind": "loud"}}, "issuer.feedback"),
+        ({"issuer.feedback": {"kind": "uniform", "low": 1.0, "high": 1.0}}, "must lie below high"),
+        ({"issuer.feedback.volume": 1.0}, "[issuer.feedback.none]: unknown key volume; accepted: kind."),
+        ({"ping_limit": 0}, "ping_limit = 0"),
+        ({"ping_limit": 10**6}, "120000000 states; accepted: at most 100000"),
+        ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
+        ({"name": "other"}, "unknown key name"),
+    ],
+)
+def test_mistakes_get_one_sentence(changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scenario("S1", changes)
+    message = str(caught.value)
+    assert expected in message
+    assert "S1.toml" in message
+    assert "\n" not in message
+
+
+def test_missing_key_is_named(tmp_path: Path) -> None:
+    text = (SCENARIO_DIRECTORY / "S1.toml").read_text().replace("ping_limit = 5", "")
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(InputError, match=r"mine\.toml: the key ping_limit is missing"):
+        load_scenario(tmp_path / "mine.toml")
+
+
+def test_unreadable_files_get_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        load_scenario(tmp_path / "nothing.toml")
+    (tmp_path / "broken.toml").write_text("grid = [")
+    with pytest.raises(InputError, match="not valid TOML"):
+        load_scenario(tmp_path / "broken.toml")
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="not UTF-8"):
+        load_scenario(tmp_path / "bytes.toml")
+
+
+def test_unknown_scenario_names_the_nearest() -> None:
+    with pytest.raises(InputError, match="unknown scenario s1"):
+        load_scenario("s1")
+
+
+def test_a_file_of_ones_own_is_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "corridor.toml"
+    path.write_text((SCENARIO_DIRECTORY / "S1.toml").read_text().replace("rows = 10", "rows = 20"))
+    scenario = load_scenario(path)
+    assert scenario.name == "corridor"
+    assert scenario.grid.rows == 20
+
+
+feedback = st.one_of(
+    st.just({"kind": "none"}),
+    st.just({"kind": "distance"}),
+    st.tuples(st.integers(-3, 3), st.integers(-3, 3)).map(
+        lambda bounds: {"kind": "uniform", "low": bounds[0], "high": bounds[1]}
+    ),
+)
+coordinate = st.integers(-2, 9)
+
+
+@given(
+    rows=st.integers(-1, 8),
+    columns=st.integers(-1, 8),
+    start=st.tuples(coordinate, coordinate).map(list),
+    issuer=st.tuples(coordinate, coordinate).map(list),
+    radii=st.tuples(st.integers(-1, 3), st.integers(-1, 4)),
+    ping_limit=st.integers(-1, 4),
+    feedback=feedback,
+)
+def test_any_scenario_compiles_or_is_refused_in_a_sentence(
+    rows: int,
+    columns: int,
+    start: list[int],
+    issuer: list[int],
+    radii: tuple[int, int],
+    ping_limit: int,
+    feedback: dict[str, Any],
+) -> None:
+    data = override(
+        S1,
+        {
+            "grid.rows": rows,
+            "grid.columns": columns,
+            "grid.start": start,
+            "issuer.position": issuer,
+            "issuer.feedback": feedback,
+            "regions.uncomfortable_radius": radii[0],
+            "regions.target_radius": radii[1],
+            "ping_limit": ping_limit,
+        },
+        "drawn",
+    )
+    inside = 0 <= start[0] < rows and 0 <= start[1] < columns and 0 <= issuer[0] < rows
+    distance = max(abs(start[0] - issuer[0]), abs(start[1] - issuer[1]))
+    sound = (
+        inside
+        and 0 <= issuer[1] < columns
+        and 0 <= radii[0] < radii[1] < distance
+        and ping_limit >= 1
+        and (feedback["kind"] != "uniform" or feedback["low"] < feedback["high"])
+    )
+    if not sound:
+        with pytest.raises(InputError, match=r"^drawn: [^\n]*\.$"):
+            parse(Scenario, data, "drawn")
+        return
+    model = compile_scenario(parse(Scenario, data, "drawn"))
+    n_states = rows * columns * ping_limit
+    assert model.next_state.shape == (n_states, len(ACTIONS))
+    assert model.next_state.min() >= 0
+    assert model.next_state.max() < n_states
+    assert np.isfinite(model.grid_reward + model.issuer_reward).all()
+    assert (model.zone_of_cell == ZONES.index("issuer")).sum() == 1
+    assert (model.zone_of_cell == ZONES.index("target")).any()
+    assert ZONES[model.zone[model.start]] == "outside"
+    # No wall is crossed and no step is longer than one: rows and columns change by at most one, together.
+    row, column = np.divmod(model.observation, columns)
+    next_row, next_column = (x[model.next_state] for x in (row, column))
+    assert (abs(next_row - row[:, None]) + abs(next_column - column[:, None])).max() <= 1
+    # Wrong PINGs never fall, and rise by at most one.
+    pings = np.arange(n_states) // (rows * columns)
+    assert np.isin(pings[model.next_state] - pings[:, None], [0, 1]).all()
