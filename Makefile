@@ -4,7 +4,8 @@ VENV ?= .venv
 PY ?= $(VENV)/bin/python
 RESULTS ?= results
 EXPERIMENT ?= reproduce
-TESTS ?= tests
+TESTS ?=
+CHECKED ?= .
 SPEED ?=
 
 # What has been installed; empty these to use a Python that has all it needs: make reproduce PY=python BASE=
@@ -24,10 +25,10 @@ test: $(DEV) ## every test
 	$(PY) -m pytest $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
-	$(PY) -m ruff format --check .
-	$(PY) -m ruff check .
-	$(PY) -m mypy
-	$(PY) -m codespell_lib
+	$(PY) -m ruff format --check $(CHECKED)
+	$(PY) -m ruff check $(CHECKED)
+	$(PY) -m mypy $(CHECKED)
+	$(PY) -m codespell_lib $(CHECKED)
 
 speed: $(BASE) ## speed against the stock way, in results/speed/
 	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)

@@ -116,7 +116,8 @@ def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
     Args:
       samples: (RESAMPLES + 1, ...), the first of which is the sample's own.
     """
-    low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
+    with np.errstate(invalid="ignore"):  # infinite ratios have no interval
+        low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
 
 

@@ -98,9 +98,9 @@ def _curves(population: Population, curve: str) -> NDArray[np.float64]:
     return np.asarray(population.arrays["table_max_q" if curve == "table" else "max_q"])
 
 
-def _band(population: Population, curve: str) -> float:
+def _band(population: Population, curve: str) -> Samples:
     """Returns the height of the paper's shaded area, least to largest agent, averaged over steps."""
-    return float(np.ptp(_curves(population, curve), axis=0).mean())
+    return np.asarray(np.ptp(_curves(population, curve), axis=0).mean(keepdims=True))
 
 
 def _variability(population: Population, curve: str, weights: NDArray[np.float64]) -> Samples:
@@ -130,7 +130,7 @@ def _variability_against(
             Part(
                 f"{scenario}/{name}",
                 _ratio(own, _variability(other, curve, weights)),
-                f", of the shaded areas' heights {own_band / _band(other, curve):.3g}",
+                f", of the shaded areas' heights {_ratio(own_band, _band(other, curve))[0]:.3g}",
             )
             for name, other in populations.items()
             if name != scenario

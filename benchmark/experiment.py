@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -26,7 +25,7 @@ class Arm(Table):
     algorithm: str
     observation: str
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs a scenario, of seeds 0 to seeds - 1
-    settings: Mapping[str, Any] = MappingProxyType({})
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
 class Reading(Table):
@@ -34,8 +33,8 @@ class Reading(Table):
 
     question: str
     answer: str
-    scenario: Mapping[str, Any] = MappingProxyType({})
-    settings: Mapping[str, Any] = MappingProxyType({})
+    scenario: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, Any] = Field(default_factory=dict)
     curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
 
 

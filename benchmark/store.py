@@ -61,14 +61,23 @@ class Store:
           InputError: It cannot be opened, is no SQLite file, or holds something else.
         """
         self._path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"{path.parent}: cannot be made: {error.strerror}; choose another folder with --results."
+            ) from error
         with self._sentences():
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(
-                    f"{path.parent}: cannot be made: {error.strerror}; choose another folder with --results."
-                ) from error
             self._connection = sqlite3.connect(path, timeout=60.0, isolation_level=None)
+        try:
+            self._open()
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def _open(self) -> None:
+        """Makes the tables of a new file, and checks what an old one is."""
+        with self._sentences():
             self._connection.execute("PRAGMA foreign_keys = ON")
             with self._transaction():
                 (tables,) = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
@@ -79,12 +88,11 @@ class Store:
                     self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
             (application,) = self._connection.execute("PRAGMA application_id").fetchone()
             (version,) = self._connection.execute("PRAGMA user_version").fetchone()
-            if application != _APPLICATION_ID or version != _FORMAT:
-                self._connection.close()
-                raise InputError(
-                    f"{path}: a database of something else, or of another version of this project; "
-                    f"move it away, or choose another folder with --results."
-                )
+        if application != _APPLICATION_ID or version != _FORMAT:
+            raise InputError(
+                f"{self._path}: a database of something else, or of another version of this project; "
+                f"move it away, or choose another folder with --results."
+            )
 
     def __enter__(self) -> Self:
         return self

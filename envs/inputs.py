@@ -80,7 +80,8 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str) -> TableT:
         # By way of JSON, because strict validation of Python objects refuses a list for a tuple.
         return cls.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
-        first = error.errors()[0]
+        # An unknown key first: a misspelt one is missing, too, and its name says more.
+        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
         key = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
             *table, name = first["loc"]

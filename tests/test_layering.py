@@ -1,0 +1,46 @@
+"""Imports go one way: envs, agents, benchmark; results hold no code."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LAYERS = ("envs", "agents", "benchmark", "tests")
+
+
+def imported(path: Path) -> set[str]:
+    """Returns the top-level names a file imports, wherever in it the import stands."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names.add(str(node.module).split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_no_arrow_points_backwards(layer: str) -> None:
+    above = set(LAYERS[LAYERS.index(layer) + 1 :])
+    files = sorted((ROOT / layer).rglob("*.py"))
+    assert files
+    for path in files:
+        assert not imported(path) & above, path
+
+
+def test_results_hold_no_code() -> None:
+    assert not list((ROOT / "results").rglob("*.py"))
+
+
+def test_only_the_deep_learners_may_load_torch() -> None:
+    for layer in LAYERS[:3]:
+        for path in (ROOT / layer).rglob("*.py"):
+            assert not imported(path) & {"torch", "stable_baselines3"}, path
+
+
+def test_only_the_store_knows_how_results_are_kept() -> None:
+    for layer in LAYERS[:3]:
+        for path in (ROOT / layer).rglob("*.py"):
+            assert ("sqlite3" in imported(path)) == (path.name == "store.py"), path
