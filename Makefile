@@ -18,8 +18,7 @@ help: ## this list
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-10s %s\n", $$1, $$2}'
 
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
-	$(PY) -m benchmark run $(EXPERIMENT) --results $(RESULTS)
-	$(PY) -m benchmark report $(EXPERIMENT) --results $(RESULTS)
+	$(PY) -m benchmark run $(EXPERIMENT) --results $(RESULTS) --report
 
 test: $(DEV) ## every test
 	$(PY) -m pytest $(TESTS)

@@ -3,8 +3,6 @@
 A set of actions is kept as a mask, the sum of 2**action over its members: `0b10001` is UP or PING.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -45,5 +43,8 @@ def mask_policy(masks: NDArray[np.uint8]) -> Policy:
     >>> mask_policy(np.array([17], dtype=np.uint8))
     array([[0.5, 0. , 0. , 0. , 0.5]])
     """
-    member: NDArray[Any] = contains(masks)
-    return np.asarray(member / member.sum(axis=-1, keepdims=True))
+    return np.asarray(_POLICY_OF_MASK[masks])
+
+
+_MEMBERS = contains(np.arange(ALL_ACTIONS + 1, dtype=np.uint8))
+_POLICY_OF_MASK = _MEMBERS / np.maximum(_MEMBERS.sum(axis=-1, keepdims=True), 1)  # (32, A)

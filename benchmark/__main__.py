@@ -12,6 +12,7 @@ _EPILOG = """\
 examples:
   python -m benchmark list                         what there is, and what is done
   python -m benchmark run reproduce                run what is missing, on all cores
+  python -m benchmark run reproduce --report       and then draw results/reproduce
   python -m benchmark report reproduce             draw results/reproduce from the runs
   python -m benchmark run reproduce --seeds 0-9    ten agents only
   python -m benchmark speed                        measure speed against the stock way
@@ -77,6 +78,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="threads to use; no result depends on it (default: one a core)",
     )
+    run.add_argument(
+        "--report", action="store_true", help="then draw the tables and figures, as 'report' does"
+    )
     command("report", _report, "draw the tables and figures of an experiment from its runs", experiment=True)
     speed = command(
         "speed", _speed, "measure speed, each row against the stock way in the same run", experiment=False
@@ -128,7 +132,7 @@ def _run(options: argparse.Namespace) -> int:
         todo = len(runner.pending(runs, store))
         if todo == 0:
             print(f"{experiment.name}: all {len(runs)} runs are done already.")
-            return 0
+            return _report(options) if options.report else 0
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
@@ -149,7 +153,7 @@ def _run(options: argparse.Namespace) -> int:
         )
         return 1
     print(f"{experiment.name}: {todo} runs done, {len(runs) - todo} were done already.")
-    return 0
+    return _report(options) if options.report else 0
 
 
 def _report(options: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ intervals over its agents; their resampling is seeded, so the same records give 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -100,6 +100,7 @@ def load_population(runs: Sequence[RunSpecification], store: Store) -> Populatio
     )
 
 
+@lru_cache(maxsize=8)
 def resample(n_agents: int) -> NDArray[np.float64]:
     """Draws how often each agent is counted, (RESAMPLES + 1, N); the first row is the sample itself.
 

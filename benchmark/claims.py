@@ -8,6 +8,7 @@ Otherwise: `holds in part`. The claim's value is that of its weakest part.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -42,7 +43,7 @@ class Claim:
     right_side: str  # ">" or "<": where a part must lie
     threshold: float
     because: str  # why this threshold
-    parts: Callable[[Populations, str, NDArray[np.float64]], list[Part]]
+    parts: Callable[[Populations, str], list[Part]]  # of the populations and the curve, as for `judge`
 
 
 def judge(populations: Populations, curve: str) -> pd.DataFrame:
@@ -55,17 +56,13 @@ def judge(populations: Populations, curve: str) -> pd.DataFrame:
     Returns:
       One row a claim: claim, says, measure, value, low, high, threshold, verdict, parts, because.
     """
-    n_agents = len(next(iter(populations.values())).scores)
-    weights = resample(n_agents)
-    return pd.DataFrame([_judge(claim, populations, curve, weights) for claim in CLAIMS])
+    return pd.DataFrame([_judge(claim, populations, curve) for claim in CLAIMS])
 
 
-def _judge(
-    claim: Claim, populations: Populations, curve: str, weights: NDArray[np.float64]
-) -> dict[str, Any]:
+def _judge(claim: Claim, populations: Populations, curve: str) -> dict[str, Any]:
     """Measures one claim."""
     sign = 1 if claim.right_side == ">" else -1
-    parts = claim.parts(populations, curve, weights)
+    parts = claim.parts(populations, curve)
     margins = [sign * (part.samples[0] - claim.threshold) for part in parts]
     bounds = [interval(part.samples) for part in parts]
     nearest = [sign * ((low if sign > 0 else high) - claim.threshold) for low, high in bounds]
@@ -103,10 +100,12 @@ def _band(population: Population, curve: str) -> Samples:
     return np.asarray(np.ptp(_curves(population, curve), axis=0).mean(keepdims=True))
 
 
-def _variability(population: Population, curve: str, weights: NDArray[np.float64]) -> Samples:
+@lru_cache(maxsize=64)
+def _variability(population: Population, curve: str) -> Samples:
     """Returns the standard deviation over agents of their maximum Q, averaged over steps."""
     curves = _curves(population, curve)
     n = len(curves)
+    weights = resample(n)
     mean = weights @ curves / n
     variance = weights @ curves**2 / n - mean**2
     return np.asarray(np.sqrt(np.maximum(variance, 0.0) * n / max(n - 1, 1)).mean(axis=1))
@@ -120,16 +119,16 @@ def _ratio(numerator: Samples, denominator: Samples) -> Samples:
 
 def _variability_against(
     scenario: str,
-) -> Callable[[Populations, str, NDArray[np.float64]], list[Part]]:
+) -> Callable[[Populations, str], list[Part]]:
     """Compares one scenario's variability with that of each other."""
 
-    def parts(populations: Populations, curve: str, weights: NDArray[np.float64]) -> list[Part]:
-        own = _variability(populations[scenario], curve, weights)
+    def parts(populations: Populations, curve: str) -> list[Part]:
+        own = _variability(populations[scenario], curve)
         own_band = _band(populations[scenario], curve)
         return [
             Part(
                 f"{scenario}/{name}",
-                _ratio(own, _variability(other, curve, weights)),
+                _ratio(own, _variability(other, curve)),
                 f", of the shaded areas' heights {_ratio(own_band, _band(other, curve))[0]:.3g}",
             )
             for name, other in populations.items()
@@ -139,7 +138,7 @@ def _variability_against(
     return parts
 
 
-def _near_one(populations: Populations, curve: str, weights: NDArray[np.float64]) -> list[Part]:
+def _near_one(populations: Populations, curve: str) -> list[Part]:
     """Measures the level that an agent's curve reaches at one step in a hundred."""
     parts = []
     for name in ("S1", "S3"):
@@ -149,16 +148,16 @@ def _near_one(populations: Populations, curve: str, weights: NDArray[np.float64]
         in_target = model.zone_of_cell == ZONES.index("target")
         reward = (model.grid_reward + model.issuer_reward)[: model.n_observations, PING]
         ceiling = reward[in_target].max()
-        samples = weights @ level / len(level)
+        samples = resample(len(level)) @ level / len(level)
         parts.append(Part(name, samples, f" = {samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"))
     return parts
 
 
-def _focus(population: Population, weights: NDArray[np.float64]) -> Samples:
+def _focus(population: Population) -> Samples:
     """Returns how far from the target region the positive mean Q-values of the moves lie, in cells."""
     q = population.arrays["q"][:, :, :PING]
-    mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
-    mass = mass.reshape(len(weights), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
+    mass = np.maximum(resample(len(q)) @ q.reshape(len(q), -1) / len(q), 0.0)
+    mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
     scenario = population.model.scenario
     cell = np.stack(np.divmod(np.arange(mass.shape[1]), scenario.grid.columns), axis=1)
     chebyshev = np.abs(cell - scenario.issuer.position).max(axis=1)
@@ -167,15 +166,15 @@ def _focus(population: Population, weights: NDArray[np.float64]) -> Samples:
     return _ratio(mass @ np.maximum(distance, 0), mass.sum(axis=1))
 
 
-def _moves_focused(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
-    own = _focus(populations["S3"], weights)
-    return [Part(f"S3/{name}", _ratio(own, _focus(populations[name], weights))) for name in ("S1", "S2")]
+def _moves_focused(populations: Populations, _: str) -> list[Part]:
+    own = _focus(populations["S3"])
+    return [Part(f"S3/{name}", _ratio(own, _focus(populations[name]))) for name in ("S1", "S2")]
 
 
-def _mean_ping(population: Population, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mean_ping(population: Population) -> NDArray[np.float64]:
     """Returns the mean PING Q-value of every cell, (RESAMPLES + 1, O)."""
     q = population.arrays["q"][:, :, PING]
-    return np.asarray(weights @ q / len(q))
+    return np.asarray(resample(len(q)) @ q / len(q))
 
 
 def _in_target(population: Population) -> NDArray[np.bool_]:
@@ -183,12 +182,12 @@ def _in_target(population: Population) -> NDArray[np.bool_]:
     return np.asarray(population.model.zone_of_cell == ZONES.index("target"))
 
 
-def _valued_outside(scenario: str) -> Callable[[Populations, str, NDArray[np.float64]], list[Part]]:
+def _valued_outside(scenario: str) -> Callable[[Populations, str], list[Part]]:
     """Counts the cells outside the target region with a positive mean PING Q-value."""
 
-    def parts(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+    def parts(populations: Populations, _: str) -> list[Part]:
         population = populations[scenario]
-        valued = _mean_ping(population, weights) > 0
+        valued = _mean_ping(population) > 0
         in_target = _in_target(population)
         inside = int(valued[0, in_target].sum())
         count = valued[:, ~in_target].sum(axis=1).astype(np.float64)
@@ -202,38 +201,35 @@ def _overlap(valued: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray
     return np.asarray((valued & in_target).sum(axis=-1) / (valued | in_target).sum(axis=-1))
 
 
-def _own_overlap(population: Population, weights: NDArray[np.float64]) -> Samples:
+def _own_overlap(population: Population) -> Samples:
     """Returns the overlap of each agent's own map, averaged over agents."""
     q = population.arrays["q"][:, :, PING]
-    return weights @ _overlap(q > 0, _in_target(population)) / len(q)
+    return resample(len(q)) @ _overlap(q > 0, _in_target(population)) / len(q)
 
 
-def _mean_overlap(population: Population, weights: NDArray[np.float64]) -> Samples:
+def _mean_overlap(population: Population) -> Samples:
     """Returns the overlap of the map that averages all agents, which is the one the paper shows."""
-    return _overlap(_mean_ping(population, weights) > 0, _in_target(population))
+    return _overlap(_mean_ping(population) > 0, _in_target(population))
 
 
 _MAPS: Final = (("mean map", _mean_overlap), ("own maps", _own_overlap))
 
 
-def _random_helps(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
-    return [
-        Part(name, overlap(populations["S2"], weights) - overlap(populations["S1"], weights))
-        for name, overlap in _MAPS
-    ]
+def _random_helps(populations: Populations, _: str) -> list[Part]:
+    return [Part(name, overlap(populations["S2"]) - overlap(populations["S1"])) for name, overlap in _MAPS]
 
 
-def _identifies(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+def _identifies(populations: Populations, _: str) -> list[Part]:
     return [
-        Part(f"{name} {scenario}", overlap(population, weights))
+        Part(f"{name} {scenario}", overlap(population))
         for name, overlap in _MAPS
         for scenario, population in populations.items()
     ]
 
 
-def _reaches(populations: Populations, _: str, weights: NDArray[np.float64]) -> list[Part]:
+def _reaches(populations: Populations, _: str) -> list[Part]:
     success = populations["S1"].arrays["success"][:, -1]
-    return [Part("S1", weights @ success / len(success))]
+    return [Part("S1", resample(len(success)) @ success / len(success))]
 
 
 CLAIMS: Final = (

@@ -38,6 +38,8 @@ _RC: Final = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),
     "svg.hashsalt": "proxemic",  # else every drawing gets identifiers of its own
+    "axes.spines.top": False,
+    "axes.spines.right": False,
     "axes.titlesize": "medium",
     "font.sans-serif": ["DejaVu Sans"],
 }
@@ -154,8 +156,8 @@ def optimal(cells: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
     best["differs"] = cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first()
     rows = (
         ("q_optimal", "optimal value of the cell"),
-        ("difference", "largest mean learned Q minus optimal value"),
-        ("differs", "share of agents not acting optimally"),
+        ("difference", "learned minus optimal value"),
+        ("differs", "agents not acting optimally"),
     )
     with _figure(3, len(models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(models.items()):
@@ -214,8 +216,8 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tupl
         figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
         yield figure, axes
         for axis in axes.flat:
-            if axis.get_aspect() == "auto":
-                sns.despine(ax=axis)
+            if axis.get_aspect() != "auto":
+                axis.label_outer()  # maps of a figure share their rows and columns
 
 
 def _norm(values: pd.Series) -> Normalize:
@@ -283,6 +285,7 @@ def _dress(axis: Axes, model: Model) -> None:
     axis.plot(grid.start[1], grid.start[0], "s", ms=5, mfc="none", mec="white", mew=1.2)
     axis.set(xlim=(-0.5, grid.columns - 0.5), ylim=(grid.rows - 0.5, -0.5), aspect="equal")
     axis.set(xlabel="column", ylabel="row")
+    axis.spines[:].set_visible(True)
     axis.set_xticks(range(0, grid.columns, 2))
     axis.set_yticks(range(0, grid.rows, 2))
 

@@ -9,7 +9,7 @@ import platform
 import subprocess
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -51,11 +51,9 @@ def run(
     provenance = _provenance()
     errors = []
     with ThreadPoolExecutor(jobs) as pool:
-        futures: dict[Future[list[Record]], list[RunSpecification]] = {
-            pool.submit(_execute, group, provenance): group for group in _group(todo)
-        }
         try:
-            for future in as_completed(futures):
+            # Nothing else holds the futures, so that each job's arrays go when they are kept.
+            for future in as_completed([pool.submit(_execute, group, provenance) for group in _group(todo)]):
                 records = future.result()
                 store.add(records)
                 errors += [record.error for record in records if record.error is not None]

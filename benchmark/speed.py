@@ -4,6 +4,8 @@ Machines are noisy, so a row measures its two sides in turn, several times over,
 best of each.
 """
 
+import os
+import platform
 import random
 import time
 from collections.abc import Callable
@@ -35,7 +37,7 @@ class Row(NamedTuple):
 
 
 def measure(directory: Path, *, smoke: bool) -> None:
-    """Measures every row, prints the table, and writes `speed.csv`, `.md` and `.tex`.
+    """Measures every row, prints the table, and writes `speed.csv`, `.md`, `.tex` and a README.
 
     Args:
       directory: Where to write.
@@ -67,8 +69,21 @@ def measure(directory: Path, *, smoke: bool) -> None:
         print(
             f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.1f} times {row.against}", flush=True
         )
-    tables.write_table(pd.DataFrame(rows), directory / "speed")
+    frame = pd.DataFrame(rows)
+    tables.write_table(frame, directory / "speed")
+    (directory / "README.md").write_text(_readme(frame), encoding="utf-8")
     print(f"written to {directory}")
+
+
+def _readme(frame: pd.DataFrame) -> str:
+    """Returns the page that says what was measured."""
+    return f"""# speed
+
+Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
+project's rate, `baseline` that of the stock way, both the best of several rounds taken in turn in the same run;
+machines differ and are noisy, `ratio` less so.
+
+{tables.to_markdown(frame)}"""
 
 
 def _compare(row: Row, rounds: int) -> tuple[float, float]:

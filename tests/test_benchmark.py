@@ -293,7 +293,7 @@ def one_claim(side: str, threshold: float, *samples: list[float]) -> dict[str, A
         for i, (value, low, high) in enumerate(samples)
     ]
     claim = claims.Claim("c", "", "", side, threshold, "", lambda *_: parts)
-    return claims._judge(claim, {}, "visited", np.ones((1, 1)))
+    return claims._judge(claim, {}, "visited")
 
 
 @pytest.mark.parametrize(
@@ -320,7 +320,7 @@ def test_verdicts(
 
 def measured(id: str, populations: dict[str, Population], curve: str = "visited") -> dict[str, float]:  # noqa: A002
     (claim,) = [claim for claim in claims.CLAIMS if claim.id == id]
-    parts = claim.parts(populations, curve, aggregate.resample(4))
+    parts = claim.parts(populations, curve)
     return {part.name: part.samples[0] for part in parts}
 
 

@@ -263,6 +263,29 @@ def test_readme_python_runs(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stderr
 
 
+def test_readme_findings_are_the_published_ones() -> None:
+    folder = ROOT / "results" / "reproduce"
+    verdicts = pd.read_csv(folder / "claims.csv").set_index("claim")["verdict"].value_counts()
+    assert verdicts.to_dict() == {"holds": 6, "holds in part": 3}
+    assert "six hold, three hold in part, and none fails" in README
+    optimal = pd.read_csv(folder / "optimal.csv").set_index("scenario")["optimal_share"]
+    assert optimal.to_dict() == {"S1": 1.0, "S2": 0.15, "S3": 1.0}
+    assert "(S2) 15 do, and half succeed at all" in README
+    learning = pd.read_csv(folder / "learning.csv")
+    end = learning[learning["step"] == 10_000].set_index("scenario")
+    assert end.loc["S2", "success"] == pytest.approx(0.5, abs=0.05)
+    parts = pd.read_csv(folder / "claims.csv").set_index("claim")["parts"]
+    own = [float(value) for value in re.findall(r"own maps S\d: ([\d.]+)", parts["identifies"])]
+    assert own == pytest.approx([1 / 3, 1 / 3, 1 / 2], abs=0.02)
+    mean = [float(value) for value in re.findall(r"mean map S\d: ([\d.]+)", parts["identifies"])]
+    assert mean == pytest.approx([16 / 19, 1, 1], abs=0.001)
+    sensitivity = pd.read_csv(folder / "sensitivity.csv").set_index(["claim", "reading"])["verdict"]
+    assert sensitivity["variability-S3", "default"] == "holds"
+    assert sensitivity["variability-S3", "max_q"] == "holds in part"
+    helps = sensitivity["random-helps"]
+    assert helps[helps == "holds"].index.tolist() == ["epsilon", "budget", "ties"]
+
+
 def run_make(target: str, tmp_path: Path) -> str:
     """Runs a target in miniature."""
     if target == "clean":  # in a copy, since it removes what other tests use
