@@ -104,57 +104,76 @@ def _sweep(
 ) -> None:
     """Carries the state distribution of each policy forward, and adds up what it meets into `sums`.
 
-    Only states that carry probability are visited, which for a greedy policy are very few.
+    First the states that the policy can reach are found, for a greedy policy very few, and its
+    transitions among them are listed by where they lead. Then every step takes one pass over the list.
     """
     n_states, n_actions = next_state.shape
-    # Where probability flows: an ended episode's goes to a place behind the states, never visited.
-    follows = np.where(terminated, n_states, next_state)
-    here = np.zeros(n_states + 1)  # probability of each state before the step
-    there = np.zeros(n_states + 1)  # and after it
-    here[n_states] = there[n_states] = 1.0
-    occupied = np.empty(n_states, dtype=np.int32)  # the states with here > 0
-    reached = np.empty(n_states, dtype=np.int32)  # the states with there > 0
-    visits = np.zeros(n_states)  # expected number of steps that begin in each state
+    place = np.full(n_states, -1, dtype=np.int64)  # of a state among those reached
+    reached = np.empty(n_states, dtype=np.int64)  # the states reached, in the order of their places
+    first = np.empty(n_states + 1, dtype=np.int64)  # where the transitions into a place begin
+    source = np.empty(n_states * n_actions, dtype=np.int64)  # of each transition, a place
+    probability = np.empty(n_states * n_actions)  # of each transition
+    here = np.empty(n_states)  # probability of each place before the step
+    there = np.empty(n_states)  # and after it
+    visits = np.empty(n_states)  # expected number of steps that begin in each place
     for n in range(policies.shape[0]):
         policy = policies[n]
-        here[start] = 1.0
-        occupied[0] = start
-        n_occupied = 1
-        for _ in range(horizon):
-            n_reached = 0
-            for i in range(n_occupied):
-                s = occupied[i]
-                p_state = here[s]
-                here[s] = 0.0
-                visits[s] += p_state
-                o = observation[s]
-                for a in range(n_actions):
-                    p = p_state * policy[o, a]
-                    if p > 0.0:
-                        s_next = follows[s, a]
-                        if there[s_next] == 0.0:
-                            reached[n_reached] = s_next
-                            n_reached += 1
-                        there[s_next] += p
-            here, there = there, here
-            occupied, reached = reached, occupied
-            n_occupied = n_reached
-            if n_occupied == 0:
-                break
-        for i in range(n_occupied):
-            here[occupied[i]] = 0.0
-        for s in range(n_states):
-            if visits[s] == 0.0:
-                continue
+        place[start] = 0
+        reached[0] = start
+        n_reached = 1
+        first[:] = 0
+        i = 0
+        while i < n_reached:
+            s = reached[i]
             for a in range(n_actions):
-                p = visits[s] * policy[observation[s], a]
+                if policy[observation[s], a] > 0.0 and not terminated[s, a]:
+                    s_next = next_state[s, a]
+                    if place[s_next] < 0:
+                        place[s_next] = n_reached
+                        reached[n_reached] = s_next
+                        n_reached += 1
+                    first[place[s_next] + 1] += 1
+            i += 1
+        for i in range(n_reached):
+            first[i + 1] += first[i]
+        for i in range(n_reached):
+            s = reached[i]
+            for a in range(n_actions):
+                if policy[observation[s], a] > 0.0 and not terminated[s, a]:
+                    j = place[next_state[s, a]]
+                    source[first[j]] = i
+                    probability[first[j]] = policy[observation[s], a]
+                    first[j] += 1  # ends where the next place's transitions begin
+
+        here[:n_reached] = 0.0
+        here[0] = 1.0
+        visits[:n_reached] = 0.0
+        for _ in range(horizon):
+            going = 0.0
+            transition = 0
+            for i in range(n_reached):
+                visits[i] += here[i]
+                arriving = 0.0
+                while transition < first[i]:
+                    arriving += here[source[transition]] * probability[transition]
+                    transition += 1
+                there[i] = arriving
+                going += arriving
+            here, there = there, here
+            if going == 0.0:
+                break
+
+        for i in range(n_reached):
+            s = reached[i]
+            place[s] = -1
+            for a in range(n_actions):
+                p = visits[i] * policy[observation[s], a]
                 sums[n, 0] += p * grid_reward[s, a]
                 sums[n, 1] += p * issuer_reward[s, a]
                 sums[n, 2] += p * (event[s, a] == _SUCCESS)
                 sums[n, 3] += p
                 sums[n, 4] += p * (event[s, a] in _WRONG_PINGS)
                 sums[n, 5 + zone[next_state[s, a]]] += p
-            visits[s] = 0.0
 
 
 def solve(

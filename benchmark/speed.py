@@ -55,7 +55,7 @@ def measure(directory: Path, *, smoke: bool) -> None:
         ) from error
     rows = []
     for row in _rows(smoke):
-        ours, stock = _compare(row, rounds=1 if smoke else 5)
+        ours, stock = _compare(row, rounds=1 if smoke else 10)
         rows.append(
             {
                 "name": row.name,
@@ -67,7 +67,7 @@ def measure(directory: Path, *, smoke: bool) -> None:
             }
         )
         print(
-            f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.1f} times {row.against}", flush=True
+            f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.3g} times {row.against}", flush=True
         )
     frame = pd.DataFrame(rows)
     tables.write_table(frame, directory / "speed")
@@ -80,8 +80,8 @@ def _readme(frame: pd.DataFrame) -> str:
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
-project's rate, `baseline` that of the stock way, both the best of several rounds taken in turn in the same run;
-machines differ and are noisy, `ratio` less so.
+project's rate, `baseline` that of the stock way, both the best of several rounds taken in turn in the same
+run; machines differ and are noisy, `ratio` less so.
 
 {tables.to_markdown(frame)}"""
 
@@ -108,21 +108,21 @@ def _rows(smoke: bool) -> list[Row]:
             "q_learning_kernel",
             "updates",
             lambda: _kernel(model, 200, round(20_000 * size), threads=1),
-            lambda: _numpy_q_learning(round(50_000 * size)),
+            lambda: _numpy_q_learning(round(25_000 * size)),
             "a plain Python loop over gymnasium.make, Q in NumPy",
         ),
         Row(
             "q_learning_kernel_lists",
             "updates",
             lambda: _kernel(model, 200, round(20_000 * size), threads=1),
-            lambda: _list_q_learning(round(200_000 * size)),
+            lambda: _list_q_learning(round(100_000 * size)),
             "the same loop tuned: Q in lists, Python's own random numbers",
         ),
         Row(
             "q_learning_threads",
             "updates",
-            lambda: _kernel(model, 400, round(50_000 * size), threads=2),
-            lambda: _kernel(model, 400, round(50_000 * size), threads=1),
+            lambda: _kernel(model, 200, round(100_000 * size), threads=2, record_every=10),
+            lambda: _kernel(model, 200, round(100_000 * size), threads=1, record_every=10),
             "one thread, by two",
         ),
         Row(
@@ -142,9 +142,9 @@ def _rows(smoke: bool) -> list[Row]:
     ]
 
 
-def _kernel(model: Model, agents: int, steps: int, threads: int) -> float:
-    """Trains agents with the kernel, every step's max Q recorded."""
-    settings = q_learning.Settings(budget=steps)
+def _kernel(model: Model, agents: int, steps: int, threads: int, record_every: int = 1) -> float:
+    """Trains agents with the kernel, the visited max Q recorded."""
+    settings = q_learning.Settings(budget=steps, record_every=record_every)
     seeds = [SeedSequence([0, i]) for i in range(agents)]
     q_learning.train(model, settings, seeds, threads=threads)
     return agents * steps
