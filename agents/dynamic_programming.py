@@ -9,6 +9,7 @@ All returns are undiscounted unless a discount is named.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numba
 import numpy as np
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 from agents.policy import Policy
 from envs.model import EVENTS, ZONES, Model
 
-_SUCCESS = EVENTS.index("target_ping")
-_WRONG_PINGS = (EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping"))
+VERSION: Final = 1  # part of every run's identity: raise it when a change alters an evaluation
+
 _N_SUMS = 5 + len(ZONES)
 
 
@@ -70,7 +71,8 @@ def evaluate(model: Model, policy: Policy, horizon: int) -> Evaluation:
         model.grid_reward,
         model.issuer_reward,
         model.terminated,
-        model.event,
+        model.event == EVENTS.index("target_ping"),
+        np.isin(model.event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]),
         model.zone,
         model.observation,
         model.start,
@@ -95,7 +97,8 @@ def _sweep(
     grid_reward: NDArray[np.float64],
     issuer_reward: NDArray[np.float64],
     terminated: NDArray[np.bool_],
-    event: NDArray[np.int8],
+    is_success: NDArray[np.bool_],
+    is_wrong_ping: NDArray[np.bool_],
     zone: NDArray[np.int8],
     observation: NDArray[np.int32],
     start: int,
@@ -170,9 +173,9 @@ def _sweep(
                 p = visits[i] * policy[observation[s], a]
                 sums[n, 0] += p * grid_reward[s, a]
                 sums[n, 1] += p * issuer_reward[s, a]
-                sums[n, 2] += p * (event[s, a] == _SUCCESS)
+                sums[n, 2] += p * is_success[s, a]
                 sums[n, 3] += p
-                sums[n, 4] += p * (event[s, a] in _WRONG_PINGS)
+                sums[n, 4] += p * is_wrong_ping[s, a]
                 sums[n, 5 + zone[next_state[s, a]]] += p
 
 

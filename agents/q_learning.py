@@ -18,18 +18,19 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, Self
 
 import numba
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from agents.policy import ALL_ACTIONS, contains
 from envs.inputs import Table
 from envs.model import ACTIONS, Model, draw_issuer_reward
 
+OBSERVATIONS: Final = ("index",)  # the forms it can learn from
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters what is learned
 
 U = np.uint64
@@ -53,8 +54,16 @@ class Settings(Table):
     ties: Literal["uniform", "lowest"] = "uniform"  # which of several best actions is greedy
     budget: Annotated[int, Field(ge=1, le=10**9)] = 10_000
     budget_unit: Literal["steps", "episodes"] = "steps"
-    time_limit: Annotated[int, Field(ge=1)] | None = None  # steps until an episode is truncated
-    record_every: Annotated[int, Field(ge=1)] = 1  # budget units from one record of max Q to the next
+    time_limit: Annotated[int, Field(ge=1, le=10**9)] | None = None  # steps until an episode is truncated
+    record_every: Annotated[int, Field(ge=1, le=10**9)] = (
+        1  # budget units from one record of max Q to the next
+    )
+
+    @model_validator(mode="after")
+    def _episodes_end(self) -> Self:
+        if self.budget_unit == "episodes" and self.epsilon == 0 and self.time_limit is None:
+            raise ValueError('budget_unit = "episodes" with epsilon = 0 may never end; set time_limit')
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +72,12 @@ class Training:
 
     q: NDArray[np.float64]  # (N, O, A) final values
     greedy: NDArray[np.uint8]  # (N, T, O) masks of greedy actions, see `agents.policy`
-    max_q: NDArray[np.float64]  # (N, R) max_a Q(o_t, a) of the visited o_t before its update
+    # (N, R) max_a Q(o_t, a) of the visited o_t before its update; with a budget of episodes, the
+    # largest met in the episode.
+    max_q: NDArray[np.float64]
     table_max_q: NDArray[np.float64]  # (N, R) the largest Q of the table then; R = 0 if not asked for
-    steps: NDArray[np.int64]  # (N,) steps taken
-    episodes: NDArray[np.int64]  # (N,) episodes ended
+    steps_taken: NDArray[np.int64]  # (N,)
+    episodes_ended: NDArray[np.int64]  # (N,)
 
 
 def train(
@@ -85,7 +96,6 @@ def train(
       settings: The learner's settings, the same for all.
       seeds: One an agent; agents of equal seeds are equal.
       evaluation_steps: When to keep the greedy policy: rising, in budget units, 0 to the budget.
-        With a budget of episodes each record of max Q is the largest value met in that episode.
       record_table: Whether to record the whole table's maximum, too.
       threads: How many to use; no result depends on it.
 
@@ -104,8 +114,8 @@ def train(
         greedy=np.empty((n_agents, len(points) - 1, n_cells), dtype=np.uint8),
         max_q=np.empty((n_agents, n_records)),
         table_max_q=np.empty((n_agents, n_records if record_table else 0)),
-        steps=np.empty(n_agents, dtype=np.int64),
-        episodes=np.empty(n_agents, dtype=np.int64),
+        steps_taken=np.empty(n_agents, dtype=np.int64),
+        episodes_ended=np.empty(n_agents, dtype=np.int64),
     )
     streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
     # Ended transitions go on at the start, and bootstrap from a place behind the table that holds 0.
@@ -135,8 +145,8 @@ def train(
             result.greedy[first:last],
             result.max_q[first:last],
             result.table_max_q[first:last],
-            result.steps[first:last],
-            result.episodes[first:last],
+            result.steps_taken[first:last],
+            result.episodes_ended[first:last],
         )
 
     # Small blocks, so that threads end together and an interrupt waits for one block at most.

@@ -109,7 +109,7 @@ def _list(options: argparse.Namespace) -> int:
         runs = all_specifications(experiment)
         done = 0
         if database.exists():
-            with Store(database) as store:
+            with Store(database, read_only=True) as store:
                 done = len(runs) - len(pending(runs, store))
         print(f"  {name:18} {done} of {len(runs)} runs done. {experiment.description}")
     return 0
@@ -163,7 +163,7 @@ def _report(options: argparse.Namespace) -> int:
 
     experiment = load_experiment(options.experiment)
     directory = options.results / experiment.name
-    with Store(options.results / "runs.db") as store:
+    with Store(options.results / "runs.db", read_only=True) as store:
         report.draw(experiment, store, directory, _seeds(options.seeds))
     print(f"{experiment.name}: tables and figures are in {directory}.")
     return 0
@@ -185,7 +185,10 @@ def _seeds(text: str | None) -> range | None:
         raise InputError(
             f"--seeds {text}: accepted: A-B with A not above B, as in 0-29, or one seed, as in 7."
         )
-    return range(int(first), int(last if dash else first) + 1)
+    seeds = range(int(first), int(last if dash else first) + 1)
+    if seeds.stop > 1_000_000 or len(seeds) > 100_000:
+        raise InputError(f"--seeds {text}: accepted: seeds below 1,000,000, at most 100,000 of them.")
+    return seeds
 
 
 if __name__ == "__main__":

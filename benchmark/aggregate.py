@@ -17,7 +17,7 @@ from scipy import stats
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import contains, greedy_masks, uniform_policy
-from benchmark.experiment import RunSpecification
+from benchmark.experiment import RunSpecification, evaluation_steps
 from benchmark.store import Record, Store
 from envs import ACTIONS, InputError, Model, Scenario, compile_scenario
 
@@ -34,7 +34,9 @@ class Population:
     """
 
     specification: Mapping[str, Any]  # of the agent of the first seed, as recorded
-    arrays: Mapping[str, NDArray[Any]]  # name to values, (N, ...): see `agents.q_learning.Training`
+    # Name to values, (N, ...): the fields of `agents.q_learning.Training`, and (N, T, ...) those of
+    # `agents.dynamic_programming.Evaluation` for the greedy policy.
+    arrays: Mapping[str, NDArray[Any]]
 
     @cached_property
     def model(self) -> Model:
@@ -49,13 +51,19 @@ class Population:
     @cached_property
     def evaluation_steps(self) -> list[int]:
         """(T,) budget units."""
-        budget = self.specification["settings"]["budget"]
-        return [*range(0, budget, self.specification["evaluation_every"]), budget]
+        return evaluation_steps(
+            self.specification["settings"]["budget"], self.specification["evaluation_every"]
+        )
 
     @cached_property
     def recorded_steps(self) -> NDArray[np.int_]:
         """(R,) budget units at which max Q was recorded."""
         return np.arange(self.arrays["max_q"].shape[1]) * int(self.specification["settings"]["record_every"])
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(RESAMPLES + 1, N) see `resample`."""
+        return resample(len(self.arrays["q"]), self.scenario)
 
     @cached_property
     def anchors(self) -> dict[str, tuple[float, float]]:
@@ -84,8 +92,11 @@ def load_population(runs: Sequence[RunSpecification], store: Store) -> Populatio
     """Reads the records of runs that differ by their seed alone.
 
     Raises:
-      InputError: Some have no record, or failed; nothing is averaged over what happens to be there.
+      InputError: Some have no record, or failed; nothing is averaged over what happens to be there. Or
+        there is one run only, which has no spread.
     """
+    if len(runs) < 2:
+        raise InputError(f"{len(runs)} run a scenario: accepted: at least 2, or there are no intervals.")
     statuses = store.statuses()
     missing = [run.seed for run in runs if statuses.get(run.digest) != "done"]
     if missing:
@@ -101,12 +112,13 @@ def load_population(runs: Sequence[RunSpecification], store: Store) -> Populatio
 
 
 @lru_cache(maxsize=8)
-def resample(n_agents: int) -> NDArray[np.float64]:
+def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
     """Draws how often each agent is counted, (RESAMPLES + 1, N); the first row is the sample itself.
 
-    A statistic that is a function of means is thus resampled by one product of matrices.
+    A statistic that is a function of means is thus resampled by one product of matrices. Scenarios
+    are resampled apart from each other; the readings of one share their draws, as they do their seeds.
     """
-    rng = np.random.default_rng(_BOOTSTRAP_SEED)
+    rng = np.random.default_rng([_BOOTSTRAP_SEED, *scenario.encode()])
     counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
     return np.vstack([np.ones(n_agents), counts]).astype(np.float64)
 
@@ -166,7 +178,7 @@ def learning(populations: Sequence[Population]) -> pd.DataFrame:
     """
     frames = []
     for population in populations:
-        weights = resample(len(population.scores))
+        weights = population.weights
         columns: dict[str, Any] = {"scenario": population.scenario, "step": population.evaluation_steps}
         for name, values in (
             ("score", population.scores),
@@ -187,7 +199,7 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
     rows = []
     for population in populations:
         scores = population.scores[:, -1]
-        weights = resample(len(scores))
+        weights = population.weights
         row: dict[str, Any] = {"scenario": population.scenario, "agents": len(scores)}
         for name, (random, best) in population.anchors.items():
             learned = population.arrays[name][:, -1]
@@ -197,7 +209,7 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
             row |= {f"{name}_{key}": value[0] for key, value in regret.items()}
         row["optimal_share"] = (scores >= 1 - _OPTIMAL).mean()
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[population.model.start]
-        row["start_value_learned"] = population.arrays["q"].mean(axis=0).max(axis=1)[population.model.start]
+        row["start_value_learned"] = largest_values(population)[population.model.start]
         walkable = np.flatnonzero(~population.model.terminated[: population.model.n_observations].all(axis=1))
         row["cells_differing"] = differing(population)[walkable].mean()
         rows.append(row)
@@ -208,8 +220,9 @@ def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
     """Tabulates Q* beside the learned Q: one row a scenario, cell and action.
 
     Q* is that of an agent that knows its state, with no wrong PING so far, discounted and with the
-    issuer's mean rewards, as the learner's is. `differs` is the share of agents whose greedy action
-    in the cell is not an optimal one.
+    issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
+    Q in the cell (and so no less than the largest of the means); `differs` the share of agents whose
+    greedy action there is not an optimal one.
     """
     frame = q_values(populations)[["scenario", "row", "column", "action", "mean"]]
     frame = frame.rename(columns={"mean": "q_learned"})
@@ -218,6 +231,7 @@ def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
     frame["is_optimal"] = np.concatenate(
         [contains(greedy_masks(optimal_values(p), _OPTIMAL)).ravel() for p in populations]
     )
+    frame["largest_learned"] = np.concatenate([largest_values(p).repeat(len(ACTIONS)) for p in populations])
     frame["differs"] = np.concatenate([differing(p).repeat(len(ACTIONS)) for p in populations])
     return frame
 
@@ -226,6 +240,11 @@ def optimal_values(population: Population) -> NDArray[np.float64]:
     """Returns Q* of every cell with no wrong PING so far, (O, A)."""
     discount = population.specification["settings"]["discount"]
     return solve(population.model, discount).q[: population.model.n_observations]
+
+
+def largest_values(population: Population) -> NDArray[np.float64]:
+    """Returns the mean over agents of their largest Q in every cell, (O,)."""
+    return np.asarray(population.arrays["q"].max(axis=-1).mean(axis=0))
 
 
 def differing(population: Population) -> NDArray[np.float64]:
@@ -241,7 +260,7 @@ def differing(population: Population) -> NDArray[np.float64]:
 
 def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Returns mean, sample standard deviation and extremes over agents of (N, ...) values."""
-    std = values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
+    std = values.std(axis=0, ddof=1)
     return {"mean": values.mean(axis=0), "std": std, "min": values.min(axis=0), "max": values.max(axis=0)}
 
 
@@ -257,16 +276,13 @@ def _interquartile_mean(scores: NDArray[np.float64]) -> dict[str, NDArray[np.flo
     def iqm(values: NDArray[np.float64], axis: int = 0) -> NDArray[np.float64]:
         return np.asarray(stats.trim_mean(values, 0.25, axis=axis))
 
-    if len(scores) == 1:
-        low = high = scores[0]
-    else:
-        bootstrap = stats.bootstrap(
-            (scores,),
-            iqm,
-            axis=0,
-            n_resamples=RESAMPLES,
-            method="percentile",
-            rng=np.random.default_rng(_BOOTSTRAP_SEED),
-        )
-        low, high = bootstrap.confidence_interval
-    return {"score_iqm": iqm(scores), "score_iqm_low": low, "score_iqm_high": high}
+    bootstrap = stats.bootstrap(
+        (scores,),
+        iqm,
+        axis=0,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(_BOOTSTRAP_SEED),
+    )
+    low, high = bootstrap.confidence_interval
+    return {"score_iqm": iqm(scores), "score_iqm_low": np.asarray(low), "score_iqm_high": np.asarray(high)}

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from agents import load_algorithm
-from envs import OBSERVATIONS, InputError, Scenario, load_scenario
+from agents import dynamic_programming, load_algorithm
+from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import Table, override, parse, read_toml, unknown_name
 
 EXPERIMENT_DIRECTORY = Path(__file__).parent / "experiments"
@@ -29,11 +29,12 @@ class Arm(Table):
 
 
 class Reading(Table):
-    """One way to read the paper: what it changes, as dotted keys."""
+    """One way to read the paper, or a control: what it changes, as dotted keys."""
 
     question: str
     answer: str
     scenario: dict[str, Any] = Field(default_factory=dict)
+    scenarios: tuple[str, ...] | None = None  # whose scenario it changes; all of them by default
     settings: dict[str, Any] = Field(default_factory=dict)
     curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
 
@@ -46,9 +47,17 @@ class Experiment(Table):
     report: Literal["reproduce"]  # the report drawn from it
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     horizon: Annotated[int, Field(ge=1, le=100_000)]
-    evaluation_every: Annotated[int, Field(ge=1)]
-    algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
+    evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
+    algorithms: Annotated[dict[str, Arm], Field(min_length=1, max_length=1)]
     readings: dict[str, Reading]
+
+
+class _Extension(Table):
+    """An experiment that is another one but for some values."""
+
+    extends: str  # the name of a shipped experiment
+    description: str
+    changes: dict[str, Any]  # dotted key to value
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +67,7 @@ class RunSpecification:
     experiment: str
     scenario: Scenario
     algorithm: str
-    version: int  # of the algorithm
+    versions: Mapping[str, int]  # of the algorithm, the model and the evaluation
     observation: str
     settings: Table
     horizon: int
@@ -72,7 +81,7 @@ class RunSpecification:
             "experiment": self.experiment,
             "scenario": self.scenario.model_dump(mode="json"),
             "algorithm": self.algorithm,
-            "version": self.version,
+            "versions": dict(self.versions),
             "observation": self.observation,
             "settings": self.settings.model_dump(mode="json"),
             "horizon": self.horizon,
@@ -92,9 +101,8 @@ class RunSpecification:
 
     @property
     def evaluation_steps(self) -> list[int]:
-        """When the policy is evaluated, from 0 to the budget, the end always included."""
-        budget: int = self.settings.budget  # type: ignore[attr-defined]
-        return [*range(0, budget, self.evaluation_every), budget]
+        """When the policy is evaluated."""
+        return evaluation_steps(self.settings.budget, self.evaluation_every)  # type: ignore[attr-defined]
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
@@ -105,6 +113,15 @@ class RunSpecification:
         names = [self.experiment, self.scenario.name, self.algorithm, self.observation, self.seed]
         entropy = hashlib.sha256(json.dumps(names).encode()).digest()
         return np.random.SeedSequence(int.from_bytes(entropy))
+
+
+def evaluation_steps(budget: int, every: int) -> list[int]:
+    """Lists when policies are evaluated: from 0 to the budget, the end always included.
+
+    >>> evaluation_steps(600, 250)
+    [0, 250, 500, 600]
+    """
+    return [*range(0, budget, every), budget]
 
 
 def experiment_names() -> list[str]:
@@ -121,25 +138,34 @@ def load_experiment(experiment: str | Path) -> Experiment:
     Raises:
       InputError: One sentence that names the file, the key, its value and what is accepted.
     """
-    path = Path(experiment)
-    if path.suffix != ".toml":
-        path = EXPERIMENT_DIRECTORY / f"{experiment}.toml"
-        if str(experiment) not in experiment_names():
-            unknown_name("experiments", "experiment", str(experiment), experiment_names())
+    path = _path(experiment)
     data = read_toml(path)
+    if "extends" in data:
+        base = parse(_Extension, data, str(path))
+        unchanged = read_toml(_path(base.extends))
+        data = override(unchanged, {"description": base.description} | base.changes, str(path))
     if "name" in data:
         unknown_name(str(path), "key", "name", [key for key in Experiment.model_fields if key != "name"])
     loaded = parse(Experiment, data | {"name": path.stem}, str(path))
     if DEFAULT_READING not in loaded.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_READING} is missing.")
     for name, arm in loaded.algorithms.items():
-        if arm.observation not in OBSERVATIONS:
-            unknown_name(f"{path}: algorithms.{name}", "observation", arm.observation, OBSERVATIONS)
+        where = f"{path}: algorithms.{name}"
+        accepted = load_algorithm(arm.algorithm, where).OBSERVATIONS
+        if arm.observation not in accepted:
+            unknown_name(where, f"observation for {arm.algorithm}", arm.observation, accepted)
         for reading in loaded.readings:
             _settings(loaded, name, reading, str(path))
-    for scenario in loaded.scenarios:
-        for changes in loaded.readings.values():
-            load_scenario(scenario, changes.scenario)
+    names = [load_scenario(scenario).name for scenario in loaded.scenarios]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}: scenarios: {name} is named twice.")
+    for reading, changes in loaded.readings.items():
+        for name in changes.scenarios or ():
+            if name not in names:
+                unknown_name(f"{path}: readings.{reading}.scenarios", "scenario", name, names)
+        for scenario in loaded.scenarios:
+            _scenario(loaded, reading, scenario)
     return loaded
 
 
@@ -157,13 +183,18 @@ def specifications(
     """
     declared = experiment.algorithms[arm]
     settings = _settings(experiment, arm, reading, experiment.name)
-    loaded = load_scenario(scenario, experiment.readings[reading].scenario)
+    loaded = _scenario(experiment, reading, scenario)
+    versions = {
+        "algorithm": load_algorithm(declared.algorithm).VERSION,
+        "evaluation": dynamic_programming.VERSION,
+        "model": model.VERSION,
+    }
     return [
         RunSpecification(
             experiment=experiment.name,
             scenario=loaded,
             algorithm=declared.algorithm,
-            version=load_algorithm(declared.algorithm).VERSION,
+            versions=versions,
             observation=declared.observation,
             settings=settings,
             horizon=experiment.horizon,
@@ -185,6 +216,25 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
         for run in specifications(experiment, reading, scenario, arm, seeds)
     }
     return list(runs.values())
+
+
+def _path(experiment: str | Path) -> Path:
+    """Returns the file of an experiment, by its name or path."""
+    path = Path(experiment)
+    if path.suffix == ".toml":
+        return path
+    if str(experiment) not in experiment_names():
+        unknown_name("experiments", "experiment", str(experiment), experiment_names())
+    return EXPERIMENT_DIRECTORY / f"{experiment}.toml"
+
+
+def _scenario(experiment: Experiment, reading: str, scenario: str) -> Scenario:
+    """Returns a scenario as a reading has it."""
+    changes = experiment.readings[reading]
+    loaded = load_scenario(scenario)
+    if changes.scenarios is not None and loaded.name not in changes.scenarios:
+        return loaded
+    return load_scenario(scenario, changes.scenario)
 
 
 def _settings(experiment: Experiment, arm: str, reading: str, source: str) -> Table:

@@ -72,6 +72,7 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
       values: `benchmark.aggregate.q_values`.
       models: Scenario to compiled scenario, the columns of the figure.
     """
+    letters = "abcdefghijklmnopqrstuvwxyz"  # as the paper's panels
     with _figure(3, len(models), (11.0, 9.6)) as (figure, axes):
         moves = values[values["action"] != "PING"]
         pings = values[values["action"] == "PING"]
@@ -81,15 +82,15 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
             axis.fill_between(curve["step"], curve["min"], curve["max"], color=_COLOURS[9], alpha=0.55, lw=0)
             axis.plot(curve["step"], curve["mean"], color=_COLOURS[0], lw=0.9)
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
-            axis.set(title=f"({'abcdefghi'[column]}) max Q, {name}: {model.scenario.issuer.feedback.label}")
+            axis.set(title=f"({letters[column]}) max Q, {name}: {model.scenario.issuer.feedback.label}")
             axis.set(
                 xlabel="environment step", xlim=(0, curve["step"].max()), ylim=_limits(curves, "min", "max")
             )
             _triangles(axes[1, column], model, moves[moves["scenario"] == name], _norm(moves["mean"]))
-            axes[1, column].set(title=f"({'abcdefghi'[3 + column]}) moves, {name}")
+            axes[1, column].set(title=f"({letters[len(models) + column]}) moves, {name}")
             ping = pings.loc[pings["scenario"] == name, "mean"].to_numpy()
             _heat(axes[2, column], model, ping, _norm(pings["mean"]))
-            axes[2, column].set(title=f"({'abcdefghi'[6 + column]}) PING, {name}")
+            axes[2, column].set(title=f"({letters[2 * len(models) + column]}) PING, {name}")
             positive = np.flatnonzero(ping > 0)
             row, cell_column = np.divmod(positive, model.scenario.grid.columns)
             axes[2, column].plot(cell_column, row, "o", ms=3, mfc="black", mec="white", mew=0.5)
@@ -151,9 +152,9 @@ def optimal(cells: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
       cells: `benchmark.aggregate.optimal_cells`.
       models: Scenario to compiled scenario, the columns of the figure.
     """
-    best = cells.groupby(["scenario", "row", "column"], sort=False)[["q_optimal", "q_learned"]].max()
-    best["difference"] = best["q_learned"] - best["q_optimal"]
-    best["differs"] = cells.groupby(["scenario", "row", "column"], sort=False)["differs"].first()
+    by_cell = cells.groupby(["scenario", "row", "column"], sort=False)
+    best = by_cell[["q_optimal", "largest_learned", "differs"]].max()
+    best["difference"] = best["largest_learned"] - best["q_optimal"]
     rows = (
         ("q_optimal", "optimal value of the cell"),
         ("difference", "learned minus optimal value"),
@@ -293,7 +294,9 @@ def _dress(axis: Axes, model: Model) -> None:
 def _colour_bar(figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str) -> None:
     """Draws the one colour scale of a row of maps."""
     mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_MAP)
-    figure.colorbar(mappable, ax=list(axes), label=label, aspect=18, pad=0.01)
+    bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=18, pad=0.01)
+    if norm(0.0) > 0 and norm(0.0) < 1:
+        bar.ax.axhline(0.0, color="white", lw=1.5)  # signs are what the claims are about
 
 
 def _region_legend(figure: Figure, *more: Line2D) -> None:

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from benchmark import aggregate, claims, figures, tables
@@ -30,6 +31,7 @@ _FILES = (
     ("max_q.csv", "maximum Q over agents at every tenth step, of the visited cell and of the table"),
     ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
 )
+_OF_CLAIMS = ("claims", "sensitivity")  # only where the paper's three scenarios are run
 _SHOWN = {
     "claims": ["claim", "says", "value", "low", "high", "threshold", "verdict", "parts"],
     "learning": ["scenario", "step", "score", "score_iqm", "success", "optimal_share"],
@@ -51,31 +53,35 @@ def draw(experiment: Experiment, store: Store, directory: Path, seeds: Sequence[
       InputError: A run is missing, or the folder cannot be written.
     """
     arm = next(iter(experiment.algorithms))
-    populations = {
-        reading: {
-            scenario: aggregate.load_population(
-                specifications(experiment, reading, scenario, arm, seeds), store
-            )
+    populations: dict[str, dict[str, aggregate.Population]] = {}
+    for reading in experiment.readings:
+        cells = [
+            aggregate.load_population(specifications(experiment, reading, scenario, arm, seeds), store)
             for scenario in experiment.scenarios
-        }
-        for reading in experiment.readings
-    }
+        ]
+        populations[reading] = {population.scenario: population for population in cells}
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=".drawing-", dir=directory))
+        aside = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
     except OSError as error:
-        raise InputError(
-            f"{directory}: cannot be written: {error.strerror}; choose another folder with --results."
-        ) from error
+        raise _unwritable(directory, error) from error
     try:
         _write(experiment, populations, aside)
         manifest = _manifest(experiment, store, seeds)
         (aside / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         for path in aside.iterdir():
-            path.chmod(0o644)
             path.replace(directory / path.name)
+    except OSError as error:
+        raise _unwritable(directory, error) from error
     finally:
         shutil.rmtree(aside)
+
+
+def _unwritable(directory: Path, error: OSError) -> InputError:
+    """Returns the sentence for a folder that cannot be written."""
+    return InputError(
+        f"{directory}: cannot be written: {error.strerror or error}; choose another folder with --results."
+    )
 
 
 def _write(
@@ -93,7 +99,8 @@ def _write(
     figures.write_figure(figures.replication(curves, values, models), directory / "figure")
 
     learning = aggregate.learning(cells)
-    tables.write_table(learning, directory / "learning", learning[_SHOWN["learning"]])
+    shown = tables.with_intervals(learning, ["score", "score_iqm", "success", "optimal_share"])
+    tables.write_table(learning, directory / "learning", shown[_SHOWN["learning"]])
     figures.write_figure(figures.learning(learning, models), directory / "learning")
 
     optimal = aggregate.optimal(cells)
@@ -103,53 +110,71 @@ def _write(
     tables.write_csv(optimal_cells, directory / "optimal_cells.csv")
     figures.write_figure(figures.optimal(optimal_cells, models), directory / "optimal")
 
+    verdicts = None
+    if set(claims.SCENARIOS) <= set(default):
+        verdicts = _write_claims(experiment, populations, directory)
+    (directory / "README.md").write_text(_readme(experiment, populations, verdicts), encoding="utf-8")
+
+
+def _write_claims(
+    experiment: Experiment, populations: Mapping[str, Mapping[str, aggregate.Population]], directory: Path
+) -> pd.DataFrame:
+    """Writes claims and sensitivity; returns the claims as readers see them."""
     verdicts = {
         name: claims.judge(populations[name], reading.curve) for name, reading in experiment.readings.items()
     }
     shown = verdicts[DEFAULT_READING][_SHOWN["claims"]]
     tables.write_table(verdicts[DEFAULT_READING], directory / "claims", shown)
-    sensitivity = pd.concat(
-        [frame[["claim", "value", "low", "high", "threshold", "verdict", "parts"]].assign(reading=name)
-         for name, frame in verdicts.items()]
-    )  # fmt: skip
-    sensitivity.insert(1, "reading", sensitivity.pop("reading"))
+    columns = ["claim", "reading", "value", "low", "high", "threshold", "verdict", "parts"]
+    sensitivity = pd.concat([frame.assign(reading=name)[columns] for name, frame in verdicts.items()])
     wide = sensitivity.assign(cell=[f"{r.value:.3g}, {r.verdict}" for r in sensitivity.itertuples()])
     wide = wide.pivot(index="claim", columns="reading", values="cell")
     wide = wide.loc[shown["claim"], list(verdicts)].reset_index()
     tables.write_table(sensitivity, directory / "sensitivity", wide)
     figures.write_figure(figures.sensitivity(sensitivity), directory / "sensitivity")
-    (directory / "README.md").write_text(_readme(experiment, shown), encoding="utf-8")
+    return shown
 
 
-def _readme(experiment: Experiment, verdicts: pd.DataFrame) -> str:
-    """Returns the page that says what each file is."""
-    readings = "\n".join(
-        f"- `{name}`: {reading.question} {reading.answer[0].upper()}{reading.answer[1:]}."
-        for name, reading in experiment.readings.items()
+def _same_runs(
+    populations: Mapping[str, aggregate.Population], others: Mapping[str, aggregate.Population]
+) -> bool:
+    """Returns whether two readings learned the same values in every scenario."""
+    return all(
+        np.array_equal(populations[name].arrays["q"], others[name].arrays["q"]) for name in populations
     )
-    files = tables.to_markdown(pd.DataFrame(_FILES, columns=["file", "what it is"]))
+
+
+def _readme(
+    experiment: Experiment,
+    populations: Mapping[str, Mapping[str, aggregate.Population]],
+    verdicts: pd.DataFrame | None,
+) -> str:
+    """Returns the page that says what each file is."""
+    default = populations[DEFAULT_READING]
+    declared = next(iter(experiment.algorithms.values())).seeds
+    agents = len(next(iter(default.values())).scores)
+    partial = "" if agents == declared else f"\n**Partial: {agents} of the {declared} agents declared.**\n"
+    files_written = [file for file in _FILES if verdicts is not None or file[0] not in _OF_CLAIMS]
+    lines = []
+    for name, reading in experiment.readings.items():
+        line = f"- `{name}`: {reading.question} {reading.answer[0].upper()}{reading.answer[1:]}."
+        if name != DEFAULT_READING and _same_runs(populations[name], default):
+            line += " (Every agent learns the same values as by default.)"
+        lines.append(line)
+    readings = "\n".join(lines)
+    files = tables.to_markdown(pd.DataFrame(files_written, columns=["file", "what it is"]))
     return f"""# {experiment.name}
 
 {experiment.description}
-
-Made by `python -m benchmark run {experiment.name}` and `python -m benchmark report {experiment.name}`
-from the runs in `runs.db`. Files without an ending come as `.csv` (all digits), `.md` and `.tex`
-(for reading), and, where they are drawn, as `.png` and `.svg`.
+{partial}
+{agents} agents a scenario. Made by `python -m benchmark run {experiment.name}` and
+`python -m benchmark report {experiment.name}` from the runs in `runs.db`. Files without an ending come
+as `.csv` (all digits), `.md` and `.tex` (for reading), and, where they are drawn, as `.png` and `.svg`.
 
 {files}
 ![The paper's figure, replicated](figure.png)
 
-## Claims of the paper
-
-{tables.to_markdown(verdicts[["claim", "says", "value", "low", "high", "threshold", "verdict"]])}
-A claim's value is that of its weakest part; `low` and `high` bound its 95 % interval over agents. A
-part passes if its whole interval lies on the right side of the threshold and fails if its value lies
-on the wrong one: all pass, `holds`; all fail, `does not hold`; otherwise, `holds in part`. How each is
-measured, all its parts, and why the threshold is where it is: `claims.csv`.
-
-![Verdicts under every reading](sensitivity.png)
-
-## Readings
+{_claims_section(verdicts)}## Readings
 
 {readings}
 
@@ -160,8 +185,25 @@ measured, all its parts, and why the threshold is where it is: `claims.csv`.
   policy may bump a wall until the limit, and the mean shows it.
 - *std*: sample standard deviation over agents. *Intervals*: 95 %, percentile bootstrap over agents,
   {aggregate.RESAMPLES} seeded resamples.
-- *wrong PINGs* are hidden from the agent, so Q* (of an agent that knows its state, with none so far)
-  is an upper mark, not what Q-learning tends to.
+- *Q** is that of an agent that knows its state, with no wrong PING so far. Wrong PINGs are hidden from the
+  learner, so its values need not tend there; no policy is worth more, but noise can inflate estimates.
+"""
+
+
+def _claims_section(verdicts: pd.DataFrame | None) -> str:
+    """Returns what the page says of the paper's claims, nothing where they were not judged."""
+    if verdicts is None:
+        return ""
+    return f"""## Claims of the paper
+
+{tables.to_markdown(verdicts[["claim", "says", "value", "low", "high", "threshold", "verdict"]])}
+A claim's value is that of its weakest part; `low` and `high` bound its 95 % interval over agents. A
+part passes if its whole interval lies on the right side of the threshold, fails if it lies on the wrong
+one, and is undecided otherwise: all pass, `holds`; none passes and one fails, `does not hold`; otherwise,
+`holds in part`. How each is measured, all its parts, and why the threshold is where it is: `claims.csv`.
+
+![Verdicts under every reading](sensitivity.png)
+
 """
 
 
@@ -183,7 +225,7 @@ def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None)
         "versions": every("versions"),
         "first_started_at": min(p["started_at"] for p in provenance),
         "last_started_at": max(p["started_at"] for p in provenance),
-        "training_time_s": round(sum(p["wall_time_s"] for p in provenance), 3),
+        "thread_time_s": round(sum(p["wall_time_s"] for p in provenance), 3),
     }
 
 

@@ -122,6 +122,7 @@ def _train_and_evaluate(runs: list[RunSpecification]) -> list[dict[str, Any]]:
     evaluation = evaluate(model, mask_policy(masks), first.horizon)
     shape = training.greedy.shape[:2]  # (N, T)
     columns = {field.name: getattr(training, field.name) for field in fields(training)}
+    assert columns.keys().isdisjoint(field.name for field in fields(Evaluation))
     for field in fields(Evaluation):
         values = getattr(evaluation, field.name)[where.ravel()]
         columns[field.name] = values.reshape(*shape, *values.shape[1:])

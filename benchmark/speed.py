@@ -160,8 +160,11 @@ def _numpy_q_learning(steps: int) -> float:
     for t in range(steps):
         best = q[observation].max()
         visited_max[t] = best
-        explore = rng.random() < 0.6
-        action = rng.integers(5) if explore else rng.choice(np.flatnonzero(q[observation] == best))
+        if rng.random() < 0.6:
+            action = rng.integers(5)
+        else:
+            candidates = np.flatnonzero(q[observation] == best)
+            action = candidates[rng.integers(len(candidates))]
         following, reward, terminated, truncated, _ = env.step(action)
         target = float(reward) + (0.0 if terminated else 0.9 * q[following].max())
         q[observation, action] += 0.6 * (target - q[observation, action])

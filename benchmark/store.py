@@ -54,29 +54,35 @@ class Record:
 class Store:
     """An open `runs.db`, used as a context manager."""
 
-    def __init__(self, path: Path) -> None:
-        """Opens the file, or makes it.
+    def __init__(self, path: Path, *, read_only: bool = False) -> None:
+        """Opens the file, or, unless it is only to be read, makes it.
 
         Raises:
           InputError: It cannot be opened, is no SQLite file, or holds something else.
         """
         self._path = path
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(
-                f"{path.parent}: cannot be made: {error.strerror}; choose another folder with --results."
-            ) from error
+        if not read_only:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"{path.parent}: cannot be made: {error.strerror}; choose another folder with --results."
+                ) from error
+        elif not path.exists():
+            raise InputError(f"{path}: there are no runs yet; run the experiment first.")
+        uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rwc'}"
         with self._sentences():
-            self._connection = sqlite3.connect(path, timeout=60.0, isolation_level=None)
+            self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level=None)
         try:
-            self._open()
+            if not read_only:
+                self._make()
+            self._check()
         except BaseException:
             self._connection.close()
             raise
 
-    def _open(self) -> None:
-        """Makes the tables of a new file, and checks what an old one is."""
+    def _make(self) -> None:
+        """Makes the tables, if the file is new."""
         with self._sentences():
             self._connection.execute("PRAGMA foreign_keys = ON")
             with self._transaction():
@@ -86,6 +92,10 @@ class Store:
                         self._connection.execute(statement)
                     self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
                     self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
+
+    def _check(self) -> None:
+        """Refuses a database of something else."""
+        with self._sentences():
             (application,) = self._connection.execute("PRAGMA application_id").fetchone()
             (version,) = self._connection.execute("PRAGMA user_version").fetchone()
         if application != _APPLICATION_ID or version != _FORMAT:
@@ -106,9 +116,14 @@ class Store:
             return dict(self._connection.execute("SELECT digest, status FROM runs"))
 
     def add(self, records: Iterable[Record]) -> None:
-        """Keeps records, all or none; a run kept before is replaced."""
+        """Keeps records, all or none; one kept before is replaced, unless it is done and this one failed."""
         with self._sentences(), self._transaction():
             for record in records:
+                row = self._connection.execute(
+                    "SELECT status FROM runs WHERE digest = ?", (record.digest,)
+                ).fetchone()
+                if row == ("done",) and record.status == "failed":
+                    continue  # another driver got it done meanwhile
                 self._connection.execute("DELETE FROM runs WHERE digest = ?", (record.digest,))
                 self._connection.execute(
                     "INSERT INTO runs VALUES (?, ?, ?, ?, ?)",

@@ -29,6 +29,18 @@ def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = No
     stem.with_suffix(".tex").write_text(_format(shown, "latex_booktabs"), encoding="utf-8")
 
 
+def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:
+    """Returns the frame with these columns as text, `value [low, high]`, from `name_low` and `name_high`."""
+    columns = {
+        name: [
+            f"{_show(value)} [{_show(low)}, {_show(high)}]"
+            for value, low, high in frame[[name, f"{name}_low", f"{name}_high"]].to_numpy()
+        ]
+        for name in names
+    }
+    return frame.assign(**columns)
+
+
 def to_markdown(frame: pd.DataFrame) -> str:
     """Returns a Markdown table with three significant digits."""
     return _format(frame, "github")

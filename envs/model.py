@@ -11,12 +11,14 @@ through it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.scenario import DistanceFeedback, Scenario, UniformFeedback
+from envs.scenario import DistanceFeedback, NoFeedback, Scenario, UniformFeedback
+
+VERSION: Final = 1  # part of every run's identity: raise it when a change alters how a scene moves
 
 ACTIONS: Final = ("UP", "DOWN", "LEFT", "RIGHT", "PING")
 PING: Final = ACTIONS.index("PING")
@@ -218,5 +220,7 @@ def _issuer_feedback(
         case DistanceFeedback():
             from_start = np.abs(np.subtract(scenario.grid.start, scenario.issuer.position)).sum()
             return -manhattan / from_start, 0.0
-        case _:
+        case NoFeedback():
             return 0.0, 0.0
+        case _:
+            assert_never(feedback)

@@ -113,8 +113,10 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         Raises:
           InputError: `action` is not one of 0 to 4.
         """
-        if not 0 <= action < len(ACTIONS):
-            raise InputError(f"action = {action}; accepted: 0 to {len(ACTIONS) - 1} ({', '.join(ACTIONS)}).")
+        if not hasattr(action, "__index__") or not 0 <= action < len(ACTIONS):
+            raise InputError(
+                f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1} ({', '.join(ACTIONS)})."
+            )
         t = self.model.transitions[self.s][action]
         uniform = self.np_random.random() if self.model.is_noisy else 0.5
         issuer_reward = draw_issuer_reward(t.issuer_reward, t.issuer_noise, uniform)

@@ -77,7 +77,7 @@ class Window:
                 'render_mode = "human" needs pygame-ce: install it, or use "ansi" or "rgb_array".'
             ) from error
         self._pygame: Any = pygame
-        pygame.init()
+        pygame.display.init()
         pygame.display.set_caption(title)
         self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
         self._clock = pygame.time.Clock()
@@ -93,4 +93,3 @@ class Window:
     def close(self) -> None:
         """Closes the window."""
         self._pygame.display.quit()
-        self._pygame.quit()

@@ -23,8 +23,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """N proxemic envs stepped at once; what they are is told by `ProxemicEnv`.
 
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8, vectorization_mode="vector_entry_point")`
-    makes one. Noise comes from a single generator, one draw an env and step: a batch of one equals
-    `ProxemicEnv` of the same seed, draw for draw.
+    makes one. Noise comes from a single generator, one draw an env and step: with same-step autoreset
+    a batch of one equals `ProxemicEnv` of the same seed, draw for draw.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise InputError(
                 f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {len(ACTIONS) - 1}."
             )
-        taken = self._state * len(ACTIONS) + actions
+        taken = self._state * len(ACTIONS) + actions.astype(np.intp)
         self._state = self._next_state.take(taken)
         self._steps += 1
         grid_reward = self._grid_reward.take(taken)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from agents import q_learning
+from agents.dynamic_programming import evaluate
+from agents.policy import mask_policy
 from benchmark import aggregate, claims, tables
 from benchmark.aggregate import Population
 from benchmark.experiment import (
@@ -23,7 +25,7 @@ from benchmark.experiment import (
 )
 from benchmark.runner import pending, run
 from benchmark.store import Record, Store
-from envs import InputError
+from envs import InputError, compile_scenario
 from envs.model import PING
 
 SMOKE = load_experiment("reproduce_smoke")
@@ -52,8 +54,9 @@ def test_reproduce_declares_what_the_paper_says() -> None:
     # Every alternative of the specification, one of them a matter of measuring alone.
     assert set(experiment.readings) == {
         "default", "epsilon", "max_q", "ping_discomfort", "budget", "ties", "origin", "time_limit",
+        "equal_pay",
     }  # fmt: skip
-    assert len(all_specifications(experiment)) == 7 * 3 * 100
+    assert len(all_specifications(experiment)) == 7 * 3 * 100 + 2 * 100  # the control changes S1 and S2
 
 
 def test_identity_is_content_and_streams_have_names() -> None:
@@ -72,23 +75,27 @@ def test_identity_is_content_and_streams_have_names() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("seeds = 6", "seeds = 0", "algorithms.q_learning.seeds = 0: input should be greater than"),
-        ("seeds = 6", "sedes = 6", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
+        ("seeds = 100", "seeds = 0", "algorithms.q_learning.seeds = 0: input should be greater than"),
+        ("seeds = 100", "sedes = 6", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
         ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
         ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
         ('"S1", "S2"', '"S1", "S7"', "unknown scenario S7"),
-        ('"index"', '"indx"', "unknown observation indx (did you mean index?)"),
+        ('"index"', '"indx"', "unknown observation for q_learning indx (did you mean index?)"),
         ('"q_learning"\nobs', '"q_lerning"\nobs', "unknown algorithm q_lerning (did you mean q_learning?)"),
         ("[8, 6]", "[8, 60]", "issuer.position = [8, 60] is off the grid"),
         ("[readings.default]", "[readings.plain]", "the table readings.default is missing"),
         ('scenarios = ["S1", "S2", "S3"]', "scenarios = []", "scenarios = []"),
+        ('"index"', '"one_hot"', "unknown observation for q_learning one_hot; accepted: index"),
+        ('["S1", "S2"]', '["S1", "S4"]', "readings.equal_pay.scenarios: unknown scenario S4"),
+        ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
+        ("evaluation_every = 250", "evaluation_every = 1e3", "evaluation_every = 1000.0"),
         ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
     ],
 )
 def test_mistakes_in_an_experiment_get_one_sentence(
     tmp_path: Path, old: str, new: str, expected: str
 ) -> None:
-    text = (EXPERIMENT_DIRECTORY / "reproduce_smoke.toml").read_text()
+    text = (EXPERIMENT_DIRECTORY / "reproduce.toml").read_text()
     assert old in text
     path = tmp_path / "mine.toml"
     path.write_text(text.replace(old, new))
@@ -161,6 +168,58 @@ def test_damaged_store_is_told_in_a_sentence(tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"runs\.db: cannot be used"), Store(path) as store:
         store.get(list(store.statuses()))
+
+
+def test_what_is_done_stays_done(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x", arrays={"a": np.ones(3)})])
+        store.add([record("x", "failed"), record("y", "failed")])  # by another driver, say
+        assert store.statuses() == {"x": "done", "y": "failed"}
+        assert store.get(["x"])[0].arrays["a"].tolist() == [1, 1, 1]
+
+
+def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "runs.db"
+    with pytest.raises(InputError, match=r"runs\.db: there are no runs yet"):
+        Store(path, read_only=True)
+    assert not path.exists()
+    with Store(path) as store:
+        store.add([record("x")])
+    before = path.read_bytes()
+    with Store(path, read_only=True) as store:
+        assert store.statuses() == {"x": "done"}
+        with pytest.raises(InputError, match="readonly"):
+            store.add([record("y")])
+    assert path.read_bytes() == before
+
+
+def test_records_hold_what_training_gave(tmp_path: Path) -> None:
+    runs = specifications(SMOKE, "budget", "S2", "q_learning")
+    model = compile_scenario(runs[0].scenario)
+    training = q_learning.train(
+        model,
+        q_learning.Settings.model_validate(runs[0].settings.model_dump()),
+        [one.seed_sequence for one in runs],
+        runs[0].evaluation_steps,
+        record_table=True,
+    )
+    evaluation = evaluate(model, mask_policy(training.greedy), SMOKE.horizon)
+    with Store(tmp_path / "runs.db") as store:
+        run(runs, store, jobs=2)
+        population = aggregate.load_population(runs, store)
+    expected = vars(training) | vars(evaluation)
+    assert population.arrays.keys() == expected.keys()
+    for name, values in expected.items():
+        assert np.array_equal(population.arrays[name], values), name
+    assert (population.arrays["episodes_ended"] == 600).all()
+
+
+def test_one_run_has_no_interval(tmp_path: Path) -> None:
+    runs = specifications(SMOKE, "default", "S1", "q_learning", [0])
+    with Store(tmp_path / "runs.db") as store:
+        run(runs, store, jobs=1)
+        with pytest.raises(InputError, match="1 run a scenario: accepted: at least 2"):
+            aggregate.load_population(runs, store)
 
 
 def test_failed_runs_are_kept_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,7 +300,7 @@ def test_learning_table_by_hand() -> None:
 
 def test_bootstrap_interval_agrees_with_scipy() -> None:
     values = np.random.default_rng(0).normal(size=60)
-    low, high = aggregate.interval(aggregate.resample(60) @ values / 60)
+    low, high = aggregate.interval(aggregate.resample(60, "S1") @ values / 60)
     other = stats.bootstrap((values,), np.mean, method="percentile", n_resamples=20_000, rng=1)
     width = other.confidence_interval.high - other.confidence_interval.low
     assert low == pytest.approx(other.confidence_interval.low, abs=0.08 * width)
@@ -293,19 +352,22 @@ def one_claim(side: str, threshold: float, *samples: list[float]) -> dict[str, A
         for i, (value, low, high) in enumerate(samples)
     ]
     claim = claims.Claim("c", "", "", side, threshold, "", lambda *_: parts)
-    return claims._judge(claim, {}, "visited")
+    return claims._judge(claim, {"S1": population()}, "visited")
 
 
 @pytest.mark.parametrize(
     ("side", "threshold", "samples", "verdict", "value"),
     [
         (">", 1.0, [[2.0, 1.5, 2.5]], "holds", 2.0),
-        (">", 1.0, [[2.0, 0.5, 3.5]], "holds in part", 2.0),  # right, but the interval is not
-        (">", 1.0, [[0.9, 0.5, 3.5]], "does not hold", 0.9),
+        (">", 1.0, [[2.0, 0.5, 3.5]], "holds in part", 2.0),  # right, but not all its interval
+        (">", 1.0, [[0.9, 0.5, 3.5]], "holds in part", 0.9),  # wrong, but the interval is not
+        (">", 1.0, [[0.9, 0.5, 0.99]], "does not hold", 0.9),
+        (">", 1.0, [[2.0, 0.5, 3.5], [0.9, 0.5, 0.99]], "does not hold", 0.9),
         (">", 1.0, [[2.0, 1.5, 2.5], [0.5, 0.4, 0.6]], "holds in part", 0.5),
         (">", 1.0, [[0.2, 0.1, 0.3], [0.5, 0.4, 0.6]], "does not hold", 0.2),
         ("<", 1.0, [[0.2, 0.1, 0.3], [0.5, 0.4, 0.6]], "holds", 0.5),
         ("<", 1.0, [[0.0, 0.0, 0.0]], "holds", 0.0),
+        ("<", 1.0, [[1.5, 1.0, 2.0]], "does not hold", 1.5),
         (">", 0.0, [[0.0, 0.0, 0.0]], "does not hold", 0.0),
         ("<", 1.0, [[np.nan, np.nan, np.nan]], "does not hold", np.nan),
     ],
@@ -383,6 +445,16 @@ def test_ping_maps_by_hand() -> None:
         }
     )
     assert measured("random-helps", three) == pytest.approx({"mean map": 1 / 17, "own maps": 1 / 4 - 16 / 17})
+
+
+def test_reaching_by_hand() -> None:
+    success = np.zeros((4, 4))
+    success[:, -1] = [1, 1, 0.9, 0.4]
+    assert measured("reaches", trio(S1={"success": success})) == {"S1": 0.75}
+    (claim,) = [claim for claim in claims.CLAIMS if claim.id == "reaches"]
+    (part,) = claim.parts({"S1": population("S1", 100, success=np.ones((100, 4)))}, "visited")
+    # Exact binomial (Clopper and Pearson 1934): with all of n agreeing the lower end is 0.025**(1/n).
+    assert part.interval == pytest.approx((0.025 ** (1 / 100), 1.0))
 
 
 def test_every_claim_of_the_paper_is_judged() -> None:

@@ -20,12 +20,13 @@ SCENARIOS = ("S1", "S2", "S3")
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_gymnasium_checker_is_content(name: str, observation: str) -> None:
-    env = gymnasium.make(f"envs:Proxemic/{name}-v0", observation=observation)
+def test_gymnasium_checker_is_content(name: str, observation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # the check opens every render mode, the window too
+    monkeypatch.setenv("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    env = gymnasium.make(f"envs:Proxemic/{name}-v0", observation=observation, render_mode="rgb_array")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        # Render modes have tests of their own below; the window needs a screen.
-        check_env(env.unwrapped, skip_render_check=True)
+        check_env(env.unwrapped)
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
@@ -195,12 +196,16 @@ def test_wrong_arguments_are_refused(arguments: dict[str, Any], expected: str) -
         ProxemicEnv(**arguments)
 
 
-@pytest.mark.parametrize("action", [-1, 5])
-def test_wrong_action_is_refused(action: int) -> None:
+@pytest.mark.parametrize("action", [-1, 5, 2.0, "UP", None])
+def test_wrong_action_is_refused(action: Any) -> None:
     env = ProxemicEnv()
     env.reset()
     with pytest.raises(InputError, match="accepted: 0 to 4"):
         env.step(action)
+
+
+@pytest.mark.parametrize("action", [-1, 5])
+def test_wrong_action_in_a_batch_is_refused(action: int) -> None:
     batch = ProxemicVectorEnv(2)
     batch.reset()
     with pytest.raises(InputError, match="accepted: 0 to 4"):
@@ -289,6 +294,28 @@ def _assert_same(one: tuple[Any, dict[str, Any]], other: tuple[Any, dict[str, An
                 assert np.array_equal(a, b)
         elif not key.startswith("_"):
             assert (one[1][key] == values).all(), key
+
+
+def test_random_feedback_in_a_batch_is_each_envs_own_and_none_on_reset() -> None:
+    env = ProxemicVectorEnv(500, "S2")
+    env.reset(seed=0)
+    pings = np.full(500, 4)
+    rewards = np.array([env.step(pings)[4]["issuer_reward"] for _ in range(6)])
+    assert (abs(rewards[:5]) < 1).all()
+    assert len(np.unique(rewards[:5])) == 2500
+    assert abs(rewards[:5].mean()) < 4.5 / np.sqrt(3 * 2500)
+    assert not rewards[5].any()  # after the fifth PING the sixth step resets
+
+
+@pytest.mark.parametrize("kind", [np.uint64, np.int8])
+def test_batch_takes_any_integers_and_pickles(kind: type) -> None:
+    env = ProxemicVectorEnv(3, "S2", "coordinates")
+    env.reset(seed=4)
+    env.step(np.array([1, 3, 4], dtype=kind))
+    again = pickle.loads(pickle.dumps(env))
+    one, other = env.step(np.array([4, 4, 4], dtype=kind)), again.step(np.array([4, 4, 4]))
+    assert (one[0] == other[0]).all()
+    assert (one[1] == other[1]).all()
 
 
 def test_batch_returns_copies() -> None:

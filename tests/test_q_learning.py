@@ -84,7 +84,13 @@ def slow_learner(
         f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=settings.time_limit
     )
     q = np.zeros((120, 5))
-    result: dict[str, Any] = {"greedy": [], "max_q": [], "table_max_q": [], "steps": 0, "episodes": 0}
+    result: dict[str, Any] = {
+        "greedy": [],
+        "max_q": [],
+        "table_max_q": [],
+        "steps_taken": 0,
+        "episodes_ended": 0,
+    }
     observation, _ = env.reset()
     draws = Draws(stream)
     env.unwrapped.np_random = draws  # type: ignore[assignment]
@@ -120,11 +126,11 @@ def slow_learner(
         target = float(reward) + settings.discount * value_after
         q[observation, action] += settings.learning_rate * (target - q[observation, action])
         observation = following
-        result["steps"] += 1
+        result["steps_taken"] += 1
         if terminated or truncated:
             observation, _ = env.reset()
             env.unwrapped.np_random = draws  # type: ignore[assignment]
-            result["episodes"] += 1
+            result["episodes_ended"] += 1
         if settings.budget_unit == "steps" or terminated or truncated:
             if unit % settings.record_every == 0:
                 result["max_q"].append(max(visited))
@@ -178,7 +184,7 @@ def test_kernel_equals_slow_learner(name: str, reading: str) -> None:
     for i, seed in enumerate(seeds):
         check_same(training, i, slow_learner(name, overrides, settings, seed, points))
     assert (training.q[0] != training.q[1]).any()
-    assert training.episodes.min() > 5
+    assert training.episodes_ended.min() > 5
 
 
 def assert_equal(one: Training, other: Training, rows: slice = slice(None)) -> None:
@@ -224,8 +230,8 @@ def test_every_candidate_is_drawn_equally_often() -> None:
 
 
 def test_share_of_random_actions_is_epsilon() -> None:
-    # In a corridor walled to one cell of width every move but two bumps; values do not matter here:
-    # with ties "lowest" and Q = 0 for ever (all rewards 0), the greedy action is UP, so PINGs are random.
+    # All rewards are 0, so Q stays 0 for ever and, with ties "lowest", the greedy action is UP:
+    # every PING is a random action.
     rewards = dict.fromkeys(
         (f"rewards.{key}" for key in ("issuer_reached", "target_ping", "last_wrong_ping", "wrong_ping",
                                       "wrong_ping_uncomfortable", "uncomfortable", "other")), 0.0
@@ -235,7 +241,7 @@ def test_share_of_random_actions_is_epsilon() -> None:
     training = train(model, settings, [SeedSequence(1)])
     assert not training.q.any()
     # An episode ends by its first PING (or, rarely, at the issuer): at a rate of 0.3 / 5 a step.
-    rate = training.episodes[0] / training.steps[0]
+    rate = training.episodes_ended[0] / training.steps_taken[0]
     assert rate == pytest.approx(0.06, abs=4.5 * np.sqrt(0.06 * 0.94 / 400_000) + 0.0005)
 
 
@@ -258,6 +264,8 @@ def test_learns_the_optimal_values_of_a_task_it_observes_fully() -> None:
         ({"learning_rate": 0}, "learning_rate = 0"),
         ({"ties": "highest"}, "ties = \"highest\": input should be 'uniform' or 'lowest'"),
         ({"budget": 0}, "budget = 0"),
+        ({"time_limit": 10**30}, "time_limit = "),
+        ({"epsilon": 0, "budget_unit": "episodes"}, "may never end; set time_limit"),
         ({"alpha": 0.6}, "unknown key alpha; accepted: "),
         ({"epsilom": 0.6}, "unknown key epsilom (did you mean epsilon?)"),
     ],
