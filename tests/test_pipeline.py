@@ -290,7 +290,7 @@ def test_readme_findings_are_the_published_ones() -> None:
     assert "six hold, three hold in part, and none fails" in README
     verdicts = pd.read_csv(folder / "sensitivity.csv").set_index(["reading", "claim"])["verdict"]
     # What S3's feedback does.
-    changed = verdicts["equal_pay"][["moves-focused", "ping-S1", "random-helps"]]
+    changed = verdicts["equal_pay"][["variability-S3", "moves-focused", "ping-S1", "random-helps"]]
     assert (changed == "does not hold").all()
     # What one agent knows.
     parts = claims["parts"]["identifies"]
