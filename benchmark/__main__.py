@@ -30,6 +30,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         print("interrupted: finished runs are kept; the same command goes on.", file=sys.stderr)
         return 130
@@ -85,7 +88,9 @@ def _parser() -> argparse.ArgumentParser:
     speed = command(
         "speed", _speed, "measure speed, each row against the stock way in the same run", experiment=False
     )
-    speed.add_argument("--smoke", action="store_true", help="a second only; the figures mean nothing")
+    speed.add_argument(
+        "--smoke", action="store_true", help="a second only, into speed_smoke; the figures mean nothing"
+    )
     return parser
 
 
@@ -98,14 +103,21 @@ def _list(options: argparse.Namespace) -> int:
 
     print("scenarios")
     for name in scenario_names():
-        print(f"  {name:18} {load_scenario(name).description}")
+        try:
+            print(f"  {name:18} {load_scenario(name).description}")
+        except InputError as error:
+            print(f"  {name:18} not usable: {error}")
     print("algorithms")
     for name, module in ALGORITHMS.items():
         print(f"  {name:18} {module}")
     print("experiments")
     database = options.results / "runs.db"
     for name in experiment_names():
-        experiment = load_experiment(name)
+        try:
+            experiment = load_experiment(name)
+        except InputError as error:
+            print(f"  {name:18} not usable: {error}")
+            continue
         runs = all_specifications(experiment)
         done = 0
         if database.exists():
@@ -172,7 +184,7 @@ def _report(options: argparse.Namespace) -> int:
 def _speed(options: argparse.Namespace) -> int:
     from benchmark import speed
 
-    speed.measure(options.results / "speed", smoke=options.smoke)
+    speed.measure(options.results / ("speed_smoke" if options.smoke else "speed"), smoke=options.smoke)
     return 0
 
 

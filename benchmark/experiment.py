@@ -31,8 +31,8 @@ class Arm(Table):
 class Reading(Table):
     """One way to read the paper, or a control: what it changes, as dotted keys."""
 
-    question: str
-    answer: str
+    question: Annotated[str, Field(min_length=1)]
+    answer: Annotated[str, Field(min_length=1)]
     scenario: dict[str, Any] = Field(default_factory=dict)
     scenarios: tuple[str, ...] | None = None  # whose scenario it changes; all of them by default
     settings: dict[str, Any] = Field(default_factory=dict)
@@ -144,9 +144,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
         base = parse(_Extension, data, str(path))
         unchanged = read_toml(_path(base.extends))
         data = override(unchanged, {"description": base.description} | base.changes, str(path))
-    if "name" in data:
-        unknown_name(str(path), "key", "name", [key for key in Experiment.model_fields if key != "name"])
-    loaded = parse(Experiment, data | {"name": path.stem}, str(path))
+    loaded = parse(Experiment, data, str(path), name=path.stem)
     if DEFAULT_READING not in loaded.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_READING} is missing.")
     for name, arm in loaded.algorithms.items():
@@ -156,7 +154,10 @@ def load_experiment(experiment: str | Path) -> Experiment:
             unknown_name(where, f"observation for {arm.algorithm}", arm.observation, accepted)
         for reading in loaded.readings:
             _settings(loaded, name, reading, str(path))
-    names = [load_scenario(scenario).name for scenario in loaded.scenarios]
+    try:
+        names = [load_scenario(scenario).name for scenario in loaded.scenarios]
+    except InputError as error:
+        raise InputError(f"{path}: scenarios: {error}") from error
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: scenarios: {name} is named twice.")
@@ -165,7 +166,10 @@ def load_experiment(experiment: str | Path) -> Experiment:
             if name not in names:
                 unknown_name(f"{path}: readings.{reading}.scenarios", "scenario", name, names)
         for scenario in loaded.scenarios:
-            _scenario(loaded, reading, scenario)
+            try:
+                _scenario(loaded, reading, scenario)
+            except InputError as error:
+                raise InputError(f"{path}: readings.{reading}.scenario: {error}") from error
     return loaded
 
 
@@ -221,11 +225,17 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
 def _path(experiment: str | Path) -> Path:
     """Returns the file of an experiment, by its name or path."""
     path = Path(experiment)
-    if path.suffix == ".toml":
-        return path
-    if str(experiment) not in experiment_names():
-        unknown_name("experiments", "experiment", str(experiment), experiment_names())
-    return EXPERIMENT_DIRECTORY / f"{experiment}.toml"
+    shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
+    if path.suffix != ".toml":
+        if str(experiment) not in experiment_names():
+            accepted = [*experiment_names(), "or the path of a .toml file"]
+            unknown_name("experiments", "experiment", str(experiment), accepted)
+        return shipped
+    if path.stem in experiment_names() and path.resolve() != shipped.resolve():
+        raise InputError(
+            f"{path}: results go by the file's name, and {path.stem} is a shipped one; rename it."
+        )
+    return path
 
 
 def _scenario(experiment: Experiment, reading: str, scenario: str) -> Scenario:

@@ -84,7 +84,9 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
             axis.set(title=f"({letters[column]}) max Q, {name}: {model.scenario.issuer.feedback.label}")
             axis.set(
-                xlabel="environment step", xlim=(0, curve["step"].max()), ylim=_limits(curves, "min", "max")
+                xlabel="environment step",
+                xlim=(0, max(curve["step"].max(), 1)),
+                ylim=_limits(curves, "min", "max"),
             )
             _triangles(axes[1, column], model, moves[moves["scenario"] == name], _norm(moves["mean"]))
             axes[1, column].set(title=f"({letters[len(models) + column]}) moves, {name}")
@@ -96,15 +98,21 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
             axes[2, column].plot(cell_column, row, "o", ms=3, mfc="black", mec="white", mew=0.5)
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(
-            [Line2D([], [], color=_COLOURS[0]), Patch(color=_COLOURS[9], alpha=0.55, lw=0)],
-            ["mean of the agents", "least to largest"],
+            [
+                Line2D([], [], color=_COLOURS[0]),
+                Patch(color=_COLOURS[9], alpha=0.55, lw=0),
+                Line2D([], [], color="0.35", lw=0.8, ls=":"),
+            ],
+            ["mean of the agents", "least to largest agent", "what a right PING pays in S1"],
             loc="upper left",
             frameon=False,
         )
-        _colour_bar(figure, axes[1], _norm(moves["mean"]), "mean final Q of UP, DOWN, LEFT, RIGHT")
+        _colour_bar(figure, axes[1], _norm(moves["mean"]), "mean final Q of the moves")
         _colour_bar(figure, axes[2], _norm(pings["mean"]), "mean final Q of PING")
         _region_legend(
-            figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0")
+            figure,
+            Line2D([], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"),
+            Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0"),
         )
     return figure
 
@@ -130,8 +138,8 @@ def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
                 axis.fill_between(
                     one["step"], one[f"{key}_low"], one[f"{key}_high"], color=_COLOURS[i], alpha=0.25, lw=0
                 )
-            axis.set(xlabel="environment step", title=label, xlim=(0, frame["step"].max()))
-            axis.xaxis.set_major_locator(MaxNLocator(5, prune="upper"))
+            axis.set(xlabel="environment step", title=label, xlim=(0, max(frame["step"].max(), 1)))
+            axis.xaxis.set_major_locator(MaxNLocator(4))
             if key != "optimal_share":
                 axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
                 axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
@@ -140,7 +148,7 @@ def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(
             handles, labels, loc="outside lower center", ncols=len(models), frameon=False,
-            title="line: over agents; shade: 95 % interval",
+            title="line: over agents, as the panel says; shade: 95 % interval",
         )  # fmt: skip
     return figure
 
@@ -155,10 +163,11 @@ def optimal(cells: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
     by_cell = cells.groupby(["scenario", "row", "column"], sort=False)
     best = by_cell[["q_optimal", "largest_learned", "differs"]].max()
     best["difference"] = best["largest_learned"] - best["q_optimal"]
+    best["agrees"] = 1 - best["differs"]
     rows = (
         ("q_optimal", "optimal value of the cell"),
         ("difference", "learned minus optimal value"),
-        ("differs", "agents not acting optimally"),
+        ("agrees", "share of agents acting optimally"),
     )
     with _figure(3, len(models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(models.items()):
@@ -183,7 +192,7 @@ def sensitivity(frame: pd.DataFrame) -> Figure:
     """Draws the verdict on every claim under every reading.
 
     Args:
-      frame: Columns claim, reading, value, verdict; in the order to be drawn.
+      frame: Columns claim, reading, value, threshold, verdict; in the order to be drawn.
     """
     claims, readings = frame["claim"].unique(), frame["reading"].unique()
     colours = dict(zip(VERDICTS, (_COLOURS[9], "#f0e0a0", _COLOURS[3]), strict=True))
@@ -193,10 +202,17 @@ def sensitivity(frame: pd.DataFrame) -> Figure:
         for claim, reading, value, verdict in frame[["claim", "reading", "value", "verdict"]].to_numpy():
             x, y = list(readings).index(reading), list(claims).index(claim)
             axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colours[verdict], ec="white", lw=2))
-            axis.text(x, y, f"{signs[verdict]}  {round(value, 2) + 0.0:g}", ha="center", va="center")
+            axis.text(
+                x,
+                y,
+                f"{signs[verdict]}  {value:.{3 if abs(value) >= 0.01 else 1}g}",
+                ha="center",
+                va="center",
+            )
         axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(claims) - 0.5, -0.5))
         axis.set_xticks(range(len(readings)), readings)
-        axis.set_yticks(range(len(claims)), claims)
+        thresholds = frame.drop_duplicates("claim")["threshold"]
+        axis.set_yticks(range(len(claims)), [f"{c}  ({t})" for c, t in zip(claims, thresholds, strict=True)])
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
@@ -205,7 +221,7 @@ def sensitivity(frame: pd.DataFrame) -> Figure:
             loc="outside lower center",
             ncols=3,
             frameon=False,
-            title="number: the value of the claim's weakest part",
+            title="number: the value of the claim's weakest part; in brackets: where all parts must lie",
         )
     return figure
 

@@ -28,12 +28,12 @@ _FILES = (
     ("optimal", "the exact optimum beside what was learned, and the regret"),
     ("optimal_cells.csv", "Q* beside the learned Q of every cell and action, and where policies differ"),
     ("q_values.csv", "final Q over agents of every cell and action"),
-    ("max_q.csv", "maximum Q over agents at every tenth step, of the visited cell and of the table"),
+    ("max_q.csv", "maximum Q over agents at every recorded step, of the visited cell and of the table"),
     ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
 )
 _OF_CLAIMS = ("claims", "sensitivity")  # only where the paper's three scenarios are run
 _SHOWN = {
-    "claims": ["claim", "says", "value", "low", "high", "threshold", "verdict", "parts"],
+    "claims": ["claim", "says", "value", "low", "high", "threshold", "verdict"],
     "learning": ["scenario", "step", "score", "score_iqm", "success", "optimal_share"],
 }
 
@@ -169,7 +169,7 @@ def _readme(
 {partial}
 {agents} agents a scenario. Made by `python -m benchmark run {experiment.name}` and
 `python -m benchmark report {experiment.name}` from the runs in `runs.db`. Files without an ending come
-as `.csv` (all digits), `.md` and `.tex` (for reading), and, where they are drawn, as `.png` and `.svg`.
+as `.csv` (six digits), `.md` and `.tex` (for reading), and, where they are drawn, as `.png` and `.svg`.
 
 {files}
 ![The paper's figure, replicated](figure.png)
@@ -183,6 +183,11 @@ as `.csv` (all digits), `.md` and `.tex` (for reading), and, where they are draw
 - *score*: undiscounted return by the grid's own rewards, between the exact random policy (0) and the
   exact optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy
   policy may bump a wall until the limit, and the mean shows it.
+- *optimal* (an agent, a policy): it has the score 1, that is, it does as well as can be from the start cell.
+  `cells_differing` is the share of all cells in which an agent's greedy action is not an optimal one; most
+  of these the agent hardly ever visits.
+- *score_iqm*: interquartile mean, over the middle half of the agents. *scenario_return*: with the issuer's
+  rewards. *start_value*: discounted value of the start cell, of Q* and of the agents.
 - *std*: sample standard deviation over agents. *Intervals*: 95 %, percentile bootstrap over agents,
   {aggregate.RESAMPLES} seeded resamples.
 - *Q** is that of an agent that knows its state, with no wrong PING so far. Wrong PINGs are hidden from the

@@ -1,6 +1,6 @@
 """Runs what an experiment still lacks, and keeps what comes of it.
 
-Runs that differ by their seed alone are trained together, in jobs of at most `JOB_SIZE`. Training
+Runs that differ by their seed alone are trained together, in jobs. Training
 together equals training alone, so how runs fall into jobs changes no result.
 """
 
@@ -9,7 +9,7 @@ import platform
 import subprocess
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -26,7 +26,8 @@ from benchmark.experiment import RunSpecification
 from benchmark.store import Record, Store
 from envs import compile_scenario
 
-JOB_SIZE = 25
+JOB_SIZE = 25  # runs at most
+JOB_WORK = 10_000_000  # budget units at most, unless one run has more: an interrupt waits for running jobs
 _PACKAGES = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
 
 
@@ -49,15 +50,26 @@ def run(
     """
     todo = pending(runs, store)
     provenance = _provenance()
-    errors = []
+    errors: list[str] = []
+
+    def keep(future: Future[list[Record]]) -> None:
+        records = future.result()
+        store.add(records)
+        errors.extend(record.error for record in records if record.error is not None)
+        on_progress(len(records))
+
     with ThreadPoolExecutor(jobs) as pool:
+        waiting = {pool.submit(_execute, group, provenance) for group in _group(todo)}
         try:
-            # Nothing else holds the futures, so that each job's arrays go when they are kept.
-            for future in as_completed([pool.submit(_execute, group, provenance) for group in _group(todo)]):
-                records = future.result()
-                store.add(records)
-                errors += [record.error for record in records if record.error is not None]
-                on_progress(len(records))
+            for future in as_completed(waiting):
+                keep(future)
+                waiting.discard(future)  # or its arrays would stay in memory
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)  # waits for the jobs that are running
+            for future in waiting:
+                if not future.cancelled():
+                    keep(future)
+            raise
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -75,7 +87,9 @@ def _group(runs: Sequence[RunSpecification]) -> list[list[RunSpecification]]:
     groups = []
     for _, members in groupby(runs, key=lambda run: run.population):
         together = list(members)
-        groups += [together[i : i + JOB_SIZE] for i in range(0, len(together), JOB_SIZE)]
+        budget: int = together[0].settings.budget  # type: ignore[attr-defined]
+        size = max(1, min(JOB_SIZE, JOB_WORK // budget))
+        groups += [together[i : i + size] for i in range(0, len(together), size)]
     return groups
 
 

@@ -26,7 +26,8 @@ CREATE TABLE runs (
   specification TEXT NOT NULL,
   status TEXT NOT NULL CHECK (status IN ('done', 'failed')),
   error TEXT,
-  provenance TEXT NOT NULL
+  provenance TEXT NOT NULL,
+  arrays INTEGER NOT NULL
 );
 CREATE TABLE arrays (
   digest TEXT NOT NULL REFERENCES runs ON DELETE CASCADE,
@@ -65,8 +66,9 @@ class Store:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
+                reason = "it is a file" if path.parent.is_file() else error.strerror
                 raise InputError(
-                    f"{path.parent}: cannot be made: {error.strerror}; choose another folder with --results."
+                    f"{path.parent}: cannot be made: {reason}; choose another folder with --results."
                 ) from error
         elif not path.exists():
             raise InputError(f"{path}: there are no runs yet; run the experiment first.")
@@ -126,13 +128,14 @@ class Store:
                     continue  # another driver got it done meanwhile
                 self._connection.execute("DELETE FROM runs WHERE digest = ?", (record.digest,))
                 self._connection.execute(
-                    "INSERT INTO runs VALUES (?, ?, ?, ?, ?)",
+                    "INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?)",
                     (
                         record.digest,
                         record.specification,
                         record.status,
                         record.error,
                         json.dumps(record.provenance, sort_keys=True),
+                        len(record.arrays),
                     ),
                 )
                 self._connection.executemany(
@@ -153,24 +156,33 @@ class Store:
         with self._sentences():
             for digest in digests:
                 row = self._connection.execute(
-                    "SELECT specification, status, error, provenance FROM runs WHERE digest = ?", (digest,)
+                    "SELECT specification, status, error, provenance, arrays FROM runs WHERE digest = ?",
+                    (digest,),
                 ).fetchone()
                 if row is None:
                     raise KeyError(digest)
-                specification, status, error, provenance = row
-                kept = self._arrays(digest) if arrays else {}
+                specification, status, error, provenance, n_arrays = row
+                kept = self._arrays(digest, n_arrays) if arrays else {}
                 records.append(Record(digest, specification, status, json.loads(provenance), kept, error))
         return records
 
-    def _arrays(self, digest: str) -> dict[str, NDArray[Any]]:
-        """Returns a run's arrays."""
+    def _arrays(self, digest: str, n_arrays: int) -> dict[str, NDArray[Any]]:
+        """Returns a run's arrays, or says that the file is damaged."""
         rows = self._connection.execute(
             "SELECT name, dtype, shape, data FROM arrays WHERE digest = ?", (digest,)
         )
-        return {
-            name: np.frombuffer(data, dtype=dtype).reshape(json.loads(shape))
-            for name, dtype, shape, data in rows
-        }
+        try:
+            arrays = {
+                name: np.frombuffer(data, dtype=dtype).reshape(json.loads(shape))
+                for name, dtype, shape, data in rows
+            }
+        except (TypeError, ValueError):
+            arrays = {}
+        if len(arrays) != n_arrays:
+            raise InputError(
+                f"{self._path}: the record of run {digest[:12]} is damaged; remove the file and run again."
+            )
+        return arrays
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

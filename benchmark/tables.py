@@ -7,6 +7,7 @@ from tabulate import tabulate
 
 _DIGITS = 6  # significant ones in CSV, fewer than any machine's rounding shows
 _SHOWN_DIGITS = 3
+_ROWS_OF_A_PAGE = 40
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
@@ -26,7 +27,8 @@ def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = No
     write_csv(frame, stem.with_suffix(".csv"))
     shown = frame if shown is None else shown
     stem.with_suffix(".md").write_text(to_markdown(shown), encoding="utf-8")
-    stem.with_suffix(".tex").write_text(_format(shown, "latex_booktabs"), encoding="utf-8")
+    form = "latex_booktabs" if len(shown) <= _ROWS_OF_A_PAGE else "latex_longtable"
+    stem.with_suffix(".tex").write_text(_format(shown, form), encoding="utf-8")
 
 
 def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:

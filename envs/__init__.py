@@ -15,7 +15,7 @@ from envs.inputs import InputError
 from envs.model import ACTIONS, EVENTS, ZONES, Model, compile_scenario
 from envs.observations import OBSERVATIONS
 from envs.proxemic_env import ProxemicEnv
-from envs.scenario import Scenario, load_scenario, scenario_names
+from envs.scenario import Scenario, is_name, load_scenario, scenario_names
 from envs.vector_env import ProxemicVectorEnv
 
 __all__ = [
@@ -33,7 +33,7 @@ __all__ = [
     "scenario_names",
 ]
 
-for _name in scenario_names():
+for _name in filter(is_name, scenario_names()):  # a misnamed file is told of when it is asked for
     gymnasium.register(
         id=f"Proxemic/{_name}-v0",
         entry_point="envs.proxemic_env:ProxemicEnv",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
 
 
 class InputError(ValueError):
@@ -65,20 +66,24 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
     return dict(result)
 
 
-def parse(cls: type[TableT], data: Mapping[str, Any], source: str) -> TableT:
+def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any) -> TableT:
     """Checks raw tables and returns them typed.
 
     Args:
       cls: What the tables should hold.
       data: Tables as read from TOML.
       source: The file they came from, for the message.
+      **given: Values that do not come from the file, and that it may not give.
 
     Raises:
       InputError: Names the file, the key, its value and what would be accepted.
     """
+    for key in given:
+        if key in data:
+            unknown_name(source, "key", key, cls.model_fields.keys() - given.keys())
     try:
         # By way of JSON, because strict validation of Python objects refuses a list for a tuple.
-        return cls.model_validate_json(json.dumps(data, default=str))
+        return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
         # An unknown key first: a misspelt one is missing, too, and its name says more.
         first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
@@ -86,12 +91,11 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str) -> TableT:
         if first["type"] == "extra_forbidden":
             *table, name = first["loc"]
             where = f"{source}: [{'.'.join(map(str, table))}]" if table else source
-            unknown_name(where, "key", str(name), _accepted(cls, table))
+            unknown_name(where, "key", str(name), set(_accepted(cls, table)) - given.keys())
         if first["type"] == "missing":
             raise InputError(f"{source}: the key {key} is missing.") from None
-        message = first["msg"].removeprefix("Value error, ")
         where = f"{key} = {json.dumps(first['input'])}: " if key else ""
-        raise InputError(f"{source}: {where}{message[:1].lower()}{message[1:]}.") from None
+        raise InputError(f"{source}: {where}{_reason(first)}.") from None
 
 
 def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> NoReturn:
@@ -104,6 +108,22 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
     nearest = difflib.get_close_matches(name, accepted, n=1, cutoff=0.6)
     hint = f" (did you mean {nearest[0]}?)" if nearest else ""
     raise InputError(f"{source}: unknown {kind} {name}{hint}; accepted: {', '.join(accepted)}.")
+
+
+def _reason(error: ErrorDetails) -> str:
+    """Says in plain words why a value is refused."""
+    details = error.get("ctx", {})
+    match error["type"]:
+        case "too_short":
+            return f"accepted: at least {details['min_length']} items"
+        case "too_long":
+            return f"accepted: at most {details['max_length']} items"
+        case "union_tag_not_found":
+            return "accepted: a table with a key kind"
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return "accepted: a table"
+    message = error["msg"].removeprefix("Value error, ")
+    return f"{message[:1].lower()}{message[1:]}"
 
 
 def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:

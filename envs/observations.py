@@ -29,7 +29,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
     if kind == "one_hot":
         return np.eye(n_cells, dtype=np.float32)
     if kind != "coordinates":
-        unknown_name("observation", "form", kind, OBSERVATIONS)
+        unknown_name("observation", "form", str(kind), OBSERVATIONS)
     grid = model.scenario.grid
     position = np.stack(np.divmod(np.arange(n_cells), grid.columns), axis=1)
     return (position / np.maximum((grid.rows - 1, grid.columns - 1), 1)).astype(np.float32)

@@ -1,5 +1,6 @@
 """The Gymnasium env: samples a `Model`, and has no rules of its own."""
 
+import operator
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -113,11 +114,15 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         Raises:
           InputError: `action` is not one of 0 to 4.
         """
-        if not hasattr(action, "__index__") or not 0 <= action < len(ACTIONS):
+        try:
+            index = operator.index(action)
+        except TypeError:
+            index = -1
+        if not 0 <= index < len(ACTIONS):
             raise InputError(
                 f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1} ({', '.join(ACTIONS)})."
             )
-        t = self.model.transitions[self.s][action]
+        t = self.model.transitions[self.s][index]
         uniform = self.np_random.random() if self.model.is_noisy else 0.5
         issuer_reward = draw_issuer_reward(t.issuer_reward, t.issuer_noise, uniform)
         self.s = t.next_state

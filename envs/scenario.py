@@ -4,17 +4,19 @@ A scenario says what is where and what is rewarded; `envs.model` says how it mov
 the shipped files, and what each was read from, are in `envs/scenarios/*.toml`.
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from envs.inputs import Table, override, parse, read_toml, unknown_name
+from envs.inputs import InputError, Table, override, parse, read_toml, unknown_name
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
 
+Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
 Cell = tuple[int, int]  # (row, column), (0, 0) top left
 
 
@@ -38,8 +40,8 @@ class UniformFeedback(Table):
 
     label: ClassVar[str] = "random feedback"
     kind: Literal["uniform"]
-    low: float
-    high: float
+    low: Reward
+    high: Reward
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -84,19 +86,19 @@ class Regions(Table):
 class Rewards(Table):
     """The grid's reward for each event."""
 
-    issuer_reached: float
-    target_ping: float
-    last_wrong_ping: float
-    wrong_ping: float
-    wrong_ping_uncomfortable: float
-    uncomfortable: float
-    other: float
+    issuer_reached: Reward
+    target_ping: Reward
+    last_wrong_ping: Reward
+    wrong_ping: Reward
+    wrong_ping_uncomfortable: Reward
+    uncomfortable: Reward
+    other: Reward
 
 
 class Scenario(Table):
     """A declared scene; its name is that of its file."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
+    name: str
     description: str
     grid: Grid
     issuer: Issuer
@@ -131,6 +133,11 @@ class Scenario(Table):
         return self
 
 
+def is_name(text: str) -> bool:
+    """Whether a scenario can be called so, as a part of its Gymnasium id."""
+    return re.fullmatch(r"[A-Za-z0-9_]+", text) is not None
+
+
 def scenario_names() -> list[str]:
     """Lists the shipped scenarios: one TOML file each, named after it."""
     return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
@@ -155,7 +162,6 @@ def load_scenario(scenario: str | Path, overrides: Mapping[str, Any] | None = No
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"
         if str(scenario) not in scenario_names():
             unknown_name("scenarios", "scenario", str(scenario), scenario_names())
-    data = override(read_toml(path), overrides or {}, str(path))
-    if "name" in data:
-        unknown_name(str(path), "key", "name", [key for key in Scenario.model_fields if key != "name"])
-    return parse(Scenario, data | {"name": path.stem}, str(path))
+    if not is_name(path.stem):
+        raise InputError(f"{path}: the file's name is the scenario's; accepted: letters, digits and _.")
+    return parse(Scenario, override(read_toml(path), overrides or {}, str(path)), str(path), name=path.stem)

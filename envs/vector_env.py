@@ -51,10 +51,11 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         Raises:
           InputError: One of the arguments is not accepted.
         """
-        if num_envs < 1:
-            raise InputError(f"num_envs = {num_envs}; accepted: at least 1.")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise InputError(f"max_episode_steps = {max_episode_steps}; accepted: at least 1, or None.")
+        if not isinstance(num_envs, int) or num_envs < 1:
+            raise InputError(f"num_envs = {num_envs!r}; accepted: a whole number, at least 1.")
+        limited = max_episode_steps is not None
+        if limited and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
+            raise InputError(f"max_episode_steps = {max_episode_steps!r}; accepted: at least 1, or None.")
         if render_mode is not None:
             raise InputError(f"render_mode = {render_mode!r}; accepted: None, a batch is not drawn.")
         modes = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP

@@ -14,10 +14,11 @@ from scipy import stats
 from agents import q_learning
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
-from benchmark import aggregate, claims, tables
+from benchmark import aggregate, claims, runner, tables
 from benchmark.aggregate import Population
 from benchmark.experiment import (
     EXPERIMENT_DIRECTORY,
+    Experiment,
     all_specifications,
     experiment_names,
     load_experiment,
@@ -26,6 +27,7 @@ from benchmark.experiment import (
 from benchmark.runner import pending, run
 from benchmark.store import Record, Store
 from envs import InputError, compile_scenario
+from envs.inputs import override, parse, read_toml
 from envs.model import PING
 
 SMOKE = load_experiment("reproduce_smoke")
@@ -39,7 +41,12 @@ def test_shipped_experiments_are_sound(name: str) -> None:
     experiment = load_experiment(name)
     runs = all_specifications(experiment)
     assert len({run.digest for run in runs}) == len(runs)
-    assert (f"{name.removesuffix('_smoke')}_smoke") in experiment_names()
+
+
+def test_reproduce_has_a_miniature_of_all_its_readings() -> None:
+    full = load_experiment("reproduce")
+    assert SMOKE.readings == full.readings
+    assert SMOKE.scenarios == full.scenarios
 
 
 def test_reproduce_declares_what_the_paper_says() -> None:
@@ -82,7 +89,10 @@ def test_identity_is_content_and_streams_have_names() -> None:
         ('"S1", "S2"', '"S1", "S7"', "unknown scenario S7"),
         ('"index"', '"indx"', "unknown observation for q_learning indx (did you mean index?)"),
         ('"q_learning"\nobs', '"q_lerning"\nobs', "unknown algorithm q_lerning (did you mean q_learning?)"),
+        ("[8, 6]", "[8, 60]", "mine.toml: readings.origin.scenario: "),
         ("[8, 6]", "[8, 60]", "issuer.position = [8, 60] is off the grid"),
+        ('"S1", "S2"', '"S1", "S7"', "mine.toml: scenarios: "),
+        ('answer = "by the lowest index"', 'answer = ""', "readings.ties.answer"),
         ("[readings.default]", "[readings.plain]", "the table readings.default is missing"),
         ('scenarios = ["S1", "S2", "S3"]', "scenarios = []", "scenarios = []"),
         ('"index"', '"one_hot"', "unknown observation for q_learning one_hot; accepted: index"),
@@ -168,6 +178,46 @@ def test_damaged_store_is_told_in_a_sentence(tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"runs\.db: cannot be used"), Store(path) as store:
         store.get(list(store.statuses()))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["DELETE FROM arrays WHERE name = 'q'", "UPDATE arrays SET data = substr(data, 1, 13) WHERE name = 'q'"],
+)
+def test_damaged_records_are_told_in_a_sentence(tmp_path: Path, damage: str) -> None:
+    runs = specifications(SMOKE, "default", "S1", "q_learning")
+    with Store(tmp_path / "runs.db") as store:
+        run(runs, store, jobs=1)
+    connection = sqlite3.connect(tmp_path / "runs.db")
+    with connection:
+        connection.execute(damage)
+    connection.close()
+    told = pytest.raises(InputError, match=r"runs\.db: the record of run [0-9a-f]{12} is damaged; remove")
+    with Store(tmp_path / "runs.db", read_only=True) as store, told:
+        aggregate.load_population(runs, store)
+
+
+def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path) -> None:
+    runs = all_specifications(SMOKE)
+
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with Store(tmp_path / "runs.db") as store:
+        with pytest.raises(KeyboardInterrupt):
+            run(runs, store, 2, interrupt)
+        assert len(pending(runs, store)) < len(runs)
+        assert run(runs, store, 2) == []
+        assert pending(runs, store) == []
+
+
+def test_long_runs_are_jobs_of_their_own() -> None:
+    changes = {"algorithms.q_learning.seeds": 30, "algorithms.q_learning.settings.budget": 4_000_000}
+    data = override(read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml"), changes, "test")
+    experiment = parse(Experiment, data, "test", name="long")
+    runs = specifications(experiment, "default", "S1", "q_learning")
+    assert [len(group) for group in runner._group(runs)] == [2] * 15
+    assert [len(group) for group in runner._group(all_specifications(SMOKE))] == [6] * 23
 
 
 def test_what_is_done_stays_done(tmp_path: Path) -> None:

@@ -123,10 +123,17 @@ def test_experiment_on_a_scenario_of_ones_own(tmp_path: Path) -> None:
     assert "Claims of the paper" not in (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
 
 
+def test_results_of_shipped_experiments_are_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "reproduce.toml").write_text("")
+    done = command("run", tmp_path / "reproduce.toml", "--results", tmp_path)
+    assert done.returncode == 2
+    assert "reproduce is a shipped one; rename it" in done.stderr
+
+
 def test_list_tells_what_is_done(results: Path, tmp_path: Path) -> None:
     done = command("list", "--results", results)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"reproduce_smoke +126 of 138 runs done", done.stdout)
+    assert re.search(r"reproduce_smoke +138 of 138 runs done", done.stdout)
     assert re.search(r"reproduce +0 of 2300 runs done", done.stdout)
     assert re.search(r"S2 +The issuer gives random feedback", done.stdout)
     assert command("list", "--results", tmp_path / "nowhere").returncode == 0
@@ -347,7 +354,7 @@ def test_every_make_target(target: str, tmp_path: Path) -> None:
     if target == "help":
         assert all(f"make {name}" in output for name in TARGETS)
     if target == "speed":
-        speed = pd.read_csv(tmp_path / "speed" / "speed.csv")
+        speed = pd.read_csv(tmp_path / "speed_smoke" / "speed.csv")
         assert list(speed)[:4] == ["name", "per_second", "baseline", "ratio"]
         assert {"q_learning_kernel", "q_learning_threads", "vector_env_1000", "evaluate"} <= set(
             speed["name"]

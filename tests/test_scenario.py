@@ -39,6 +39,10 @@ def test_paper_scenarios_are_shipped() -> None:
         ({"issuer.feedback": {"kind": "loud"}}, "issuer.feedback"),
         ({"issuer.feedback": {"kind": "uniform", "low": 1.0, "high": 1.0}}, "must lie below high"),
         ({"issuer.feedback.volume": 1.0}, "[issuer.feedback.none]: unknown key volume; accepted: kind."),
+        ({"issuer.feedback": "none"}, 'issuer.feedback = "none": accepted: a table'),
+        ({"issuer.feedback": {}}, "accepted: a table with a key kind"),
+        ({"grid.start": [0, 0, 0]}, "grid.start = [0, 0, 0]: accepted: at most 2 items"),
+        ({"rewards.other": -1e308}, "rewards.other = -1e+308"),
         ({"ping_limit": 0}, "ping_limit = 0"),
         ({"ping_limit": 10**6}, "120000000 states; accepted: at most 100000"),
         ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
@@ -70,6 +74,15 @@ def test_unreadable_files_get_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="not UTF-8"):
         load_scenario(tmp_path / "bytes.toml")
+
+
+def test_misnamed_file_is_told_of(tmp_path: Path) -> None:
+    path = tmp_path / "my scene.toml"
+    path.write_text((SCENARIO_DIRECTORY / "S1.toml").read_text())
+    with pytest.raises(
+        InputError, match=r"my scene\.toml: the file's name .* accepted: letters, digits and _"
+    ):
+        load_scenario(path)
 
 
 def test_unknown_scenario_names_the_nearest() -> None:
