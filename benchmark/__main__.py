@@ -18,7 +18,8 @@ examples:
   python -m benchmark speed                        measure speed against the stock way
 
 Runs are kept in RESULTS/runs.db. A run that is there is never repeated: interrupt at any moment, and
-the same command goes on. Exit codes: 0 done, 1 a run failed, 2 a mistake in what was given.
+the same command goes on. Exit codes: 0 done, 1 a run failed, 2 a mistake in what was given, 130
+interrupted.
 """
 
 

@@ -136,7 +136,7 @@ def _variability(population: Population, curve: str) -> Samples:
     weights = population.weights
     mean = weights @ curves / n
     variance = weights @ curves**2 / n - mean**2
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0) * n / max(n - 1, 1)).mean(axis=1))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0) * n / (n - 1)).mean(axis=1))
 
 
 def _ratio(numerator: Samples, denominator: Samples) -> Samples:
@@ -145,9 +145,7 @@ def _ratio(numerator: Samples, denominator: Samples) -> Samples:
         return numerator / denominator
 
 
-def _variability_against(
-    scenario: str,
-) -> Callable[[Populations, str], list[Part]]:
+def _variability_against(scenario: str) -> Callable[[Populations, str], list[Part]]:
     """Compares one scenario's variability with that of each other."""
 
     def parts(populations: Populations, curve: str) -> list[Part]:
@@ -173,9 +171,8 @@ def _near_one(populations: Populations, curve: str) -> list[Part]:
         population = populations[name]
         level = np.percentile(_curves(population, curve), 99, axis=1)  # (N,)
         model = population.model
-        in_target = model.zone_of_cell == ZONES.index("target")
         reward = (model.grid_reward + model.issuer_reward)[: model.n_observations, PING]
-        ceiling = reward[in_target].max()
+        ceiling = reward[_in_target(population)].max()
         samples = population.weights @ level / len(level)
         parts.append(Part(name, samples, f" = {samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"))
     return parts

@@ -44,7 +44,6 @@ class Experiment(Table):
 
     name: str
     description: str
-    report: Literal["reproduce"]  # the report drawn from it
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     horizon: Annotated[int, Field(ge=1, le=100_000)]
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)]

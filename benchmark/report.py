@@ -184,8 +184,8 @@ as `.csv` (six digits), `.md` and `.tex` (for reading), and, where they are draw
   exact optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy
   policy may bump a wall until the limit, and the mean shows it.
 - *optimal* (an agent, a policy): it has the score 1, that is, it does as well as can be from the start cell.
-  `cells_differing` is the share of all cells in which an agent's greedy action is not an optimal one; most
-  of these the agent hardly ever visits.
+  `cells_differing` is the share of all cells in which an agent's greedy action is not an optimal one;
+  `optimal.png` shows where these lie.
 - *score_iqm*: interquartile mean, over the middle half of the agents. *scenario_return*: with the issuer's
   rewards. *start_value*: discounted value of the start cell, of Q* and of the agents.
 - *std*: sample standard deviation over agents. *Intervals*: 95 %, percentile bootstrap over agents,

@@ -1,7 +1,7 @@
 """Runs what an experiment still lacks, and keeps what comes of it.
 
-Runs that differ by their seed alone are trained together, in jobs. Training
-together equals training alone, so how runs fall into jobs changes no result.
+Runs that differ by their seed alone are trained together, in jobs. Training together equals training
+alone, so how runs fall into jobs changes no result.
 """
 
 import os
@@ -62,8 +62,8 @@ def run(
         waiting = {pool.submit(_execute, group, provenance) for group in _group(todo)}
         try:
             for future in as_completed(waiting):
-                keep(future)
                 waiting.discard(future)  # or its arrays would stay in memory
+                keep(future)
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)  # waits for the jobs that are running
             for future in waiting:
