@@ -211,6 +211,8 @@ def _train(
     """
     n_cells = q_out.shape[1]
     nowhere = U(n_cells)
+    every_action = choice.shape[0] - 1  # the mask that holds them all
+    places = U(choice.shape[1])
     noisy = noise.any()
     record_table = table_max_out.shape[1] > 0
     # A tournament tree: leaves are the rows' maxima, each inner node the larger of its two children.
@@ -221,7 +223,9 @@ def _train(
         s0, s1, s2, s3 = streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3]
         q = q_out[n]
         row_max = np.zeros(n_cells + 1)  # the place behind the table is what a terminal state is worth
-        greedy = np.full(n_cells, 1 if lowest else 31, dtype=np.int64)  # masks of the greedy actions
+        greedy = np.full(
+            n_cells, 1 if lowest else every_action, dtype=np.int64
+        )  # masks of the greedy actions
         tree = np.zeros(2 * leaves)
         for i in range(n_cells, leaves):
             tree[leaves + i] = -np.inf
@@ -249,8 +253,8 @@ def _train(
                     if record_table:
                         table_highest = max(table_highest, tree[1])
                 draw, s0, s1, s2, s3 = _xoshiro(s0, s1, s2, s3)
-                place = ((draw & U(0xFFFFFFFF)) * U(60)) >> U(32)
-                candidates = 31 if (draw >> U(32)) < explore_below else greedy[o]
+                place = ((draw & U(0xFFFFFFFF)) * places) >> U(32)
+                candidates = every_action if (draw >> U(32)) < explore_below else greedy[o]
                 a = U(choice[U(candidates), place])
                 taken = state * U(5) + a
                 r = reward[taken]

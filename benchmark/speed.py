@@ -103,18 +103,22 @@ def _rows(smoke: bool) -> list[Row]:
     """Returns what is compared, on S1 with the paper's constants."""
     size = 0.01 if smoke else 1.0
     model = compile_scenario(load_scenario("S1"))
+
+    def kernel() -> float:
+        return _kernel(model, 200, round(20_000 * size), threads=1)
+
     return [
         Row(
             "q_learning_kernel",
             "updates",
-            lambda: _kernel(model, 200, round(20_000 * size), threads=1),
+            kernel,
             lambda: _numpy_q_learning(round(25_000 * size)),
             "a plain Python loop over gymnasium.make, Q in NumPy",
         ),
         Row(
             "q_learning_kernel_lists",
             "updates",
-            lambda: _kernel(model, 200, round(20_000 * size), threads=1),
+            kernel,
             lambda: _list_q_learning(round(100_000 * size)),
             "the same loop tuned: Q in lists, Python's own random numbers",
         ),

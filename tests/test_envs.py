@@ -318,6 +318,18 @@ def test_batch_takes_any_integers_and_pickles(kind: type) -> None:
     assert (one[1] == other[1]).all()
 
 
+def test_reset_forgets_which_episodes_were_over() -> None:
+    env = ProxemicVectorEnv(2)
+    env.reset()
+    for _ in range(5):
+        _, _, terminated, *_ = env.step(np.array([4, 1]))
+    assert terminated.tolist() == [True, False]
+    env.reset()
+    observation, reward, *_ = env.step(np.array([1, 1]))
+    assert observation.tolist() == [12, 12]  # a step down, and no second reset in its place
+    assert reward.tolist() == [-0.1, -0.1]
+
+
 def test_batch_returns_copies() -> None:
     env = ProxemicVectorEnv(2, observation="one_hot")
     first, _ = env.reset()

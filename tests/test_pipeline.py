@@ -312,8 +312,18 @@ def test_readme_findings_are_the_published_ones() -> None:
     learning = pd.read_csv(folder / "learning.csv")
     late = learning[(learning["scenario"] == "S2") & (learning["step"] >= 5000)]
     assert (late["optimal_share"].min(), late["optimal_share"].max()) == (0.12, 0.26)
+    assert late["score"].iloc[-1] < 0
     assert late["success"].mean() == pytest.approx(0.5, abs=0.03)
+    # Around 1.
+    near = (
+        pd.read_csv(folder / "sensitivity.csv").query("claim == 'max-near-1'").set_index("reading")["parts"]
+    )
+    s3 = near.str.extract(r"S3: ([\d.]+)")[0].astype(float)
+    assert s3["default"] == pytest.approx(0.78, abs=0.005)
+    assert s3.max() == pytest.approx(0.86, abs=0.005)
     # Readings.
+    assert verdicts["ties"]["variability-S2"] == "holds in part"
+    assert verdicts["ties"]["identifies"] == "does not hold"
     assert verdicts["default"]["variability-S3"] == "holds"
     assert verdicts["max_q"]["variability-S3"] == "holds in part"
     assert claims["value"]["variability-S2"] == pytest.approx(1.02, abs=0.005)
