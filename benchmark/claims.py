@@ -136,7 +136,7 @@ def _variability(population: Population, curve: str) -> Samples:
     weights = population.weights
     mean = weights @ curves / n
     variance = weights @ curves**2 / n - mean**2
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0) * n / (n - 1)).mean(axis=1))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)).mean(axis=1))
 
 
 def _ratio(numerator: Samples, denominator: Samples) -> Samples:

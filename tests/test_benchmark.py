@@ -2,6 +2,8 @@
 
 import json
 import sqlite3
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from benchmark.aggregate import Population
 from benchmark.experiment import (
     EXPERIMENT_DIRECTORY,
     Experiment,
+    RunSpecification,
     all_specifications,
     experiment_names,
     load_experiment,
@@ -197,17 +200,36 @@ def test_damaged_records_are_told_in_a_sentence(tmp_path: Path, damage: str) -> 
         aggregate.load_population(runs, store)
 
 
-def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path) -> None:
+def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = all_specifications(SMOKE)
+    executed: list[str] = []
+    execute = runner._execute
+    together = threading.Barrier(3, timeout=60)
 
-    def interrupt(_: int) -> None:
-        raise KeyboardInterrupt
+    def slow(group: list[RunSpecification], provenance: dict[str, Any]) -> list[Record]:
+        records = execute(group, provenance)
+        executed.extend(one.digest for one in group)
+        if len(executed) <= 3 * len(group):  # the first three jobs end at once, and are not alone
+            together.wait()
+        else:
+            time.sleep(0.2)  # so that the interrupt comes before the last of them
+        return records
 
+    calls: list[int] = []
+
+    def interrupt(n: int) -> None:
+        calls.append(n)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "_execute", slow)
     with Store(tmp_path / "runs.db") as store:
         with pytest.raises(KeyboardInterrupt):
-            run(runs, store, 2, interrupt)
-        assert len(pending(runs, store)) < len(runs)
-        assert run(runs, store, 2) == []
+            run(runs, store, 3, interrupt)
+        assert len(executed) >= 18
+        assert set(store.statuses()) == set(executed)
+        assert len(executed) < len(runs)
+        assert run(runs, store, 3) == []
         assert pending(runs, store) == []
 
 
