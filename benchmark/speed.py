@@ -1,7 +1,7 @@
 """Measures speed, each row against the stock way of doing the same in the same run.
 
-Machines are noisy, so a row measures its two sides in turn, several times over, and compares the
-best of each.
+Machines are noisy, so all rows take turns, and in each row its two sides, for many rounds; the best of
+each side is compared.
 """
 
 import os
@@ -16,6 +16,8 @@ import gymnasium
 import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence
+from rich.console import Console
+from rich.progress import track
 
 from agents import q_learning
 from agents.dynamic_programming import evaluate
@@ -54,8 +56,9 @@ def measure(directory: Path, *, smoke: bool) -> None:
             f"{directory}: cannot be written: {error.strerror}; choose another folder with --results."
         ) from error
     rows = []
-    for row in _rows(smoke):
-        ours, stock = _compare(row, rounds=1 if smoke else 10)
+    compared = _rows(smoke)
+    rates = _compare(compared, rounds=1 if smoke else 15)
+    for row, (ours, stock) in zip(compared, rates, strict=True):
         rows.append(
             {
                 "name": row.name,
@@ -66,9 +69,7 @@ def measure(directory: Path, *, smoke: bool) -> None:
                 "against": row.against,
             }
         )
-        print(
-            f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.3g} times {row.against}", flush=True
-        )
+        print(f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.3g} times {row.against}")
     frame = pd.DataFrame(rows)
     tables.write_table(frame, directory / "speed")
     (directory / "README.md").write_text(_readme(frame), encoding="utf-8")
@@ -80,23 +81,25 @@ def _readme(frame: pd.DataFrame) -> str:
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
-project's rate, `baseline` that of the stock way, both the best of several rounds taken in turn in the same
-run; machines differ and are noisy, `ratio` less so.
+project's rate, `baseline` that of the stock way, both the best of many rounds, in which all rows take turns,
+in the same run; machines differ and are noisy, `ratio` less so.
 
 {tables.to_markdown(frame)}"""
 
 
-def _compare(row: Row, rounds: int) -> tuple[float, float]:
-    """Returns the best rates of both sides, per second."""
-    best = {row.ours: 0.0, row.stock: 0.0}
-    for side in best:  # compile, import, fill caches
-        side()
-    for _ in range(rounds):
-        for side in best:
-            started = time.perf_counter()
-            done = side()
-            best[side] = max(best[side], done / (time.perf_counter() - started))
-    return best[row.ours], best[row.stock]
+def _compare(rows: list[Row], rounds: int) -> list[tuple[float, float]]:
+    """Returns the best rates of both sides of every row, per second."""
+    best = [[0.0, 0.0] for _ in rows]
+    for row in rows:  # compile, import, fill caches
+        row.ours()
+        row.stock()
+    for _ in track(range(rounds), "measuring", console=Console(stderr=True)):
+        for row, rates in zip(rows, best, strict=True):
+            for i, side in enumerate((row.ours, row.stock)):
+                started = time.perf_counter()
+                done = side()
+                rates[i] = max(rates[i], done / (time.perf_counter() - started))
+    return [(ours, stock) for ours, stock in best]
 
 
 def _rows(smoke: bool) -> list[Row]:
