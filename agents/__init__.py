@@ -1,19 +1,62 @@
 """What learns, plans and judges. `ALGORITHMS` is the one table from a name to an algorithm.
 
-An algorithm is a module with `VERSION`, `Settings` (an `envs.inputs.Table`) and `train`. Modules are
-imported when asked for, so that a table of Q-values does not wait for a deep-learning library.
+Algorithms are imported when asked for, and torch only when one that needs it trains, so that a table of
+Q-values does not wait for a deep-learning library.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final
 
-from envs.inputs import unknown_name
+import numpy as np
+from numpy.typing import NDArray
 
-ALGORITHMS: Final = {"q_learning": "agents.q_learning"}
+from envs.inputs import Table, unknown_name
+
+ALGORITHMS: Final = {
+    "dqn": "agents.deep:DQN",
+    "ppo": "agents.deep:PPO",
+    "q_learning": "agents.q_learning:Q_LEARNING",
+}
 
 
-def load_algorithm(name: str, source: str = "agents") -> Any:
-    """Imports an algorithm's module.
+@dataclass(frozen=True, eq=False)
+class Algorithm:
+    """A way to learn: what it can be told, what it observes, and how it trains."""
+
+    name: str  # its key in `ALGORITHMS`
+    version: int  # part of every run's identity: raised when a change alters what is learned
+    settings: type[Table]  # has `budget` and `time_limit`
+    observations: tuple[str, ...]  # the forms it can learn from, see `envs.observations`
+    packages: tuple[str, ...]  # whose versions belong into a run's record, beside the usual ones
+    # `train(model, settings, observation, seeds, evaluation_steps)` trains one agent a seed; each is the
+    # same, bit for bit, whoever else is trained with it.
+    train: Callable[..., "Training"]
+    # Whether it trains many agents at once outside Python's global lock, and so belongs in a thread; else
+    # it trains one after the other, and belongs in a process of its own.
+    trains_together: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Training:
+    """What every algorithm tells of training N agents: O observations, A actions, T evaluation steps."""
+
+    greedy: NDArray[np.uint8]  # (N, T, O) masks of greedy actions, see `agents.policy`
+    # (N, T, O, A) probabilities of the policy that it acts by and improves, where that is not a greedy one
+    # with a fixed share of exploration; else (N, 0, O, A).
+    stochastic: NDArray[np.float64]
+    disagreements: NDArray[np.int64]  # (N, T) wrong PINGs until then
+    cpu_time_s: NDArray[np.float64]  # (N, T) spent on training until then
+    updates: NDArray[np.int64]  # (N,) of the table or by gradient
+    parameters: NDArray[np.int64]  # (N,) numbers that are learned
+    # (N,) the first evaluation step whose policy was not finite, and from which on it counts as the uniform
+    # random one; -1 where all went well.
+    diverged_at: NDArray[np.int64]
+
+
+def load_algorithm(name: str, source: str = "agents") -> Algorithm:
+    """Returns an algorithm by its name.
 
     Args:
       name: A key of `ALGORITHMS`.
@@ -24,4 +67,7 @@ def load_algorithm(name: str, source: str = "agents") -> Any:
     """
     if name not in ALGORITHMS:
         unknown_name(source, "algorithm", name, ALGORITHMS)
-    return import_module(ALGORITHMS[name])
+    module, _, attribute = ALGORITHMS[name].partition(":")
+    algorithm: Any = getattr(import_module(module), attribute)
+    assert isinstance(algorithm, Algorithm)
+    return algorithm

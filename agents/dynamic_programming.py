@@ -2,7 +2,7 @@
 
 The process is finite and known, so nothing here is sampled: no noise, no seed, no episodes. A
 policy under a time limit is worth what its state distribution meets on the way (the probabilities
-of Sutton & Barto 2018, equation 3.4, carried forward from the start); the optimum is the fixed
+of Sutton & Barto 2018, equation 3.4, carried forward from where it starts); the optimum is the fixed
 point of the Bellman optimality operator (ibid., section 4.4), or `horizon` applications of it.
 
 All returns are undiscounted unless a discount is named.
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from agents.policy import Policy
 from envs.model import EVENTS, ZONES, Model
 
-VERSION: Final = 1  # part of every run's identity: raise it when a change alters an evaluation
+VERSION: Final = 2  # part of every run's identity: raise it when a change alters an evaluation
 
 _N_SUMS = 5 + len(ZONES)
 
@@ -43,26 +43,45 @@ class Solution:
     value: NDArray[np.float64]  # (S,)
 
 
-def evaluate(model: Model, policy: Policy, horizon: int) -> Evaluation:
-    """Computes what a policy is worth from the start, under a time limit.
+def every_cell(model: Model) -> NDArray[np.float64]:
+    """Returns the starting distribution, (S,), that draws any cell but the issuer's, with no PING so far."""
+    cells = np.flatnonzero(~model.terminated[: model.n_observations].all(axis=1))
+    start = np.zeros(len(model.observation))
+    start[cells] = 1 / len(cells)
+    return start
+
+
+def evaluate(
+    model: Model, policy: Policy, horizon: int, start: NDArray[np.float64] | None = None
+) -> Evaluation:
+    """Computes what a policy is worth under a time limit.
 
     Args:
       model: Compiled scenario; O observations, A actions.
       policy: Action probabilities, (..., O, A) float64, rows summing to one; leading axes are a
         batch of policies.
       horizon: Steps until truncation, at least 1.
+      start: Probability of starting in each state, (S,); the model's start by default.
 
     Raises:
-      ValueError: `policy` was built for another model or is no policy, or `horizon` is below 1.
+      ValueError: `policy` was built for another model or is no policy, `horizon` is below 1, or `start` is
+        no distribution over states that go on.
     """
     shape = (model.n_observations, model.next_state.shape[1])
     policy = np.asarray(policy, dtype=np.float64)
     if policy.shape[-2:] != shape:
         raise ValueError(f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]}).")
-    if not (policy.min() >= 0 and abs(policy.sum(axis=-1) - 1.0).max() <= 1e-9):
+    if policy.size and not (policy.min() >= 0 and abs(policy.sum(axis=-1) - 1.0).max() <= 1e-9):
         raise ValueError("policy: rows must be probabilities that sum to one.")
     if horizon < 1:
         raise ValueError(f"horizon = {horizon}; at least 1.")
+    if start is None:
+        start = np.zeros(len(model.observation))
+        start[model.start] = 1.0
+    over = model.terminated.all(axis=1)
+    if start.shape != over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[over].any():
+        raise ValueError("start: accepted: probabilities over the states that go on, summing to one.")
+    starts = np.flatnonzero(start)
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
     _sweep(
@@ -72,10 +91,11 @@ def evaluate(model: Model, policy: Policy, horizon: int) -> Evaluation:
         model.issuer_reward,
         model.terminated,
         model.event == EVENTS.index("target_ping"),
-        np.isin(model.event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]),
+        model.is_wrong_ping,
         model.zone,
         model.observation,
-        model.start,
+        starts,
+        start[starts],
         horizon,
         sums,
     )
@@ -101,7 +121,8 @@ def _sweep(
     is_wrong_ping: NDArray[np.bool_],
     zone: NDArray[np.int8],
     observation: NDArray[np.int32],
-    start: int,
+    starts: NDArray[np.int64],
+    start_probability: NDArray[np.float64],
     horizon: int,
     sums: NDArray[np.float64],
 ) -> None:
@@ -121,9 +142,10 @@ def _sweep(
     visits = np.empty(n_states)  # expected number of steps that begin in each place
     for n in range(policies.shape[0]):
         policy = policies[n]
-        place[start] = 0
-        reached[0] = start
-        n_reached = 1
+        n_reached = len(starts)
+        for i in range(n_reached):
+            place[starts[i]] = i
+            reached[i] = starts[i]
         first[:] = 0
         i = 0
         while i < n_reached:
@@ -149,7 +171,7 @@ def _sweep(
                     first[j] += 1  # ends where the next place's transitions begin
 
         here[:n_reached] = 0.0
-        here[0] = 1.0
+        here[: len(starts)] = start_probability
         visits[:n_reached] = 0.0
         for _ in range(horizon):
             going = 0.0

@@ -14,6 +14,7 @@ greedy ones otherwise). A noisy issuer takes one draw more at each PING.
 """
 
 import math
+import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -26,12 +27,12 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from agents import Algorithm, Training
 from agents.policy import ALL_ACTIONS, contains
 from envs.inputs import Table
 from envs.model import ACTIONS, Model, draw_issuer_reward
 
-OBSERVATIONS: Final = ("index",)  # the forms it can learn from
-VERSION: Final = 1  # part of every run's identity: raise it when a change alters what is learned
+VERSION: Final = 2  # part of every run's identity: raise it when a change alters what is learned
 
 U = np.uint64
 _draw_issuer_reward = numba.njit(draw_issuer_reward)
@@ -66,12 +67,11 @@ class Settings(Table):
         return self
 
 
-@dataclass(frozen=True, eq=False)
-class Training:
-    """What came of training N agents: O observations, A actions, R records, T snapshots."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TabularTraining(Training):
+    """What came of training N agents, beside what every algorithm tells; R records."""
 
     q: NDArray[np.float64]  # (N, O, A) final values
-    greedy: NDArray[np.uint8]  # (N, T, O) masks of greedy actions, see `agents.policy`
     # (N, R) max_a Q(o_t, a) of the visited o_t before its update; with a budget of episodes, the
     # largest met in the episode.
     max_q: NDArray[np.float64]
@@ -88,7 +88,7 @@ def train(
     *,
     record_table: bool = False,
     threads: int = 1,
-) -> Training:
+) -> TabularTraining:
     """Trains one agent a seed.
 
     Args:
@@ -109,9 +109,16 @@ def train(
     if points[0] < 0 or np.any(np.diff(points) <= 0):
         raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {settings.budget}.")
     n_records = math.ceil(settings.budget / settings.record_every)
-    result = Training(
+    shape = n_agents, len(points) - 1  # (N, T)
+    result = TabularTraining(
         q=np.zeros((n_agents, n_cells, len(ACTIONS))),
-        greedy=np.empty((n_agents, len(points) - 1, n_cells), dtype=np.uint8),
+        greedy=np.empty((*shape, n_cells), dtype=np.uint8),
+        stochastic=np.empty((n_agents, 0, n_cells, len(ACTIONS))),
+        disagreements=np.empty(shape, dtype=np.int64),
+        cpu_time_s=np.empty(shape),
+        updates=np.empty(n_agents, dtype=np.int64),
+        parameters=np.full(n_agents, n_cells * len(ACTIONS)),
+        diverged_at=np.full(n_agents, -1),
         max_q=np.empty((n_agents, n_records)),
         table_max_q=np.empty((n_agents, n_records if record_table else 0)),
         steps_taken=np.empty(n_agents, dtype=np.int64),
@@ -123,11 +130,13 @@ def train(
     bootstrap = np.where(model.terminated, n_cells, model.observation[model.next_state])
 
     def work(first: int, last: int) -> None:
+        started_s = time.thread_time()
         _train(
             next_state.astype(np.int64).ravel(),
             bootstrap.astype(np.int64).ravel(),
             (model.grid_reward + model.issuer_reward).ravel(),
             model.issuer_noise.ravel(),
+            model.is_wrong_ping.ravel(),
             model.observation.astype(np.int64),
             model.start,
             settings.learning_rate,
@@ -143,12 +152,17 @@ def train(
             streams[first:last],
             result.q[first:last],
             result.greedy[first:last],
+            result.disagreements[first:last],
             result.max_q[first:last],
             result.table_max_q[first:last],
             result.steps_taken[first:last],
             result.episodes_ended[first:last],
         )
+        # Agents of a block take turns too short to be timed; each has its share, by its steps.
+        seconds = (time.thread_time() - started_s) / max(last - first, 1)
+        result.cpu_time_s[first:last] = seconds * points[:-1] / settings.budget
 
+    work(0, 0)  # compile, or fetch what was compiled, before the clock runs
     # Small blocks, so that threads end together and an interrupt waits for one block at most.
     n_blocks = min(n_agents, threads * math.ceil(n_agents / (threads * 8)) if threads > 1 else 1)
     edges = np.linspace(0, n_agents, n_blocks + 1).astype(int)
@@ -159,7 +173,30 @@ def train(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+    result.updates[:] = result.steps_taken
     return result
+
+
+def _train_as_declared(
+    model: Model,
+    settings: Settings,
+    observation: str,  # noqa: ARG001
+    seeds: Sequence[SeedSequence],
+    evaluation_steps: Sequence[int],
+) -> TabularTraining:
+    """Trains for an experiment, which records all there is."""
+    return train(model, settings, seeds, evaluation_steps, record_table=True)
+
+
+Q_LEARNING: Final = Algorithm(
+    name="q_learning",
+    version=VERSION,
+    settings=Settings,
+    observations=("index",),  # a table has a row for each observation, however it is written
+    packages=("numba",),
+    train=_train_as_declared,
+    trains_together=True,
+)
 
 
 @numba.njit
@@ -185,6 +222,7 @@ def _train(
     bootstrap: NDArray[np.int64],  # (S * A,) the observation to bootstrap from; O where it terminates
     reward: NDArray[np.float64],  # (S * A,) mean
     noise: NDArray[np.float64],  # (S * A,)
+    is_wrong_ping: NDArray[np.bool_],  # (S * A,)
     observation: NDArray[np.int64],  # (S,)
     start: int,
     learning_rate: float,
@@ -200,6 +238,7 @@ def _train(
     streams: NDArray[np.uint64],  # (N, 4)
     q_out: NDArray[np.float64],  # (N, O, A)
     greedy_out: NDArray[np.uint8],  # (N, T, O)
+    disagreements_out: NDArray[np.int64],  # (N, T)
     max_out: NDArray[np.float64],  # (N, R)
     table_max_out: NDArray[np.float64],  # (N, R) or (N, 0)
     steps_out: NDArray[np.int64],  # (N,)
@@ -234,6 +273,7 @@ def _train(
         steps = 0
         episodes = 0
         episode_steps = 0
+        disagreements = 0
         n_points = 0
         next_point = points[0]
         next_record = 0
@@ -242,6 +282,7 @@ def _train(
             if unit == next_point:
                 for i in range(n_cells):
                     greedy_out[n, n_points, i] = greedy[i]
+                disagreements_out[n, n_points] = disagreements
                 n_points += 1
                 next_point = points[n_points]
             recorded = unit == next_record
@@ -258,6 +299,7 @@ def _train(
                 a = U(choice[U(candidates), place])
                 taken = state * U(5) + a
                 r = reward[taken]
+                disagreements += is_wrong_ping[taken]
                 if noisy and noise[taken] > 0.0:
                     draw, s0, s1, s2, s3 = _xoshiro(s0, s1, s2, s3)
                     r = _draw_issuer_reward(r, noise[taken], (draw >> U(11)) * 2.0**-53)
@@ -299,5 +341,6 @@ def _train(
         if next_point == budget:
             for i in range(n_cells):
                 greedy_out[n, n_points, i] = greedy[i]
+            disagreements_out[n, n_points] = disagreements
         steps_out[n] = steps
         episodes_out[n] = episodes

@@ -80,12 +80,19 @@ def _parser() -> argparse.ArgumentParser:
         type=int,
         default=os.cpu_count() or 1,
         metavar="N",
-        help="threads to use; no result depends on it (default: one a core)",
+        help="jobs under way at a time; no result depends on it (default: one a core)",
     )
     run.add_argument(
         "--report", action="store_true", help="then draw the tables and figures, as 'report' does"
     )
-    command("report", _report, "draw the tables and figures of an experiment from its runs", experiment=True)
+    report = command(
+        "report", _report, "draw the tables and figures of an experiment from its runs", experiment=True
+    )
+    report.add_argument(
+        "--partial",
+        action="store_true",
+        help="of a comparison, draw what is there though runs are missing, into EXPERIMENT_partial",
+    )
     speed = command(
         "speed", _speed, "measure speed, each row against the stock way in the same run", experiment=False
     )
@@ -130,42 +137,51 @@ def _list(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.progress import TimeRemainingColumn as Remaining
 
     from benchmark import runner
     from benchmark.experiment import all_specifications, load_experiment
-    from benchmark.store import Store
+    from benchmark.store import Record, Store
 
     if options.jobs < 1:
         raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
     experiment = load_experiment(options.experiment)
     runs = all_specifications(experiment, _seeds(options.seeds))
     with Store(options.results / "runs.db") as store:
-        todo = len(runner.pending(runs, store))
-        if todo == 0:
+        todo = runner.pending(runs, store)
+        if not todo:
             print(f"{experiment.name}: all {len(runs)} runs are done already.")
             return _report(options) if options.report else 0
+        jobs = runner.plan(todo)
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("runs,"),
+            TextColumn("{task.fields[runs]} of " + f"{len(runs)} runs,"),
             TimeElapsedColumn(),
             TextColumn("gone,"),
             Remaining(),
             TextColumn("to go"),
         )
-        with Progress(*columns, console=Console(stderr=True)) as progress:
-            task = progress.add_task(experiment.name, total=len(runs), completed=len(runs) - todo)
-            errors = runner.run(runs, store, options.jobs, lambda n: progress.advance(task, n))
+        # By jobs, which take about as long as each other; of runs a hundred may take no time.
+        with Progress(*columns, console=Console(stderr=True), speed_estimate_period=120) as progress:
+            task = progress.add_task(experiment.name, total=len(jobs), runs=len(runs) - len(todo))
+
+            def advance(records: list[Record]) -> None:
+                ended = progress.tasks[task].fields["runs"] + len(records)
+                progress.update(task, advance=1, runs=ended)
+                diverged.extend(record.digest for record in records if record.status == "diverged")
+
+            diverged: list[str] = []
+            errors = runner.run(jobs, store, options.jobs, advance)
     if errors:
         print(
             f"error: {len(errors)} runs failed, and will be tried again; the first: {errors[0]}",
             file=sys.stderr,
         )
         return 1
-    print(f"{experiment.name}: {todo} runs done, {len(runs) - todo} were done already.")
+    told = f", {len(diverged)} of them diverged" if diverged else ""
+    print(f"{experiment.name}: {len(todo)} runs done{told}, {len(runs) - len(todo)} were done already.")
     return _report(options) if options.report else 0
 
 
@@ -175,9 +191,10 @@ def _report(options: argparse.Namespace) -> int:
     from benchmark.store import Store
 
     experiment = load_experiment(options.experiment)
-    directory = options.results / experiment.name
+    partial = getattr(options, "partial", False)  # 'run --report' has no such option
+    directory = options.results / (f"{experiment.name}_partial" if partial else experiment.name)
     with Store(options.results / "runs.db", read_only=True) as store:
-        report.draw(experiment, store, directory, _seeds(options.seeds))
+        report.draw(experiment, store, directory, _seeds(options.seeds), partial=partial)
     print(f"{experiment.name}: tables and figures are in {directory}.")
     return 0
 

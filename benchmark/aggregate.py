@@ -1,6 +1,7 @@
 """Records become populations, and populations become tables of numbers with intervals.
 
-A population is all agents of one scenario under one reading. Intervals are 95 % percentile bootstrap
+A population is all agents of one cell of an experiment: one scenario, reading, arm and observation. The
+tables here are those of a replication; `benchmark.comparison` makes those of a comparison. Intervals are 95 % percentile bootstrap
 intervals over its agents; their resampling is seeded, so the same records give the same digits.
 """
 
@@ -15,28 +16,32 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from agents.dynamic_programming import evaluate, solve
+from agents.dynamic_programming import evaluate, every_cell, solve
 from agents.policy import contains, greedy_masks, uniform_policy
 from benchmark.experiment import RunSpecification, evaluation_steps
 from benchmark.store import Record, Store
-from envs import ACTIONS, InputError, Model, Scenario, compile_scenario
+from envs import ACTIONS, ZONES, InputError, Model, Scenario, compile_scenario
+from envs.model import PING
 
 RESAMPLES: Final = 1000
-_BOOTSTRAP_SEED: Final = 20210803
+BOOTSTRAP_SEED: Final = 20210803
 _OPTIMAL: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """All agents of one scenario under one reading, in the order of their seeds.
+    """All agents of one cell of an experiment, in the order of their seeds.
 
     N agents, T evaluation points, O cells, A actions, R records of max Q.
     """
 
     specification: Mapping[str, Any]  # of the agent of the first seed, as recorded
-    # Name to values, (N, ...): the fields of `agents.q_learning.Training`, and (N, T, ...) those of
-    # `agents.dynamic_programming.Evaluation` for the greedy policy.
+    # Name to values, (N, ...): the fields of the algorithm's `Training`, and (N, T, ...) those of
+    # `agents.dynamic_programming.Evaluation` for the greedy policy; with `stochastic_` before them for the
+    # stochastic one, if there is one, and with `every_cell_` where episodes start anywhere.
     arrays: Mapping[str, NDArray[Any]]
+    seeds: Sequence[int]  # (N,)
+    provenance: Sequence[Mapping[str, Any]]  # (N,) see `benchmark.store.Record`
 
     @cached_property
     def model(self) -> Model:
@@ -65,27 +70,71 @@ class Population:
         """(RESAMPLES + 1, N) see `resample`."""
         return resample(len(self.arrays["q"]), self.scenario)
 
-    @cached_property
+    @property
     def anchors(self) -> dict[str, tuple[float, float]]:
-        """Exact returns of the random and of the optimal policy, by the grid's and all rewards."""
-        horizon = self.specification["horizon"]
-        random = evaluate(self.model, uniform_policy(self.model), horizon)
-        return {
-            name: (
-                float(value),
-                float(solve(self.model, 1.0, horizon, issuer_rewards=issuer).value[self.model.start]),
-            )
-            for name, value, issuer in (
-                ("grid_return", random.grid_return, False),
-                ("scenario_return", random.scenario_return, True),
-            )
-        }
+        """See `anchors`."""
+        return anchors(self.model, self.specification["horizon"], "start")
 
     @cached_property
     def scores(self) -> NDArray[np.float64]:
         """(N, T) grid return of the greedy policy: 0 as the random policy, 1 as the optimal one."""
-        random, optimal = self.anchors["grid_return"]
-        return np.asarray((self.arrays["grid_return"] - random) / (optimal - random))
+        return self.scores_of("greedy", "start")
+
+    def scores_of(self, policy: str, start: str) -> NDArray[np.float64]:
+        """Returns the scores of a policy from a place, (N, T); (N, 0) of a stochastic policy that is none.
+
+        Args:
+          policy: `"greedy"` or `"stochastic"`.
+          start: One of what the experiment says under `evaluated_from`.
+        """
+        random, optimal = anchors(self.model, self.specification["horizon"], start)["grid_return"]
+        returns = self.arrays[evaluated("grid_return", policy, start)]
+        return np.asarray((returns - random) / (optimal - random))
+
+    @cached_property
+    def in_target(self) -> NDArray[np.bool_]:
+        """(O,) whether a cell lies in the target region."""
+        return np.asarray(self.model.zone_of_cell == ZONES.index("target"))
+
+    @cached_property
+    def values_ping(self) -> NDArray[np.bool_]:
+        """(N, O) where an agent would PING in the end: Q > 0, or of a stochastic policy PING the likeliest."""
+        stochastic = self.arrays["stochastic"]
+        if stochastic.shape[1]:
+            return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)
+        return np.asarray(self.arrays["q"][:, :, PING] > 0)
+
+
+def evaluated(name: str, policy: str, start: str) -> str:
+    """Returns what a field of `Evaluation` is called in a record, by the policy and where it starts."""
+    policy = "" if policy == "greedy" else f"{policy}_"
+    return f"{policy}{'' if start == 'start' else f'{start}_'}{name}"
+
+
+@lru_cache(maxsize=64)
+def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, float]]:
+    """Returns the exact returns of the random and of the optimal policy, by the grid's and all rewards."""
+    if start == "every_cell":
+        where = every_cell(model)
+    else:
+        where = np.zeros(len(model.observation))
+        where[model.start] = 1.0
+    random = evaluate(model, uniform_policy(model), horizon, where)
+    return {
+        name: (
+            float(value),
+            float(where @ solve(model, 1.0, horizon, issuer_rewards=issuer).value),
+        )
+        for name, value, issuer in (
+            ("grid_return", random.grid_return, False),
+            ("scenario_return", random.scenario_return, True),
+        )
+    }
+
+
+def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Returns the intersection over union of cells, (..., O), with the target region, (...)."""
+    return np.asarray((cells & in_target).sum(axis=-1) / (cells | in_target).sum(axis=-1))
 
 
 def load_population(runs: Sequence[RunSpecification], store: Store) -> Population:
@@ -97,17 +146,19 @@ def load_population(runs: Sequence[RunSpecification], store: Store) -> Populatio
     """
     if len(runs) < 2:
         raise InputError(f"{len(runs)} run a scenario: accepted: at least 2, or there are no intervals.")
-    statuses = store.statuses()
-    missing = [run.seed for run in runs if statuses.get(run.digest) != "done"]
+    ended = store.ended()
+    missing = [run.seed for run in runs if run.digest not in ended]
     if missing:
         raise InputError(
-            f"{len(missing)} of {len(runs)} runs of {runs[0].algorithm} in {runs[0].scenario.name} are not "
+            f"{len(missing)} of {len(runs)} runs of {runs[0].arm} in {runs[0].scenario.name} are not "
             f"done (the first is seed {missing[0]}); run the experiment first."
         )
     records: list[Record] = store.get([run.digest for run in runs])
     return Population(
         specification=json.loads(records[0].specification),
         arrays={name: np.stack([record.arrays[name] for record in records]) for name in records[0].arrays},
+        seeds=[run.seed for run in runs],
+        provenance=[record.provenance for record in records],
     )
 
 
@@ -118,7 +169,7 @@ def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
     A statistic that is a function of means is thus resampled by one product of matrices. Scenarios
     are resampled apart from each other; the readings of one share their draws, as they do their seeds.
     """
-    rng = np.random.default_rng([_BOOTSTRAP_SEED, *scenario.encode()])
+    rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
     counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
     return np.vstack([np.ones(n_agents), counts]).astype(np.float64)
 
@@ -187,9 +238,9 @@ def learning(populations: Sequence[Population]) -> pd.DataFrame:
             ("return", population.arrays["grid_return"]),
             ("scenario_return", population.arrays["scenario_return"]),
         ):
-            columns |= _mean_with_interval(name, weights @ values / len(values))
+            columns |= mean_with_interval(name, weights @ values / len(values))
             if name == "score":
-                columns |= _interquartile_mean(population.scores)
+                columns |= interquartile_mean("score_iqm", population.scores)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -204,7 +255,7 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
         for name, (random, best) in population.anchors.items():
             learned = population.arrays[name][:, -1]
             samples = weights @ (best - learned) / len(learned)
-            regret = _mean_with_interval("regret", samples[:, None])
+            regret = mean_with_interval("regret", samples[:, None])
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned.mean()}
             row |= {f"{name}_{key}": value[0] for key, value in regret.items()}
         row["optimal_share"] = (scores >= 1 - _OPTIMAL).mean()
@@ -264,14 +315,14 @@ def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     return {"mean": values.mean(axis=0), "std": std, "min": values.min(axis=0), "max": values.max(axis=0)}
 
 
-def _mean_with_interval(name: str, samples: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def mean_with_interval(name: str, samples: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Names a resampled statistic, (RESAMPLES + 1, T), and its interval."""
     low, high = interval(samples)
     return {name: samples[0], f"{name}_low": low, f"{name}_high": high}
 
 
-def _interquartile_mean(scores: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Returns the interquartile mean of (N, T) scores and its bootstrap interval."""
+def interquartile_mean(name: str, scores: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Names the interquartile mean of (N, T) scores and its bootstrap interval."""
 
     def iqm(values: NDArray[np.float64], axis: int = 0) -> NDArray[np.float64]:
         return np.asarray(stats.trim_mean(values, 0.25, axis=axis))
@@ -282,7 +333,7 @@ def _interquartile_mean(scores: NDArray[np.float64]) -> dict[str, NDArray[np.flo
         axis=0,
         n_resamples=RESAMPLES,
         method="percentile",
-        rng=np.random.default_rng(_BOOTSTRAP_SEED),
+        rng=np.random.default_rng(BOOTSTRAP_SEED),
     )
     low, high = bootstrap.confidence_interval
-    return {"score_iqm": iqm(scores), "score_iqm_low": np.asarray(low), "score_iqm_high": np.asarray(high)}
+    return {name: iqm(scores), f"{name}_low": np.asarray(low), f"{name}_high": np.asarray(high)}

@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.aggregate import Population, interval
+from benchmark.aggregate import Population, interval, overlap
 from envs.model import PING, ZONES
 
 Populations = Mapping[str, Population]  # by scenario: S1, S2, S3
@@ -172,7 +172,7 @@ def _near_one(populations: Populations, curve: str) -> list[Part]:
         level = np.percentile(_curves(population, curve), 99, axis=1)  # (N,)
         model = population.model
         reward = (model.grid_reward + model.issuer_reward)[: model.n_observations, PING]
-        ceiling = reward[_in_target(population)].max()
+        ceiling = reward[population.in_target].max()
         samples = population.weights @ level / len(level)
         parts.append(Part(name, samples, f" = {samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"))
     return parts
@@ -202,11 +202,6 @@ def _mean_ping(population: Population) -> NDArray[np.float64]:
     return np.asarray(population.weights @ q / len(q))
 
 
-def _in_target(population: Population) -> NDArray[np.bool_]:
-    """Returns which cells are in the target region, (O,)."""
-    return np.asarray(population.model.zone_of_cell == ZONES.index("target"))
-
-
 def _valued_outside(scenario: str) -> Callable[[Populations, str], list[Part]]:
     """Counts the cells outside the target region with a positive mean PING Q-value.
 
@@ -216,7 +211,7 @@ def _valued_outside(scenario: str) -> Callable[[Populations, str], list[Part]]:
     def parts(populations: Populations, _: str) -> list[Part]:
         population = populations[scenario]
         valued = _mean_ping(population) > 0
-        in_target = _in_target(population)
+        in_target = population.in_target
         inside = valued[:, in_target].sum(axis=1)
         count = np.where(inside > 0, valued[:, ~in_target].sum(axis=1), np.nan)
         return [Part(scenario, count, f" outside; {inside[0]} of {in_target.sum()} target cells")]
@@ -224,21 +219,16 @@ def _valued_outside(scenario: str) -> Callable[[Populations, str], list[Part]]:
     return parts
 
 
-def _overlap(valued: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Returns the intersection over union of valued cells, (..., O), with the target region, (...)."""
-    return np.asarray((valued & in_target).sum(axis=-1) / (valued | in_target).sum(axis=-1))
-
-
 def _own_overlap(population: Population) -> Samples:
     """Returns the overlap of each agent's own map, averaged over agents."""
-    q = population.arrays["q"][:, :, PING]
-    return population.weights @ _overlap(q > 0, _in_target(population)) / len(q)
+    valued = population.values_ping
+    return population.weights @ overlap(valued, population.in_target) / len(valued)
 
 
 def _precision_and_recall(population: Population) -> str:
     """Says why agents' own maps overlap as they do: what share of each is right, and of what it found."""
     valued = population.arrays["q"][:, :, PING] > 0
-    in_target = _in_target(population)
+    in_target = population.in_target
     found = (valued & in_target).sum(axis=1)
     precision = found.sum() / max(valued.sum(), 1)
     recall = found.mean() / in_target.sum()
@@ -247,7 +237,7 @@ def _precision_and_recall(population: Population) -> str:
 
 def _mean_overlap(population: Population) -> Samples:
     """Returns the overlap of the map that averages all agents, which is the one the paper shows."""
-    return _overlap(_mean_ping(population) > 0, _in_target(population))
+    return overlap(_mean_ping(population) > 0, population.in_target)
 
 
 _MAPS: Final = (("mean map", _mean_overlap), ("own maps", _own_overlap))

@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,11 +21,12 @@ DEFAULT_READING = "default"
 
 
 class Arm(Table):
-    """One line of the comparison: an algorithm, what it observes, and how it is set."""
+    """An algorithm with its settings, and the observations from which it is to learn."""
 
     algorithm: str
-    observation: str
+    observations: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs a scenario, of seeds 0 to seeds - 1
+    group: str = ""  # arms of one group are drawn together
     settings: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -40,15 +42,31 @@ class Reading(Table):
 
 
 class Experiment(Table):
-    """A declared set of runs: every reading, scenario and arm, each with its seeds."""
+    """A declared set of runs: every reading, scenario, arm and observation, each with its seeds."""
 
     name: str
     description: str
+    report: Literal["replication", "comparison"]  # which tables and figures are drawn of it
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     horizon: Annotated[int, Field(ge=1, le=100_000)]
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
-    algorithms: Annotated[dict[str, Arm], Field(min_length=1, max_length=1)]
-    readings: dict[str, Reading]
+    # Where evaluated episodes start: as the scenario says, or also anywhere, all cells alike.
+    evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
+    settings: dict[str, Any] = Field(default_factory=dict)  # of every arm that does not say otherwise
+    algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
+    readings: dict[str, Reading] = {
+        DEFAULT_READING: Reading(question="How is the paper read?", answer="as it is by default")
+    }
+
+    @property
+    def cells(self) -> list[tuple[str, str, str]]:
+        """(scenario, arm, observation) of every cell of the grid, as declared."""
+        return [
+            (scenario, name, observation)
+            for scenario in self.scenarios
+            for name, arm in self.algorithms.items()
+            for observation in arm.observations
+        ]
 
 
 class _Extension(Table):
@@ -65,12 +83,14 @@ class RunSpecification:
 
     experiment: str
     scenario: Scenario
+    arm: str
     algorithm: str
     versions: Mapping[str, int]  # of the algorithm, the model and the evaluation
     observation: str
     settings: Table
     horizon: int
     evaluation_every: int
+    evaluated_from: tuple[str, ...]
     seed: int
 
     @cached_property
@@ -79,12 +99,14 @@ class RunSpecification:
         content = {
             "experiment": self.experiment,
             "scenario": self.scenario.model_dump(mode="json"),
+            "arm": self.arm,
             "algorithm": self.algorithm,
             "versions": dict(self.versions),
             "observation": self.observation,
             "settings": self.settings.model_dump(mode="json"),
             "horizon": self.horizon,
             "evaluation_every": self.evaluation_every,
+            "evaluated_from": list(self.evaluated_from),
         }
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
 
@@ -109,7 +131,7 @@ class RunSpecification:
 
         Readings share their streams: the scenario enters by its name alone, settings not at all.
         """
-        names = [self.experiment, self.scenario.name, self.algorithm, self.observation, self.seed]
+        names = [self.experiment, self.scenario.name, self.arm, self.observation, self.seed]
         entropy = hashlib.sha256(json.dumps(names).encode()).digest()
         return np.random.SeedSequence(int.from_bytes(entropy))
 
@@ -144,13 +166,18 @@ def load_experiment(experiment: str | Path) -> Experiment:
         unchanged = read_toml(_path(base.extends))
         data = override(unchanged, {"description": base.description} | base.changes, str(path))
     loaded = parse(Experiment, data, str(path), name=path.stem)
+    if loaded.report == "comparison" and len(loaded.readings) > 1:
+        raise InputError(f"{path}: readings: a comparison takes the {DEFAULT_READING} one alone.")
+    if loaded.report == "replication" and [a.algorithm for a in loaded.algorithms.values()] != ["q_learning"]:
+        raise InputError(f"{path}: algorithms: a replication takes a single one, of q_learning.")
     if DEFAULT_READING not in loaded.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_READING} is missing.")
     for name, arm in loaded.algorithms.items():
         where = f"{path}: algorithms.{name}"
-        accepted = load_algorithm(arm.algorithm, where).OBSERVATIONS
-        if arm.observation not in accepted:
-            unknown_name(where, f"observation for {arm.algorithm}", arm.observation, accepted)
+        accepted = load_algorithm(arm.algorithm, where).observations
+        for observation in arm.observations:
+            if observation not in accepted:
+                unknown_name(where, f"observation for {arm.algorithm}", observation, accepted)
         for reading in loaded.readings:
             _settings(loaded, name, reading, str(path))
     try:
@@ -173,7 +200,12 @@ def load_experiment(experiment: str | Path) -> Experiment:
 
 
 def specifications(
-    experiment: Experiment, reading: str, scenario: str, arm: str, seeds: Sequence[int] | None = None
+    experiment: Experiment,
+    reading: str,
+    scenario: str,
+    arm: str,
+    observation: str,
+    seeds: Sequence[int] | None = None,
 ) -> list[RunSpecification]:
     """Lists the runs of one cell of the experiment, in the order of their seeds.
 
@@ -182,13 +214,15 @@ def specifications(
       reading: A key of its readings.
       scenario: One of its scenarios.
       arm: A key of its algorithms.
+      observation: One of the arm's.
       seeds: Other seeds than the declared ones.
     """
     declared = experiment.algorithms[arm]
+    algorithm = load_algorithm(declared.algorithm)
     settings = _settings(experiment, arm, reading, experiment.name)
     loaded = _scenario(experiment, reading, scenario)
     versions = {
-        "algorithm": load_algorithm(declared.algorithm).VERSION,
+        "algorithm": algorithm.version,
         "evaluation": dynamic_programming.VERSION,
         "model": model.VERSION,
     }
@@ -196,12 +230,14 @@ def specifications(
         RunSpecification(
             experiment=experiment.name,
             scenario=loaded,
+            arm=arm,
             algorithm=declared.algorithm,
             versions=versions,
-            observation=declared.observation,
+            observation=observation,
             settings=settings,
             horizon=experiment.horizon,
             evaluation_every=experiment.evaluation_every,
+            evaluated_from=experiment.evaluated_from,
             seed=seed,
         )
         for seed in (range(declared.seeds) if seeds is None else seeds)
@@ -209,16 +245,16 @@ def specifications(
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
-    """Lists every run of an experiment once, the default reading first."""
+    """Lists every run of an experiment once: the first seed of every cell, then the second, and so on.
+
+    Whatever part of that has been run so far covers the whole grid. The default reading comes first.
+    """
     readings = sorted(experiment.readings, key=lambda name: name != DEFAULT_READING)
-    runs = {
-        run.digest: run
-        for reading in readings
-        for scenario in experiment.scenarios
-        for arm in experiment.algorithms
-        for run in specifications(experiment, reading, scenario, arm, seeds)
-    }
-    return list(runs.values())
+    cells = [
+        specifications(experiment, reading, *cell, seeds) for reading in readings for cell in experiment.cells
+    ]
+    rounds = zip_longest(*cells)
+    return list({run.digest: run for runs in rounds for run in runs if run is not None}.values())
 
 
 def _path(experiment: str | Path) -> Path:
@@ -249,10 +285,9 @@ def _scenario(experiment: Experiment, reading: str, scenario: str) -> Scenario:
 def _settings(experiment: Experiment, arm: str, reading: str, source: str) -> Table:
     """Returns an arm's settings under a reading, checked."""
     declared = experiment.algorithms[arm]
-    cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{arm}").Settings
+    cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{arm}").settings
     changed: Mapping[str, Any] = experiment.readings[reading].settings
     where = f"{source}: algorithms.{arm}.settings"
     if changed:
         where += f" with readings.{reading}.settings"
-    settings: Table = parse(cls, override(declared.settings, changed, where), where)
-    return settings
+    return parse(cls, override(experiment.settings | declared.settings, changed, where), where)

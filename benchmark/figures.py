@@ -1,6 +1,7 @@
 """Data frames become figures, one function a published figure; nothing is computed or written.
 
-Colour maps rise in lightness, so that they read the same to colour-blind eyes and in grey; lines
+Here are the figures of a replication and what all figures share; `benchmark.figures_comparison` has those of a
+comparison. Colour maps rise in lightness, so that they read the same to colour-blind eyes and in grey; lines
 differ by dash as well as by colour.
 """
 
@@ -31,7 +32,7 @@ from benchmark.claims import VERDICTS
 from envs import ACTIONS, Model
 from envs.model import MOVES, PING
 
-_COLOURS: Final = sns.color_palette("colorblind")
+COLOURS: Final = sns.color_palette("colorblind")
 _DASHES: Final = ("-", "--", ":")
 _MAP: Final = "cividis"
 _RC: Final = {
@@ -73,14 +74,14 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
       models: Scenario to compiled scenario, the columns of the figure.
     """
     letters = "abcdefghijklmnopqrstuvwxyz"  # as the paper's panels
-    with _figure(3, len(models), (11.0, 9.6)) as (figure, axes):
+    with figure_of(3, len(models), (11.0, 9.6)) as (figure, axes):
         moves = values[values["action"] != "PING"]
         pings = values[values["action"] == "PING"]
         for column, (name, model) in enumerate(models.items()):
             curve = curves[curves["scenario"] == name]
             axis = axes[0, column]
-            axis.fill_between(curve["step"], curve["min"], curve["max"], color=_COLOURS[9], alpha=0.55, lw=0)
-            axis.plot(curve["step"], curve["mean"], color=_COLOURS[0], lw=0.9)
+            axis.fill_between(curve["step"], curve["min"], curve["max"], color=COLOURS[9], alpha=0.55, lw=0)
+            axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9)
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
             axis.set(title=f"({letters[column]}) max Q, {name}: {model.scenario.issuer.feedback.label}")
             axis.set(
@@ -88,10 +89,10 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
                 xlim=(0, max(curve["step"].max(), 1)),
                 ylim=_limits(curves, "min", "max"),
             )
-            _triangles(axes[1, column], model, moves[moves["scenario"] == name], _norm(moves["mean"]))
+            triangles(axes[1, column], model, moves[moves["scenario"] == name], norm_of(moves["mean"]))
             axes[1, column].set(title=f"({letters[len(models) + column]}) moves, {name}")
             ping = pings.loc[pings["scenario"] == name, "mean"].to_numpy()
-            _heat(axes[2, column], model, ping, _norm(pings["mean"]))
+            heat(axes[2, column], model, ping, norm_of(pings["mean"]))
             axes[2, column].set(title=f"({letters[2 * len(models) + column]}) PING, {name}")
             positive = np.flatnonzero(ping > 0)
             row, cell_column = np.divmod(positive, model.scenario.grid.columns)
@@ -99,17 +100,17 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(
             [
-                Line2D([], [], color=_COLOURS[0]),
-                Patch(color=_COLOURS[9], alpha=0.55, lw=0),
+                Line2D([], [], color=COLOURS[0]),
+                Patch(color=COLOURS[9], alpha=0.55, lw=0),
                 Line2D([], [], color="0.35", lw=0.8, ls=":"),
             ],
             ["mean of the agents", "least to largest agent", "what a right PING pays in S1"],
             loc="upper left",
             frameon=False,
         )
-        _colour_bar(figure, axes[1], _norm(moves["mean"]), "mean final Q of the moves")
-        _colour_bar(figure, axes[2], _norm(pings["mean"]), "mean final Q of PING")
-        _region_legend(
+        colour_bar(figure, axes[1], norm_of(moves["mean"]), "mean final Q of the moves")
+        colour_bar(figure, axes[2], norm_of(pings["mean"]), "mean final Q of PING")
+        region_legend(
             figure,
             Line2D([], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"),
             Line2D([], [], ls="", marker="o", color="black", ms=3, label="mean Q of PING > 0"),
@@ -129,14 +130,14 @@ def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
         ("score_iqm", "score, interquartile mean"),
         ("optimal_share", "share of agents that are optimal"),
     )
-    with _figure(1, len(panels), (11.0, 3.6)) as (figure, axes):
+    with figure_of(1, len(panels), (11.0, 3.6)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], panels, strict=True):
             for i, name in enumerate(models):
                 one = frame[frame["scenario"] == name]
-                style = {"color": _COLOURS[i], "ls": _DASHES[i % len(_DASHES)]}
+                style = {"color": COLOURS[i], "ls": _DASHES[i % len(_DASHES)]}
                 axis.plot(one["step"], one[key], label=name, **style)
                 axis.fill_between(
-                    one["step"], one[f"{key}_low"], one[f"{key}_high"], color=_COLOURS[i], alpha=0.25, lw=0
+                    one["step"], one[f"{key}_low"], one[f"{key}_high"], color=COLOURS[i], alpha=0.25, lw=0
                 )
             axis.set(xlabel="environment step", title=label, xlim=(0, max(frame["step"].max(), 1)))
             axis.xaxis.set_major_locator(MaxNLocator(4))
@@ -169,18 +170,18 @@ def optimal(cells: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
         ("difference", "learned minus optimal value"),
         ("agrees", "share of agents acting optimally"),
     )
-    with _figure(3, len(models), (11.0, 9.6)) as (figure, axes):
+    with figure_of(3, len(models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(models.items()):
             over = model.terminated[: model.n_observations].all(axis=1)  # the issuer's cell: no actions
             for row, (key, _) in enumerate(rows):
                 shown = np.where(over, np.nan, best.loc[name][key].to_numpy())
-                _heat(axes[row, column], model, shown, _norm(best[key]))
+                heat(axes[row, column], model, shown, norm_of(best[key]))
                 axes[row, column].set(title=name)
             chosen = cells[(cells["scenario"] == name) & cells["is_optimal"]]
             _actions(axes[0, column], model, chosen)
         for row, (key, label) in enumerate(rows):
-            _colour_bar(figure, axes[row], _norm(best[key]), label)
-        _region_legend(
+            colour_bar(figure, axes[row], norm_of(best[key]), label)
+        region_legend(
             figure,
             Line2D([], [], ls="", marker=">", mfc="white", mec="black", ms=6, label="optimal move"),
             Line2D([], [], ls="", marker="o", color="black", ms=3, label="optimal PING"),
@@ -195,9 +196,9 @@ def sensitivity(frame: pd.DataFrame) -> Figure:
       frame: Columns claim, reading, value, threshold, verdict; in the order to be drawn.
     """
     claims, readings = frame["claim"].unique(), frame["reading"].unique()
-    colours = dict(zip(VERDICTS, (_COLOURS[9], "#f0e0a0", _COLOURS[3]), strict=True))
+    colours = dict(zip(VERDICTS, (COLOURS[9], "#f0e0a0", COLOURS[3]), strict=True))
     signs = dict(zip(VERDICTS, ("✓", "(✓)", "✗"), strict=True))
-    with _figure(1, 1, (11.0, 4.4)) as (figure, axes):
+    with figure_of(1, 1, (11.0, 4.4)) as (figure, axes):
         axis = axes[0, 0]
         for claim, reading, value, verdict in frame[["claim", "reading", "value", "verdict"]].to_numpy():
             x, y = list(readings).index(reading), list(claims).index(claim)
@@ -227,7 +228,7 @@ def sensitivity(frame: pd.DataFrame) -> Figure:
 
 
 @contextmanager
-def _figure(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
+def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
     """Makes a figure in the project's style; axes are (rows, columns)."""
     with plt.rc_context(_RC):
         figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
@@ -237,7 +238,7 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tupl
                 axis.label_outer()  # maps of a figure share their rows and columns
 
 
-def _norm(values: pd.Series) -> Normalize:
+def norm_of(values: pd.Series) -> Normalize:
     """Returns one colour scale for all these values."""
     return Normalize(float(values.min()), float(values.max()))
 
@@ -248,7 +249,7 @@ def _limits(frame: pd.DataFrame, low: str, high: str) -> tuple[float, float]:
     return bottom - 0.04 * (top - bottom), top + 0.04 * (top - bottom)
 
 
-def _heat(axis: Axes, model: Model, values: NDArray[np.float64], norm: Normalize) -> None:
+def heat(axis: Axes, model: Model, values: NDArray[np.float64], norm: Normalize) -> None:
     """Draws one value a cell, (O,)."""
     grid = model.scenario.grid
     edges = np.arange(grid.columns + 1) - 0.5, np.arange(grid.rows + 1) - 0.5
@@ -256,19 +257,19 @@ def _heat(axis: Axes, model: Model, values: NDArray[np.float64], norm: Normalize
     _dress(axis, model)
 
 
-def _triangles(axis: Axes, model: Model, frame: pd.DataFrame, norm: Normalize) -> None:
+def triangles(axis: Axes, model: Model, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
     """Draws one value a cell and move, each as the triangle that points its way."""
     centre = frame[["column", "row"]].to_numpy()[:, None, :]
     action = frame["action"].map(ACTIONS.index).to_numpy()
-    triangles = PolyCollection(
+    polygons = PolyCollection(
         list(centre + _TRIANGLES[action]),
-        array=frame["mean"].to_numpy(),
+        array=frame[value].to_numpy(),
         cmap=_MAP,
         norm=norm,
         edgecolors="face",
     )
-    triangles.set_linewidth(0.2)
-    axis.add_collection(triangles)
+    polygons.set_linewidth(0.2)
+    axis.add_collection(polygons)
     _dress(axis, model)
 
 
@@ -307,15 +308,17 @@ def _dress(axis: Axes, model: Model) -> None:
     axis.set_yticks(range(0, grid.rows, 2))
 
 
-def _colour_bar(figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str) -> None:
+def colour_bar(
+    figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
+) -> None:
     """Draws the one colour scale of a row of maps."""
     mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_MAP)
-    bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=18, pad=0.01)
+    bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=18, pad=0.01, extend=extend)
     if norm(0.0) > 0 and norm(0.0) < 1:
         bar.ax.axhline(0.0, color="white", lw=1.5)  # signs are what the claims are about
 
 
-def _region_legend(figure: Figure, *more: Line2D) -> None:
+def region_legend(figure: Figure, *more: Line2D) -> None:
     """Says what the marks on the maps are."""
     handles = [
         Line2D([], [], ls="", marker="*", mfc="white", mec="black", ms=9, label="issuer"),

@@ -1,44 +1,29 @@
-"""Draws an experiment's folder of results from the store: which tables and figures there are."""
+"""Draws an experiment's folder of results from the store."""
 
 import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-import pandas as pd
-
-from benchmark import aggregate, claims, figures, tables
-from benchmark.experiment import (
-    DEFAULT_READING,
-    Experiment,
-    all_specifications,
-    specifications,
-)
+from benchmark.experiment import Experiment, all_specifications
 from benchmark.store import Store
 from envs import InputError
 
-_FILES = (
-    ("figure.png, .svg", "the paper's figure: maximum Q per step, final Q of the moves, final Q of PING"),
-    ("claims", "every claim of the paper, measured, with its 95 % interval over agents and a verdict"),
-    ("sensitivity", "value and verdict of every claim under every reading of the paper"),
-    ("learning", "exact score of the greedy policy, and the share of optimal agents, over training"),
-    ("optimal", "the exact optimum beside what was learned, and the regret"),
-    ("optimal_cells.csv", "Q* beside the learned Q of every cell and action, and where policies differ"),
-    ("q_values.csv", "final Q over agents of every cell and action"),
-    ("max_q.csv", "maximum Q over agents at every recorded step, of the visited cell and of the table"),
-    ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
-)
-_OF_CLAIMS = ("claims", "sensitivity")  # only where the paper's three scenarios are run
-_SHOWN = {
-    "claims": ["claim", "says", "value", "low", "high", "threshold", "verdict"],
-    "learning": ["scenario", "step", "score", "score_iqm", "success", "optimal_share"],
-}
+_REPORTS = {"replication": "benchmark.report_replication", "comparison": "benchmark.report_comparison"}
 
 
-def draw(experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None = None) -> None:
+def draw(
+    experiment: Experiment,
+    store: Store,
+    directory: Path,
+    seeds: Sequence[int] | None = None,
+    *,
+    partial: bool = False,
+) -> None:
     """Writes every table and figure of the experiment.
 
     Files are made aside and moved when all are there, so a failure leaves the folder as it was.
@@ -48,27 +33,28 @@ def draw(experiment: Experiment, store: Store, directory: Path, seeds: Sequence[
       store: Where its records are.
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
+      partial: Whether to draw what is there where runs are missing.
 
     Raises:
-      InputError: A run is missing, or the folder cannot be written.
+      InputError: A run or a package is missing, or the folder cannot be written.
     """
-    arm = next(iter(experiment.algorithms))
-    populations: dict[str, dict[str, aggregate.Population]] = {}
-    for reading in experiment.readings:
-        cells = [
-            aggregate.load_population(specifications(experiment, reading, scenario, arm, seeds), store)
-            for scenario in experiment.scenarios
-        ]
-        populations[reading] = {population.scenario: population for population in cells}
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        report: Any = import_module(_REPORTS[experiment.report])
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{experiment.name}: its report needs the package {error.name}, which is not installed; "
+            "make compare-deep installs it."
+        ) from error
+    try:
+        directory.parent.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
     except OSError as error:
         raise _unwritable(directory, error) from error
     try:
-        _write(experiment, populations, aside)
+        report.write(experiment, store, aside, seeds, partial=partial)
         manifest = _manifest(experiment, store, seeds)
         (aside / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        directory.mkdir(exist_ok=True)
         for path in aside.iterdir():
             path.replace(directory / path.name)
     except OSError as error:
@@ -84,137 +70,10 @@ def _unwritable(directory: Path, error: OSError) -> InputError:
     )
 
 
-def _write(
-    experiment: Experiment, populations: Mapping[str, Mapping[str, aggregate.Population]], directory: Path
-) -> None:
-    """Writes everything but the manifest."""
-    default = populations[DEFAULT_READING]
-    cells = list(default.values())
-    models = {name: population.model for name, population in default.items()}
-
-    values = aggregate.q_values(cells)
-    curves = aggregate.max_q(cells)
-    tables.write_csv(values, directory / "q_values.csv")
-    tables.write_csv(curves, directory / "max_q.csv")
-    figures.write_figure(figures.replication(curves, values, models), directory / "figure")
-
-    learning = aggregate.learning(cells)
-    shown = tables.with_intervals(learning, ["score", "score_iqm", "success", "optimal_share"])
-    tables.write_table(learning, directory / "learning", shown[_SHOWN["learning"]])
-    figures.write_figure(figures.learning(learning, models), directory / "learning")
-
-    optimal = aggregate.optimal(cells)
-    by_scenario = optimal.set_index("scenario").T.rename_axis("measure").reset_index()
-    tables.write_table(optimal, directory / "optimal", by_scenario)
-    optimal_cells = aggregate.optimal_cells(cells)
-    tables.write_csv(optimal_cells, directory / "optimal_cells.csv")
-    figures.write_figure(figures.optimal(optimal_cells, models), directory / "optimal")
-
-    verdicts = None
-    if set(claims.SCENARIOS) <= set(default):
-        verdicts = _write_claims(experiment, populations, directory)
-    (directory / "README.md").write_text(_readme(experiment, populations, verdicts), encoding="utf-8")
-
-
-def _write_claims(
-    experiment: Experiment, populations: Mapping[str, Mapping[str, aggregate.Population]], directory: Path
-) -> pd.DataFrame:
-    """Writes claims and sensitivity; returns the claims as readers see them."""
-    verdicts = {
-        name: claims.judge(populations[name], reading.curve) for name, reading in experiment.readings.items()
-    }
-    shown = verdicts[DEFAULT_READING][_SHOWN["claims"]]
-    tables.write_table(verdicts[DEFAULT_READING], directory / "claims", shown)
-    columns = ["claim", "reading", "value", "low", "high", "threshold", "verdict", "parts"]
-    sensitivity = pd.concat([frame.assign(reading=name)[columns] for name, frame in verdicts.items()])
-    wide = sensitivity.assign(cell=[f"{r.value:.3g}, {r.verdict}" for r in sensitivity.itertuples()])
-    wide = wide.pivot(index="claim", columns="reading", values="cell")
-    wide = wide.loc[shown["claim"], list(verdicts)].reset_index()
-    tables.write_table(sensitivity, directory / "sensitivity", wide)
-    figures.write_figure(figures.sensitivity(sensitivity), directory / "sensitivity")
-    return shown
-
-
-def _same_runs(
-    populations: Mapping[str, aggregate.Population], others: Mapping[str, aggregate.Population]
-) -> bool:
-    """Returns whether two readings learned the same values in every scenario."""
-    return all(
-        np.array_equal(populations[name].arrays["q"], others[name].arrays["q"]) for name in populations
-    )
-
-
-def _readme(
-    experiment: Experiment,
-    populations: Mapping[str, Mapping[str, aggregate.Population]],
-    verdicts: pd.DataFrame | None,
-) -> str:
-    """Returns the page that says what each file is."""
-    default = populations[DEFAULT_READING]
-    declared = next(iter(experiment.algorithms.values())).seeds
-    agents = len(next(iter(default.values())).scores)
-    partial = "" if agents == declared else f"\n**Partial: {agents} of the {declared} agents declared.**\n"
-    files_written = [file for file in _FILES if verdicts is not None or file[0] not in _OF_CLAIMS]
-    lines = []
-    for name, reading in experiment.readings.items():
-        line = f"- `{name}`: {reading.question} {reading.answer[0].upper()}{reading.answer[1:]}."
-        if name != DEFAULT_READING and _same_runs(populations[name], default):
-            line += " (Every agent learns the same values as by default.)"
-        lines.append(line)
-    readings = "\n".join(lines)
-    files = tables.to_markdown(pd.DataFrame(files_written, columns=["file", "what it is"]))
-    return f"""# {experiment.name}
-
-{experiment.description}
-{partial}
-{agents} agents a scenario. Made by `python -m benchmark run {experiment.name}` and
-`python -m benchmark report {experiment.name}` from the runs in `runs.db`. Files without an ending come
-as `.csv` (six digits), `.md` and `.tex` (for reading), and, where they are drawn, as `.png` and `.svg`.
-
-{files}
-![The paper's figure, replicated](figure.png)
-
-{_claims_section(verdicts)}## Readings
-
-{readings}
-
-## Words
-
-- *score*: undiscounted return by the grid's own rewards, between the exact random policy (0) and the
-  exact optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy
-  policy may bump a wall until the limit, and the mean shows it.
-- *optimal* (an agent, a policy): it has the score 1, that is, it does as well as can be from the start cell.
-  `cells_differing` is the share of all cells in which an agent's greedy action is not an optimal one;
-  `optimal.png` shows where these lie.
-- *score_iqm*: interquartile mean, over the middle half of the agents. *scenario_return*: with the issuer's
-  rewards. *start_value*: discounted value of the start cell, of Q* and of the agents.
-- *std*: sample standard deviation over agents. *Intervals*: 95 %, percentile bootstrap over agents,
-  {aggregate.RESAMPLES} seeded resamples.
-- *Q** is that of an agent that knows its state, with no wrong PING so far. Wrong PINGs are hidden from the
-  learner, so its values need not tend there; no policy is worth more, but noise can inflate estimates.
-"""
-
-
-def _claims_section(verdicts: pd.DataFrame | None) -> str:
-    """Returns what the page says of the paper's claims, nothing where they were not judged."""
-    if verdicts is None:
-        return ""
-    return f"""## Claims of the paper
-
-{tables.to_markdown(verdicts[["claim", "says", "value", "low", "high", "threshold", "verdict"]])}
-A claim's value is that of its weakest part; `low` and `high` bound its 95 % interval over agents. A
-part passes if its whole interval lies on the right side of the threshold, fails if it lies on the wrong
-one, and is undecided otherwise: all pass, `holds`; none passes and one fails, `does not hold`; otherwise,
-`holds in part`. How each is measured, all its parts, and why the threshold is where it is: `claims.csv`.
-
-![Verdicts under every reading](sensitivity.png)
-
-"""
-
-
 def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None) -> dict[str, object]:
     """Returns what made the runs, from their records alone: drawing again gives the same."""
-    runs = all_specifications(experiment, seeds)
+    ended = store.ended()
+    runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
     records = store.get([run.digest for run in runs], arrays=False)
     provenance = [record.provenance for record in records]
 
@@ -230,7 +89,7 @@ def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None)
         "versions": every("versions"),
         "first_started_at": min(p["started_at"] for p in provenance),
         "last_started_at": max(p["started_at"] for p in provenance),
-        "thread_time_s": round(sum(p["wall_time_s"] for p in provenance), 3),
+        "busy_time_s": round(sum(p["wall_time_s"] for p in provenance), 3),
     }
 
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from envs import InputError
 
 _APPLICATION_ID = 0x50524F58  # "PROX"
-_FORMAT = 1
+_FORMAT = 2
 _SCHEMA = """
 CREATE TABLE runs (
   digest TEXT PRIMARY KEY,
   specification TEXT NOT NULL,
-  status TEXT NOT NULL CHECK (status IN ('done', 'failed')),
+  status TEXT NOT NULL CHECK (status IN ('done', 'diverged', 'failed')),
   error TEXT,
   provenance TEXT NOT NULL,
   arrays INTEGER NOT NULL
@@ -46,7 +46,7 @@ class Record:
 
     digest: str
     specification: str  # canonical JSON
-    status: str  # "done" or "failed"
+    status: str  # "done"; "diverged": done, but its policy was not finite in the end; or "failed"
     provenance: Mapping[str, Any]  # versions, commit, machine, times
     arrays: Mapping[str, NDArray[Any]]  # empty if it failed
     error: str | None = None
@@ -117,14 +117,18 @@ class Store:
         with self._sentences():
             return dict(self._connection.execute("SELECT digest, status FROM runs"))
 
+    def ended(self) -> set[str]:
+        """Returns the digests of the runs that need not be run again: done, or diverged."""
+        return {digest for digest, status in self.statuses().items() if status != "failed"}
+
     def add(self, records: Iterable[Record]) -> None:
-        """Keeps records, all or none; one kept before is replaced, unless it is done and this one failed."""
+        """Keeps records, all or none; one kept before is replaced, unless this one alone failed."""
         with self._sentences(), self._transaction():
             for record in records:
                 row = self._connection.execute(
                     "SELECT status FROM runs WHERE digest = ?", (record.digest,)
                 ).fetchone()
-                if row == ("done",) and record.status == "failed":
+                if row not in (None, ("failed",)) and record.status == "failed":
                     continue  # another driver got it done meanwhile
                 self._connection.execute("DELETE FROM runs WHERE digest = ?", (record.digest,))
                 self._connection.execute(

@@ -1,5 +1,6 @@
 """Writes data frames as CSV, Markdown and LaTeX; computes nothing."""
 
+import math
 from pathlib import Path
 
 import pandas as pd
@@ -16,26 +17,29 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     frame.to_csv(path, index=False, float_format=f"%.{_DIGITS}g", lineterminator="\n")
 
 
-def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = None) -> None:
+def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = None, note: str = "") -> None:
     """Writes a frame as `stem.csv`, and for readers as `stem.md` and `stem.tex`.
 
     Args:
       frame: All of it, for the CSV.
       stem: Path without suffix.
       shown: What readers see, where that is less or otherwise arranged.
+      note: A sentence to stand above what readers see.
     """
     write_csv(frame, stem.with_suffix(".csv"))
     shown = frame if shown is None else shown
-    stem.with_suffix(".md").write_text(to_markdown(shown), encoding="utf-8")
+    markdown = f"{note}\n\n{to_markdown(shown)}" if note else to_markdown(shown)
+    stem.with_suffix(".md").write_text(markdown, encoding="utf-8")
     form = "latex_booktabs" if len(shown) <= _ROWS_OF_A_PAGE else "latex_longtable"
-    stem.with_suffix(".tex").write_text(_format(shown, form), encoding="utf-8")
+    latex = f"% {note}\n{_format(shown, form)}" if note else _format(shown, form)
+    stem.with_suffix(".tex").write_text(latex, encoding="utf-8")
 
 
 def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """Returns the frame with these columns as text, `value [low, high]`, from `name_low` and `name_high`."""
     columns = {
         name: [
-            f"{_show(value)} [{_show(low)}, {_show(high)}]"
+            f"{_show(value)} [{_show(low)}, {_show(high)}]" if value == value else "-"
             for value, low, high in frame[[name, f"{name}_low", f"{name}_high"]].to_numpy()
         ]
         for name in names
@@ -57,7 +61,9 @@ def _format(frame: pd.DataFrame, kind: str) -> str:
 def _show(value: object) -> str:
     """Returns a cell's text."""
     value = _clean(value)
-    return f"{value:.{_SHOWN_DIGITS}g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return "-" if math.isnan(value) else f"{value:.{_SHOWN_DIGITS}g}"
+    return str(value)
 
 
 def _clean(value: object) -> object:

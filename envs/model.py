@@ -82,6 +82,11 @@ class Model:
         return self.zone[: self.n_observations]
 
     @cached_property
+    def is_wrong_ping(self) -> NDArray[np.bool_]:
+        """(S, A) whether the action is a disagreement: a PING outside the target region."""
+        return np.isin(self.event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
+
+    @cached_property
     def is_noisy(self) -> bool:
         """Whether the issuer's reward is random, so that a step needs a draw."""
         return bool(self.issuer_noise.any())

@@ -143,11 +143,11 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
 
 
-def load_scenario(scenario: str | Path, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load_scenario(scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """Reads a scenario and checks it.
 
     Args:
-      scenario: The name of a shipped scenario (`"S1"`), or the path of a TOML file.
+      scenario: The name of a shipped scenario (`"S1"`), the path of a TOML file, or one already read.
       overrides: Dotted key to the value that replaces the file's, for example
         `{"issuer.position": [8, 6]}`.
 
@@ -157,6 +157,13 @@ def load_scenario(scenario: str | Path, overrides: Mapping[str, Any] | None = No
     >>> load_scenario("S1").issuer.position
     (6, 8)
     """
+    if isinstance(scenario, Scenario):
+        data = scenario.model_dump(mode="json")
+        return (
+            parse(Scenario, override(data, overrides, scenario.name), scenario.name)
+            if overrides
+            else scenario
+        )
     path = Path(scenario)
     if path.suffix != ".toml":
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from envs.inputs import InputError
 from envs.model import ACTIONS, EVENTS, ZONES, compile_scenario, draw_issuer_reward
 from envs.observations import observation_space, observation_table
-from envs.scenario import load_scenario
+from envs.scenario import Scenario, load_scenario
 
 _EVENT_NAMES = np.array(EVENTS, dtype=object)
 _ZONE_NAMES = np.array(ZONES, dtype=object)
@@ -30,7 +30,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: str | Path = "S1",
+        scenario: str | Path | Scenario = "S1",
         observation: str = "index",
         overrides: Mapping[str, Any] | None = None,
         max_episode_steps: int | None = None,
@@ -41,7 +41,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Args:
           num_envs: N, at least 1.
-          scenario: A name, or the path of a TOML file.
+          scenario: A name, the path of a TOML file, or a scenario already read.
           observation: `"index"`, `"one_hot"` or `"coordinates"`.
           overrides: Replaces values of the scenario's file.
           max_episode_steps: Steps until truncation; none by default.
@@ -95,7 +95,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._state[:] = self.model.start
         self._steps[:] = 0
         self._over[:] = False
-        return self._observe(), self._reset_info()
+        return self.observe(), self._reset_info()
 
     def step(
         self, actions: NDArray[Any]
@@ -123,21 +123,11 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise InputError(
                 f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {len(ACTIONS) - 1}."
             )
-        taken = self._state * len(ACTIONS) + actions.astype(np.intp)
-        self._state = self._next_state.take(taken)
-        self._steps += 1
-        grid_reward = self._grid_reward.take(taken)
-        issuer_reward = self._issuer_reward.take(taken)
-        if self.model.is_noisy:
-            uniform = self.np_random.random(self.num_envs)
-            issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), uniform)
-        terminated = self._terminated.take(taken)
-        truncated = self._steps >= self._limit
+        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(actions.astype(np.intp))
         info = self._info(self._event.take(taken), self._wrong_pings.take(taken), grid_reward, issuer_reward)
         if self._over.any():  # next-step autoreset: these envs were not stepped, but begin anew
             over = np.flatnonzero(self._over)
-            self._state[over] = self.model.start
-            self._steps[over] = 0
+            self.restart(over)
             terminated[over] = truncated[over] = False
             for name, values in self._reset_info(len(over)).items():
                 info[name][over] = values
@@ -146,20 +136,54 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if not self._same_step:
             self._over = ended
         elif ended.any():
-            info = self._restart(np.flatnonzero(ended), info)
-        return self._observe(), rewards, terminated, truncated, info
+            info = self._end(np.flatnonzero(ended), info)
+        return self.observe(), rewards, terminated, truncated, info
 
-    def _restart(self, ended: NDArray[np.intp], info: dict[str, Any]) -> dict[str, Any]:
+    def advance(
+        self, actions: NDArray[Any]
+    ) -> tuple[
+        NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
+    ]:
+        """Moves every env by one action: the core of `step`, for loops that need no info.
+
+        Actions are not checked, and no env is reset: see `observe` and `restart`.
+
+        Args:
+          actions: (N,) integers, 0 to 4.
+
+        Returns:
+          (N,) each: what was taken, as `state * A + action`; the grid's reward; the issuer's reward;
+          terminated; truncated.
+        """
+        taken = self._state * len(ACTIONS) + actions
+        self._state = self._next_state.take(taken)
+        self._steps += 1
+        issuer_reward = self._issuer_reward.take(taken)
+        if self.model.is_noisy:
+            uniform = self.np_random.random(self.num_envs)
+            issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), uniform)
+        truncated = self._steps >= self._limit
+        return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
+
+    def restart(self, envs: NDArray[np.intp]) -> None:
+        """Puts these envs at the start."""
+        self._state[envs] = self.model.start
+        self._steps[envs] = 0
+
+    def observe(self) -> NDArray[Any]:
+        """Returns the observations, (N, ...), a copy."""
+        return self._table.take(self._observation.take(self._state), axis=0)
+
+    def _end(self, ended: NDArray[np.intp], info: dict[str, Any]) -> dict[str, Any]:
         """Starts these envs anew within the step; returns the info with `final_obs` and `final_info`."""
         mask = np.zeros(self.num_envs, dtype=np.bool_)
         mask[ended] = True
-        observations = self._observe()
+        observations = self.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i in ended:
             final_obs[i] = observations[i]
         final_info = {name: values.copy() for name, values in info.items()}
-        self._state[ended] = self.model.start
-        self._steps[ended] = 0
+        self.restart(ended)
         for name, values in self._reset_info(len(ended)).items():
             info[name][ended] = values
         final_info |= {f"_{name}": mask for name in info}
@@ -169,10 +193,6 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             "final_info": final_info,
             "_final_info": mask,
         }
-
-    def _observe(self) -> NDArray[Any]:
-        """Returns the observations, (N, ...), a copy."""
-        return self._table.take(self._observation.take(self._state), axis=0)
 
     def _info(
         self,
