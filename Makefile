@@ -3,22 +3,30 @@ PYTHON ?= python3
 VENV ?= .venv
 PY ?= $(VENV)/bin/python
 RESULTS ?= results
-EXPERIMENT ?= reproduce
+EXPERIMENT ?=
+SEEDS ?=
 TESTS ?=
 CHECKED ?= .
 SPEED ?=
 
 # What has been installed; empty these to use a Python that has all it needs: make reproduce PY=python BASE=
 BASE ?= $(VENV)/.base
+DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
-.PHONY: help reproduce test check speed clean
+# SEEDS=30 runs seeds 0 to 29 of everything; by default each algorithm has as many as its experiment declares.
+RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),--seeds 0-$(shell expr $(SEEDS) - 1))
+
+.PHONY: help reproduce compare-deep test check speed clean
 
 help: ## this list
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-10s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
 
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
-	$(PY) -m benchmark run $(EXPERIMENT) --results $(RESULTS) --report
+	$(RUN) $(or $(EXPERIMENT),reproduce)
+
+compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/
+	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 test: $(DEV) ## every test
 	$(PY) -m pytest $(TESTS)
@@ -29,7 +37,7 @@ check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m mypy $(CHECKED)
 	$(PY) -m codespell_lib $(CHECKED)
 
-speed: $(BASE) ## speed against the stock way, in results/speed/
+speed: $(DEEP) ## speed against the stock way, in results/speed/
 	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
 
 clean: ## remove what was installed, cached and run; published results stay
@@ -41,6 +49,10 @@ $(VENV)/.base: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=...")'
 	$(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.deep: $(VENV)/.base
+	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[deep]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.base

@@ -32,7 +32,7 @@ from envs.model import ACTIONS
 from envs.observations import observation_table
 
 Settings = DqnSettings | PpoSettings
-_CLASSES: Final[dict[str, type[BaseAlgorithm]]] = {"dqn": DQN, "ppo": PPO}
+CLASSES: Final[dict[str, type[BaseAlgorithm]]] = {"dqn": DQN, "ppo": PPO}
 _OURS: Final = {"budget", "time_limit", "n_envs"}  # settings that are no arguments of SB3's
 
 
@@ -78,6 +78,14 @@ def train(
     return DeepTraining(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
+def sb3_arguments(settings: Settings) -> dict[str, Any]:
+    """Returns the arguments that SB3's class is to be given beside policy and env."""
+    arguments = settings.model_dump(mode="json", exclude=_OURS, exclude_none=True)
+    if isinstance(settings, DqnSettings):  # a larger buffer would never fill, and costs memory
+        arguments["buffer_size"] = min(settings.buffer_size, settings.budget)
+    return arguments
+
+
 def make_agent(name: str, settings: Settings, env: VecEnv) -> BaseAlgorithm:
     """Makes SB3's own agent, on the CPU, seeded by nobody yet.
 
@@ -86,15 +94,13 @@ def make_agent(name: str, settings: Settings, env: VecEnv) -> BaseAlgorithm:
       settings: SB3's arguments.
       env: Of `settings.n_envs` envs.
     """
-    arguments = settings.model_dump(mode="json", exclude=_OURS, exclude_none=True)
-    if isinstance(settings, DqnSettings):  # a larger buffer would never fill, and costs memory
-        arguments["buffer_size"] = min(settings.buffer_size, settings.budget)
+    arguments = sb3_arguments(settings)
     arguments["policy_kwargs"]["optimizer_kwargs"] = {"fused": True}  # Adam, a step in one call
     with warnings.catch_warnings():  # a rollout's last mini-batch may be smaller, and that is meant
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
-        agent = _CLASSES[name]("MlpPolicy", env, device="cpu", **arguments)
-    # Walks all modules twice a step to tell dropout and batch norm, of which there are none: a fifth of the time.
-    agent.policy.set_training_mode = lambda mode: None  # type: ignore[method-assign]
+        agent = CLASSES[name]("MlpPolicy", env, device="cpu", **arguments)
+    # It walks all modules, twice a step, to tell dropout and batch norm, of which there are none.
+    agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
 
 
@@ -240,17 +246,17 @@ def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
         int.from_bytes(part.astype("<u4").tobytes(), "little")
         for part in (words[4:6], words[6:10], words[10:])
     ]
-    numpy_state = np.random.get_state()
+    numpy_state = np.random.get_state()  # noqa: NPY002
     threads = torch.get_num_threads()
     try:
         with torch.random.fork_rng(devices=[]):
             torch.set_num_threads(1)
             torch.manual_seed(integers[0])
-            np.random.seed(words[:4])
+            np.random.seed(words[:4])  # noqa: NPY002
             yield integers[1], integers[2]
     finally:
         torch.set_num_threads(threads)
-        np.random.set_state(numpy_state)
+        np.random.set_state(numpy_state)  # noqa: NPY002
 
 
 def _n_updates(agent: BaseAlgorithm) -> int:

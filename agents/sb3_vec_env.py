@@ -83,7 +83,7 @@ class SB3VecEnv(VecEnv):
         """Returns that no env is wrapped."""
         return [False] * len(list(self._get_indices(indices)))
 
-    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> NoReturn:  # noqa: ARG002
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> NoReturn:
         """Refuses: the batch is one env."""
         raise NotImplementedError(f"set_attr({attr_name!r}): the envs of a batch have no attributes apart.")
 

@@ -173,7 +173,7 @@ def _run(options: argparse.Namespace) -> int:
                 diverged.extend(record.digest for record in records if record.status == "diverged")
 
             diverged: list[str] = []
-            errors = runner.run(jobs, store, options.jobs, advance)
+            errors = runner.run(runs, store, options.jobs, advance)
     if errors:
         print(
             f"error: {len(errors)} runs failed, and will be tried again; the first: {errors[0]}",

@@ -1,8 +1,9 @@
 """Records become populations, and populations become tables of numbers with intervals.
 
 A population is all agents of one cell of an experiment: one scenario, reading, arm and observation. The
-tables here are those of a replication; `benchmark.comparison` makes those of a comparison. Intervals are 95 % percentile bootstrap
-intervals over its agents; their resampling is seeded, so the same records give the same digits.
+tables here are those of a replication; `benchmark.comparison` makes those of a comparison. Intervals are
+95 % percentile bootstrap intervals over its agents; their resampling is seeded, so the same records give
+the same digits.
 """
 
 import json
@@ -98,7 +99,7 @@ class Population:
 
     @cached_property
     def values_ping(self) -> NDArray[np.bool_]:
-        """(N, O) where an agent would PING in the end: Q > 0, or of a stochastic policy PING the likeliest."""
+        """(N, O) where an agent values PING in the end: Q > 0, or, of a stochastic policy, the likeliest."""
         stochastic = self.arrays["stochastic"]
         if stochastic.shape[1]:
             return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmark.aggregate import Population, interval, overlap
-from envs.model import PING, ZONES
+from envs.model import PING
 
 Populations = Mapping[str, Population]  # by scenario: S1, S2, S3
 Samples = NDArray[np.float64]  # (RESAMPLES + 1,) as measured, then resampled

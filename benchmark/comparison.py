@@ -22,7 +22,6 @@ from benchmark.aggregate import (
     Population,
     evaluated,
     interquartile_mean,
-    interval,
     load_population,
     mean_with_interval,
     overlap,
@@ -74,7 +73,7 @@ class Grid:
         if n == 0:
             return np.empty((0, len(columns)))
         # Rounded, lest the last digit of two optima decide which of them is better.
-        return np.round(np.stack([column[:n, -1] for column in columns], axis=1), 9)
+        return np.asarray(np.round(np.stack([column[:n, -1] for column in columns], axis=1), 9))
 
     def has_stochastic(self, learner: Learner) -> bool:
         """Whether a learner's policy is stochastic beside its greedy one."""
@@ -119,8 +118,8 @@ def load_grid(
         learners[learner] = {population.scenario: population for population in populations}
     if len(learners) < 2:
         raise InputError(
-            f"{experiment.name}: {missing or 'one run a cell'}: accepted: two learners with two runs of every "
-            "scenario, at least."
+            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners, each with two "
+            "runs of every scenario."
         )
     return Grid(learners, missing)
 
@@ -132,7 +131,7 @@ def _missing(
 ) -> str:
     """Says which runs are missing; empty if none is."""
     lacking = [
-        f"{learner.algorithm} {learner.observation} in {scenario} has {len(there[learner, scenario])} of {len(runs)}"
+        f"{learner} in {scenario} has {len(there[learner, scenario])} of {len(runs)}"
         for (learner, scenario), runs in cells.items()
         if len(there[learner, scenario]) < len(runs)
     ]
@@ -250,7 +249,7 @@ def improvement(grid: Grid) -> pd.DataFrame:
 
 
 def profile(grid: Grid) -> pd.DataFrame:
-    """Tabulates performance profiles: the share of runs, all scenarios alike, whose score is above a number."""
+    """Tabulates performance profiles: the share of runs, of all scenarios, that score above a number."""
     matrices = {learner: grid.scores(learner) for learner in grid.learners}
     with _numpy_seeded():
         shares, bounds = library.create_performance_profile(matrices, PROFILE, reps=RESAMPLES // 2)
@@ -299,7 +298,7 @@ def curves_cpu(grid: Grid, learning: pd.DataFrame) -> pd.DataFrame:
     """
     frames = []
     for learner, scenario, population in grid.cells:
-        seconds = np.median(population.arrays["cpu_time_s"], axis=0)
+        seconds = np.median(_cpu_time_s(population), axis=0)
         columns = _named(learner, scenario) | {"step": population.evaluation_steps, "cpu_time_s": seconds}
         frames.append(pd.DataFrame(columns))
     keys = ["scenario", "algorithm", "observation", "step"]
@@ -355,7 +354,7 @@ def cost(grid: Grid) -> pd.DataFrame:
     rows = []
     for learner, populations in grid.learners.items():
         every = list(populations.values())
-        seconds = np.concatenate([p.arrays["cpu_time_s"][:, -1] for p in every])
+        seconds = np.concatenate([_cpu_time_s(p)[:, -1] for p in every])
         memory = [one["peak_memory_mb"] for p in every for one in p.provenance]
         known = [mb for mb in memory if mb is not None]
         budget = every[0].specification["settings"]["budget"]
@@ -428,6 +427,11 @@ def _right_and_marked(population: Population) -> tuple[NDArray[np.int_], NDArray
     return (marked & population.in_target).sum(axis=1), marked.sum(axis=1)
 
 
+def _cpu_time_s(population: Population) -> NDArray[np.float64]:
+    """Returns the seconds of one CPU that each run spent on training until each evaluation step, (N, T)."""
+    return np.array([one["cpu_time_s"] for one in population.provenance])
+
+
 def _probability_of_improvement(x: Scores, y: Scores) -> NDArray[np.float64]:
     """Returns rliable's statistic, (1,), by comparing all pairs at once: thirty times as fast as by ranks."""
     x, y = x[:, None], y[None]
@@ -448,9 +452,9 @@ def _estimate(
 @contextmanager
 def _numpy_seeded() -> Iterator[None]:
     """Seeds NumPy's global generator, from which rliable draws whatever it is given, and restores it."""
-    state = np.random.get_state()
-    np.random.seed(BOOTSTRAP_SEED)
+    state = np.random.get_state()  # noqa: NPY002
+    np.random.seed(BOOTSTRAP_SEED)  # noqa: NPY002
     try:
         yield
     finally:
-        np.random.set_state(state)
+        np.random.set_state(state)  # noqa: NPY002

@@ -54,9 +54,11 @@ class Experiment(Table):
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm that does not say otherwise
     algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
-    readings: dict[str, Reading] = {
-        DEFAULT_READING: Reading(question="How is the paper read?", answer="as it is by default")
-    }
+    readings: dict[str, Reading] = Field(
+        default_factory=lambda: {
+            DEFAULT_READING: Reading(question="How is the paper read?", answer="as it is by default")
+        }
+    )
 
     @property
     def cells(self) -> list[tuple[str, str, str]]:
@@ -166,10 +168,6 @@ def load_experiment(experiment: str | Path) -> Experiment:
         unchanged = read_toml(_path(base.extends))
         data = override(unchanged, {"description": base.description} | base.changes, str(path))
     loaded = parse(Experiment, data, str(path), name=path.stem)
-    if loaded.report == "comparison" and len(loaded.readings) > 1:
-        raise InputError(f"{path}: readings: a comparison takes the {DEFAULT_READING} one alone.")
-    if loaded.report == "replication" and [a.algorithm for a in loaded.algorithms.values()] != ["q_learning"]:
-        raise InputError(f"{path}: algorithms: a replication takes a single one, of q_learning.")
     if DEFAULT_READING not in loaded.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_READING} is missing.")
     for name, arm in loaded.algorithms.items():
@@ -180,6 +178,10 @@ def load_experiment(experiment: str | Path) -> Experiment:
                 unknown_name(where, f"observation for {arm.algorithm}", observation, accepted)
         for reading in loaded.readings:
             _settings(loaded, name, reading, str(path))
+    if loaded.report == "comparison" and len(loaded.readings) > 1:
+        raise InputError(f"{path}: readings: a comparison takes the {DEFAULT_READING} one alone.")
+    if loaded.report == "replication" and [a.algorithm for a in loaded.algorithms.values()] != ["q_learning"]:
+        raise InputError(f"{path}: algorithms: a replication takes a single one, of q_learning.")
     try:
         names = [load_scenario(scenario).name for scenario in loaded.scenarios]
     except InputError as error:

@@ -1,8 +1,8 @@
 """Data frames become figures, one function a published figure; nothing is computed or written.
 
-Here are the figures of a replication and what all figures share; `benchmark.figures_comparison` has those of a
-comparison. Colour maps rise in lightness, so that they read the same to colour-blind eyes and in grey; lines
-differ by dash as well as by colour.
+Here are the figures of a replication and what all figures share; `benchmark.figures_comparison` has those
+of a comparison. Colour maps rise in lightness, so that they read the same to colour-blind eyes and in grey;
+lines differ by dash as well as by colour.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -313,7 +313,8 @@ def colour_bar(
 ) -> None:
     """Draws the one colour scale of a row of maps."""
     mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_MAP)
-    bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=18, pad=0.01, extend=extend)
+    aspect = 18 * max(len(axes) // 3, 1)
+    bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if norm(0.0) > 0 and norm(0.0) < 1:
         bar.ax.axhline(0.0, color="white", lw=1.5)  # signs are what the claims are about
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from benchmark.comparison import METRICS, REACHED
@@ -175,7 +175,7 @@ def threshold(frame: pd.DataFrame) -> Figure:
         frame,
         {
             "reached_share": f"share of runs that ever score {REACHED:g}",
-            "stays_share": f"share that stays there to the end",
+            "stays_share": "share that stays there to the end",
         },
     )
 
@@ -219,7 +219,7 @@ def maps(
                 else:
                     triangles(axis, model, one, norm, "value")
                 axis.set(title=f"{scenario}: {', '.join(learner)}")
-        colour_bar(figure, axes.ravel(), norm, label, extend="both")
+        colour_bar(figure, list(axes.flat), norm, label, extend="both")
         marks = {
             "PING": Line2D([], [], ls="", marker="o", color="black", ms=3, label="most runs value PING"),
             "moves": Line2D(

@@ -94,8 +94,8 @@ def _shown(name: str, frame: pd.DataFrame) -> pd.DataFrame:
             wide = shown.pivot(index=keys, columns="metric", values="value")[list(comparison.METRICS)]
             return wide.loc[list(dict.fromkeys(map(tuple, shown[keys].to_numpy())))].reset_index()
         case "improvement":
-            columns = {"probability": "p", "low": "p_low", "high": "p_high"}
-            shown = tables.with_intervals(frame.rename(columns=columns), ["p"])
+            names = {"probability": "p", "low": "p_low", "high": "p_high"}
+            shown = tables.with_intervals(frame.rename(columns=names), ["p"])
             return shown[["x", "y", "p"]]
         case "curves" | "curves_cpu":
             last = frame["step"].max()
@@ -180,6 +180,7 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
     diverged = int(frames["summary"]["diverged"].sum())
     told = f"{diverged} runs diverged" if diverged else "No run diverged"
     name = experiment.name
+    timed = " and ".join(f"`{one}`" for one in _MEASURED_TIMES)
     return f"""# {name}
 
 {experiment.description}
@@ -199,24 +200,25 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
 
 Made by `python -m benchmark run {name}` and `python -m benchmark report {name}` from the runs in `runs.db`.
 Files without an ending come as `.csv` (six digits; all columns), `.md` and `.tex` (for reading), and, where
-they are drawn, as `.png` and `.svg`. {" and ".join(f"`{one}`" for one in _MEASURED_TIMES)} hold measured times, so
-they differ from machine to machine; all else is the same wherever it is made with the same versions.
+they are drawn, as `.png` and `.svg`. {timed} hold measured times, and differ from machine to machine;
+all else is the same wherever it is made with the same versions.
 
 {files}
 ## Words
 
-- *learner*: an algorithm with its settings and the form of observation that it learns from. The settings are in
+- *learner*: an algorithm with its settings and the form of observation that it learns from. Settings are in
   `benchmark/experiments/{name}.toml`; `_default` means Stable-Baselines3's own.
 - *score*: undiscounted return by the grid's own rewards, between the exact random policy (0) and the exact
-  optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy policy that bumps
-  a wall until the limit has about -3.4, and means show it. Policies are evaluated exactly: no episodes, no noise.
-- *greedy, stochastic*: DQN and the table act by their best action; PPO is judged by its likeliest action first,
-  and by its own probabilities beside (`stochastic_`).
+  optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy policy that
+  bumps a wall until the limit has about -3.4, and means show it. Policies are evaluated exactly, without an
+  episode.
+- *greedy, stochastic*: DQN and the table act by their best action; PPO is judged by its likeliest action
+  first, and by its own probabilities beside (`stochastic_`).
 - *every_cell*: episodes start in any cell but the issuer's, all alike, in place of the start cell.
 - *values PING*: Q > 0; where the policy is stochastic, PING is the likeliest action.
-- *iqm*: interquartile mean, over the middle half of the runs. *optimality gap*: by how much runs fall short of a
-  score of 1, on average. *Intervals*: 95 %, percentile bootstrap over runs, stratified by scenario where these are
-  taken together, {RESAMPLES} seeded resamples (of profiles, {RESAMPLES // 2}).
+- *iqm*: interquartile mean, over the middle half of the runs. *optimality gap*: by how much runs fall short
+  of a score of 1, on average. *Intervals*: 95 %, percentile bootstrap over runs, stratified by scenario where
+  these are taken together, {RESAMPLES} seeded resamples (of profiles, {RESAMPLES // 2}).
 - *inf*: half of the runs or more never got there.
 - *diverged*: a net whose values were no longer finite counts as the random policy from then on. {told}.
 """

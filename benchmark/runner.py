@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -26,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import Training, load_algorithm
-from agents.dynamic_programming import Evaluation, every_cell, evaluate
+from agents.dynamic_programming import Evaluation, evaluate, every_cell
 from agents.policy import Policy, mask_policy
 from benchmark.experiment import RunSpecification
 from benchmark.store import Record, Store
@@ -40,19 +41,19 @@ _PACKAGES = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "se
 
 
 def run(
-    jobs: Sequence[Job],
+    runs: Sequence[RunSpecification],
     store: Store,
-    slots: int,
+    jobs: int,
     on_progress: Callable[[list[Record]], None] = lambda _: None,
 ) -> list[str]:
-    """Executes jobs, and keeps their records as they come.
+    """Executes the runs that are not done, and keeps their records as they come.
 
     An interrupt waits for threads, whose jobs are short, and stops worker processes, whose runs are lost.
 
     Args:
-      jobs: As `plan` gives them; they are begun in this order.
+      runs: Wanted runs.
       store: Where records are kept; a failed run is kept with its error and tried again next time.
-      slots: Jobs under way at a time.
+      jobs: How many to have under way at a time.
       on_progress: Called with the records of every job that has just ended.
 
     Returns:
@@ -61,8 +62,9 @@ def run(
     Raises:
       InputError: A package is missing that an algorithm needs.
     """
-    provenance = _provenance(jobs)
-    workers = _Workers()
+    todo = plan(pending(runs, store))
+    provenance = _provenance(todo)
+    workers = Workers()
     errors: list[str] = []
 
     def keep(future: Future[list[Record]]) -> None:
@@ -75,8 +77,8 @@ def run(
         together = load_algorithm(job[0].algorithm).trains_together
         return execute_job(job, provenance) if together else workers.execute(job, provenance)
 
-    with ThreadPoolExecutor(slots) as pool:
-        waiting = {pool.submit(execute, job) for job in jobs}
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting = {pool.submit(execute, job) for job in todo}
         try:
             for future in as_completed(waiting):
                 waiting.discard(future)  # or its arrays would stay in memory
@@ -129,7 +131,6 @@ def execute_job(job: Job, provenance: dict[str, Any]) -> list[Record]:
     started = time.perf_counter()
     started_at = datetime.now(UTC).isoformat(timespec="seconds")
     _reset_peak_memory()
-    arrays: list[dict[str, NDArray[Any]]]
     try:
         arrays = _train_and_evaluate(job)
         error = None
@@ -141,17 +142,19 @@ def execute_job(job: Job, provenance: dict[str, Any]) -> list[Record]:
         "wall_time_s": (time.perf_counter() - started) / len(job),
         "peak_memory_mb": _peak_memory_mb(),
     }
-    return [_record(one, own, provenance, error) for one, own in zip(job, arrays, strict=True)]
+    records = []
+    for one, own in zip(job, arrays, strict=True):
+        # Measured, and so no result: arrays are the same whenever a run is repeated.
+        seconds = own.pop("cpu_time_s", np.empty(0)).tolist()
+        records.append(_record(one, own, provenance | {"cpu_time_s": seconds}, error))
+    return records
 
 
 def _record(
     one: RunSpecification, arrays: dict[str, NDArray[Any]], provenance: dict[str, Any], error: str | None
 ) -> Record:
     """Makes a run's record."""
-    if error is not None:
-        status = "failed"
-    else:
-        status = "done" if arrays["diverged_at"] < 0 else "diverged"
+    status = "failed" if error is not None else "done" if arrays["diverged_at"] < 0 else "diverged"
     return Record(
         digest=one.digest,
         specification=one.content,
@@ -192,7 +195,7 @@ class _StoppedError(Exception):
     """The worker was stopped on purpose."""
 
 
-class _Workers:
+class Workers:
     """One process for every thread that asks, made when it first asks, and anew when it has died."""
 
     def __init__(self) -> None:
@@ -226,6 +229,7 @@ class _Workers:
                 "started_at": started_at,
                 "wall_time_s": time.perf_counter() - started,
                 "peak_memory_mb": None,
+                "cpu_time_s": [],
             }
             return [_record(one, {}, provenance, error) for one in job]
         return records
@@ -266,8 +270,9 @@ def _serve(connection: Connection) -> None:
         os._exit(1)
 
     threading.Thread(target=end_with_the_driver, daemon=True).start()
-    while True:
-        connection.send(execute_job(*connection.recv()))
+    with suppress(EOFError):  # the driver has closed its end
+        while True:
+            connection.send(execute_job(*connection.recv()))
 
 
 def _provenance(jobs: Sequence[Job]) -> dict[str, Any]:
@@ -292,10 +297,8 @@ def _provenance(jobs: Sequence[Job]) -> dict[str, Any]:
 
 def _reset_peak_memory() -> None:
     """Makes this process's peak memory that of now, where the system can: Linux."""
-    try:
+    with suppress(OSError):  # the peak is then that of all runs of the process so far
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except OSError:
-        pass  # the peak is then that of all runs of the process so far
 
 
 def _peak_memory_mb() -> float | None:

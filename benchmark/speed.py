@@ -8,9 +8,12 @@ import os
 import platform
 import random
 import time
+import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -23,7 +26,12 @@ from agents import q_learning
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from benchmark import tables
-from envs import InputError, Model, compile_scenario, load_scenario
+from benchmark.experiment import DEFAULT_READING, RunSpecification, load_experiment, specifications
+from benchmark.runner import Workers
+from envs import InputError, Model, ProxemicVectorEnv, compile_scenario, load_scenario
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
 
 _ENV = "envs:Proxemic/S1-v0"
 
@@ -56,8 +64,12 @@ def measure(directory: Path, *, smoke: bool) -> None:
             f"{directory}: cannot be written: {error.strerror}; choose another folder with --results."
         ) from error
     rows = []
-    compared = _rows(smoke)
-    rates = _compare(compared, rounds=1 if smoke else 15)
+    workers = Workers()
+    try:
+        compared = [*_rows(smoke), *_deep_rows(smoke, workers)]
+        rates = _compare(compared, rounds=1 if smoke else 15)
+    finally:
+        workers.stop()
     for row, (ours, stock) in zip(compared, rates, strict=True):
         rows.append(
             {
@@ -147,6 +159,94 @@ def _rows(smoke: bool) -> list[Row]:
             "1,000 simulated episodes, uniform random policy",
         ),
     ]
+
+
+def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
+    """Returns what is compared of deep learning, with the settings of `compare_deep`, one-hot, S1."""
+    size = 0.01 if smoke else 1.0
+    try:
+        import torch
+        from stable_baselines3.common.monitor import Monitor
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
+        from agents.sb3_training import CLASSES, make_agent, policy_table, sb3_arguments
+        from agents.sb3_vec_env import SB3VecEnv
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"speed: needs the package {error.name}, which is not installed; make speed installs it."
+        ) from error
+    cores = os.cpu_count() or 1
+    slots = ThreadPoolExecutor(cores)
+    declared = load_experiment("compare_deep")
+
+    def make_env() -> gymnasium.Env[Any, Any]:
+        limit = declared.settings["time_limit"]
+        return gymnasium.make(_ENV, observation="one_hot", max_episode_steps=limit)
+
+    def runs(name: str) -> list[RunSpecification]:
+        budget = {"budget": round(2000 * size) // 200 * 200 or 200}
+        short = declared.model_copy(update={"settings": declared.settings | budget})
+        return specifications(short, DEFAULT_READING, "S1", name, "one_hot", range(cores))
+
+    def ours(name: str) -> float:
+        for future in [slots.submit(workers.execute, [run], {}) for run in runs(name)]:
+            assert future.result()[0].error is None
+        return sum(run.settings.budget for run in runs(name))  # type: ignore[attr-defined]
+
+    def stock(name: str) -> float:
+        settings: Any = runs(name)[0].settings
+        env = DummyVecEnv([lambda: Monitor(make_env())] * settings.n_envs)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
+            CLASSES[name]("MlpPolicy", env, **sb3_arguments(settings)).learn(settings.budget)
+        return float(settings.budget)
+
+    def native(n_envs: int) -> SB3VecEnv:
+        return SB3VecEnv(
+            ProxemicVectorEnv(n_envs, "S1", "one_hot", max_episode_steps=200, autoreset_mode="SameStep")
+        )
+
+    def steps(env: "VecEnv", n_steps: int) -> float:
+        actions = np.random.default_rng(0).integers(0, 5, (n_steps, env.num_envs))
+        env.reset()
+        for action in actions:
+            env.step(action)
+        return n_steps * env.num_envs
+
+    agent = make_agent("dqn", runs("dqn")[0].settings, native(1))  # type: ignore[arg-type]
+    table = np.eye(120, dtype=np.float32)
+    cells = torch.as_tensor(table)
+
+    def maps(times: int) -> float:
+        for _ in range(times):
+            policy_table(agent, cells)
+        return times
+
+    def single_maps(times: int) -> float:
+        for _ in range(times):
+            for observation in table:
+                agent.predict(observation, deterministic=True)
+        return times
+
+    pool = f"the same over DummyVecEnv([Monitor(env)]), one process of {torch.get_num_threads()} threads"
+    rows = [Row(f"sb3_{name}", "steps", partial(ours, name), partial(stock, name), pool) for name in CLASSES]
+    for n_envs, n_steps in ((8, 1000), (64, 300)):
+        mine, theirs = native(n_envs), DummyVecEnv([make_env] * n_envs)
+        n_mine, n_theirs = max(round(n_steps * size), 5), max(round(n_steps * size / 4), 5)
+        rows.append(
+            Row(
+                f"vec_env_{n_envs}",
+                "steps",
+                partial(steps, mine, n_mine),
+                partial(steps, theirs, n_theirs),
+                "stable_baselines3's DummyVecEnv",
+            )
+        )
+    many, few = max(round(500 * size), 1), max(round(10 * size), 1)
+    rows.append(
+        Row("map_all_cells", "maps", partial(maps, many), partial(single_maps, few), "120 single predicts")
+    )
+    return rows
 
 
 def _kernel(model: Model, agents: int, steps: int, threads: int, record_every: int = 1) -> float:

@@ -54,7 +54,7 @@ def test_reproduce_has_a_miniature_of_all_its_readings() -> None:
 
 def test_reproduce_declares_what_the_paper_says() -> None:
     experiment = load_experiment("reproduce")
-    runs = specifications(experiment, "default", "S1", "q_learning")
+    runs = specifications(experiment, "default", "S1", "q_learning", "index")
     assert len(runs) == 100
     settings = runs[0].settings.model_dump()
     assert settings | {"record_every": 1} == q_learning.Settings().model_dump()
@@ -90,7 +90,7 @@ def test_identity_is_content_and_streams_have_names() -> None:
         ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
         ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
         ('"S1", "S2"', '"S1", "S7"', "unknown scenario S7"),
-        ('"index"', '"indx"', "unknown observation for q_learning indx (did you mean index?)"),
+        ('["index"]', '["indx"]', "unknown observation for q_learning indx (did you mean index?)"),
         ('"q_learning"\nobs', '"q_lerning"\nobs', "unknown algorithm q_lerning (did you mean q_learning?)"),
         ("[8, 6]", "[8, 60]", "mine.toml: readings.origin.scenario: "),
         ("[8, 6]", "[8, 60]", "issuer.position = [8, 60] is off the grid"),
@@ -98,7 +98,7 @@ def test_identity_is_content_and_streams_have_names() -> None:
         ('answer = "by the lowest index"', 'answer = ""', "readings.ties.answer"),
         ("[readings.default]", "[readings.plain]", "the table readings.default is missing"),
         ('scenarios = ["S1", "S2", "S3"]', "scenarios = []", "scenarios = []"),
-        ('"index"', '"one_hot"', "unknown observation for q_learning one_hot; accepted: index"),
+        ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
         ('["S1", "S2"]', '["S1", "S4"]', "readings.equal_pay.scenarios: unknown scenario S4"),
         ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
         ("evaluation_every = 250", "evaluation_every = 1e3", "evaluation_every = 1000.0"),
@@ -188,7 +188,7 @@ def test_damaged_store_is_told_in_a_sentence(tmp_path: Path) -> None:
     ["DELETE FROM arrays WHERE name = 'q'", "UPDATE arrays SET data = substr(data, 1, 13) WHERE name = 'q'"],
 )
 def test_damaged_records_are_told_in_a_sentence(tmp_path: Path, damage: str) -> None:
-    runs = specifications(SMOKE, "default", "S1", "q_learning")
+    runs = specifications(SMOKE, "default", "S1", "q_learning", "index")
     with Store(tmp_path / "runs.db") as store:
         run(runs, store, jobs=1)
     connection = sqlite3.connect(tmp_path / "runs.db")
@@ -203,7 +203,7 @@ def test_damaged_records_are_told_in_a_sentence(tmp_path: Path, damage: str) -> 
 def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runs = all_specifications(SMOKE)
     executed: list[str] = []
-    execute = runner._execute
+    execute = runner.execute_job
     together = threading.Barrier(3, timeout=60)
 
     def slow(group: list[RunSpecification], provenance: dict[str, Any]) -> list[Record]:
@@ -217,12 +217,12 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
 
     calls: list[int] = []
 
-    def interrupt(n: int) -> None:
-        calls.append(n)
+    def interrupt(records: list[Record]) -> None:
+        calls.append(len(records))
         if len(calls) == 1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner, "_execute", slow)
+    monkeypatch.setattr(runner, "execute_job", slow)
     with Store(tmp_path / "runs.db") as store:
         with pytest.raises(KeyboardInterrupt):
             run(runs, store, 3, interrupt)
@@ -237,9 +237,9 @@ def test_long_runs_are_jobs_of_their_own() -> None:
     changes = {"algorithms.q_learning.seeds": 30, "algorithms.q_learning.settings.budget": 4_000_000}
     data = override(read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml"), changes, "test")
     experiment = parse(Experiment, data, "test", name="long")
-    runs = specifications(experiment, "default", "S1", "q_learning")
-    assert [len(group) for group in runner._group(runs)] == [2] * 15
-    assert [len(group) for group in runner._group(all_specifications(SMOKE))] == [6] * 23
+    runs = specifications(experiment, "default", "S1", "q_learning", "index")
+    assert [len(group) for group in runner.plan(runs)] == [2] * 15
+    assert [len(group) for group in runner.plan(all_specifications(SMOKE))] == [6] * 23
 
 
 def test_what_is_done_stays_done(tmp_path: Path) -> None:
@@ -266,7 +266,7 @@ def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_records_hold_what_training_gave(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "budget", "S2", "q_learning")
+    runs = specifications(SMOKE, "budget", "S2", "q_learning", "index")
     model = compile_scenario(runs[0].scenario)
     training = q_learning.train(
         model,
@@ -276,10 +276,13 @@ def test_records_hold_what_training_gave(tmp_path: Path) -> None:
         record_table=True,
     )
     evaluation = evaluate(model, mask_policy(training.greedy), SMOKE.horizon)
+    none = evaluate(model, training.stochastic, SMOKE.horizon)
     with Store(tmp_path / "runs.db") as store:
         run(runs, store, jobs=2)
         population = aggregate.load_population(runs, store)
     expected = vars(training) | vars(evaluation)
+    expected |= {f"stochastic_{name}": values for name, values in vars(none).items()}
+    del expected["cpu_time_s"]  # measured, and kept apart
     assert population.arrays.keys() == expected.keys()
     for name, values in expected.items():
         assert np.array_equal(population.arrays[name], values), name
@@ -287,7 +290,7 @@ def test_records_hold_what_training_gave(tmp_path: Path) -> None:
 
 
 def test_one_run_has_no_interval(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S1", "q_learning", [0])
+    runs = specifications(SMOKE, "default", "S1", "q_learning", "index", [0])
     with Store(tmp_path / "runs.db") as store:
         run(runs, store, jobs=1)
         with pytest.raises(InputError, match="1 run a scenario: accepted: at least 2"):
@@ -295,7 +298,7 @@ def test_one_run_has_no_interval(tmp_path: Path) -> None:
 
 
 def test_failed_runs_are_kept_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = specifications(SMOKE, "default", "S1", "q_learning")
+    runs = specifications(SMOKE, "default", "S1", "q_learning", "index")
 
     def broken(*_: object, **__: object) -> None:
         raise FloatingPointError("diverged")
@@ -314,7 +317,7 @@ def test_failed_runs_are_kept_told_and_tried_again(tmp_path: Path, monkeypatch: 
 
 
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S2", "q_learning")
+    runs = specifications(SMOKE, "default", "S2", "q_learning", "index")
     with Store(tmp_path / "runs.db") as store:
         run(runs[:2] + runs[3:], store, jobs=2)
         with pytest.raises(InputError, match=r"1 of 6 runs .* \(the first is seed 2\)"):
@@ -326,10 +329,9 @@ def test_progress_counts_every_run_once(tmp_path: Path) -> None:
     runs = all_specifications(SMOKE)
     told: list[int] = []
     with Store(tmp_path / "runs.db") as store:
-        run(runs, store, 2, told.append)
-        assert sum(told) == len(runs)
-        run(runs, store, 2, told.append)
-        assert sum(told) == len(runs)
+        for _ in range(2):  # nothing is run, or told, again
+            run(runs, store, 2, lambda records: told.append(len(records)))
+            assert sum(told) == len(runs)
 
 
 # Aggregation
@@ -337,9 +339,10 @@ def test_progress_counts_every_run_once(tmp_path: Path) -> None:
 
 def population(name: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:
     """A population with given arrays and otherwise nothing learned."""
-    specification = specifications(SMOKE, "default", name, "q_learning")[0]
+    specification = specifications(SMOKE, "default", name, "q_learning", "index")[0]
     blank: dict[str, NDArray[Any]] = {
         "q": np.zeros((n, 120, 5)),
+        "stochastic": np.zeros((n, 0, 120, 5)),
         "greedy": np.full((n, 4, 120), 31, dtype=np.uint8),
         "max_q": np.zeros((n, 60)),
         "table_max_q": np.zeros((n, 60)),
@@ -347,7 +350,7 @@ def population(name: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Populati
         "success": np.zeros((n, 4)),
         "scenario_return": np.zeros((n, 4)),
     }
-    return Population(json.loads(specification.content), blank | arrays)
+    return Population(json.loads(specification.content), blank | arrays, range(n), [{}] * n)
 
 
 def test_scores_lie_between_the_exact_anchors() -> None:

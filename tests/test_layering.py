@@ -1,6 +1,8 @@
 """Imports go one way: envs, agents, benchmark; results hold no code."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -34,10 +36,24 @@ def test_results_hold_no_code() -> None:
     assert not list((ROOT / "results").rglob("*.py"))
 
 
-def test_only_the_deep_learners_may_load_torch() -> None:
-    for layer in LAYERS[:3]:
-        for path in (ROOT / layer).rglob("*.py"):
-            assert not imported(path) & {"torch", "stable_baselines3"}, path
+def test_only_the_deep_learners_load_torch() -> None:
+    loading = {
+        path.name
+        for layer in LAYERS[:3]
+        for path in (ROOT / layer).rglob("*.py")
+        if imported(path) & {"torch", "stable_baselines3"}
+    }
+    assert loading == {"sb3_training.py", "sb3_vec_env.py", "speed.py"}
+
+
+def test_torch_is_loaded_only_when_somebody_trains_a_net() -> None:
+    code = (
+        "import sys; from benchmark.experiment import *; from benchmark import runner, report\n"
+        "all_specifications(load_experiment('compare_deep'))\n"
+        "assert not {'torch', 'stable_baselines3', 'rliable'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_only_the_store_knows_how_results_are_kept() -> None:
