@@ -149,6 +149,9 @@ class _Snapshots(BaseCallback):
         self.cpu_time_s = np.zeros(len(points))
         self.diverged_at = -1
 
+    def _on_training_start(self) -> None:
+        self.keep_counts(0)
+
     def _on_rollout_start(self) -> None:
         self.keep_policy(before=self.model.num_timesteps + self._rollout)
 
@@ -175,7 +178,7 @@ class _Snapshots(BaseCallback):
     def keep_counts(self, step: int) -> None:
         """Keeps disagreements and seconds for all evaluation steps up to a step."""
         while self._n_counted < len(self._points) and self._points[self._n_counted] <= step:
-            self.disagreements[self._n_counted] = self._env.disagreements if step else 0
+            self.disagreements[self._n_counted] = self._env.disagreements
             self.cpu_time_s[self._n_counted] = time.thread_time() - self._started_s - self._aside_s
             self._n_counted += 1
 

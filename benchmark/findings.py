@@ -5,6 +5,7 @@ the other leaves out one half, and otherwise not to be told apart.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -43,13 +44,13 @@ def _tables(grid: Grid, frames: Frames, tables: Sequence[Learner]) -> str:
     by_scenario = ", ".join(f"{r.success:.0%} in {r.scenario}" for r in success.itertuples())
     budget = _first(grid, paper)["settings"]["budget"]
     text = (
-        f"After {budget:,} steps the table with the paper's constants scores {_score(frames, paper)} over all "
-        f"scenarios (interquartile mean and 95 % interval; 0 is random, 1 optimal), its greedy policy succeeding "
-        f"with probability {by_scenario}"
+        f"After {budget:,} steps the table with the paper's constants scores {_score(frames, paper)} over "
+        "all scenarios (interquartile mean and 95 % interval; 0 is random, 1 optimal), its greedy policy "
+        f"succeeding with probability {by_scenario}"
     )
     for other in tables[1:]:
         verdict = _verdict(frames, other, paper)
-        text += f"; `{other.algorithm}`, a table with other constants, scores {_score(frames, other)} and {verdict}"
+        text += f"; `{other.algorithm}`, a table, too, scores {_score(frames, other)} and {verdict}"
     return f"{text}."
 
 
@@ -65,8 +66,8 @@ def _best_net(frames: Frames, tables: Sequence[Learner], best_table: Learner, be
         ahead[table] = ", ".join(where) or "no scenario"
     by_scenario = " and of ".join(f"`{table}` in {where}" for table, where in ahead.items())
     return (
-        f"Of the nets `{best_net}` does best with {_score(frames, best_net)}; it {' and '.join(compared)}; its "
-        f"interval lies above that of {by_scenario}."
+        f"Of the nets `{best_net}` does best with {_score(frames, best_net)}; it {' and '.join(compared)}; "
+        f"its interval lies above that of {by_scenario}."
     )
 
 
@@ -121,8 +122,8 @@ def _defaults(grid: Grid, frames: Frames, nets: Sequence[Learner]) -> str:
     parts = ", ".join(f"`{net}` {_score(frames, net)} and {shares[net]:.0%}" for net in own)
     n = sum(len(grid.scores(net)) for net in own) * len(next(iter(grid.learners.values())))
     return (
-        f"With Stable-Baselines3's own settings, scores and the share of runs whose greedy policy ever scores "
-        f"{REACHED:g} are: {parts} ({n} runs)."
+        "With Stable-Baselines3's own settings, scores and the share of runs whose greedy policy ever gets "
+        f"to {REACHED:g} are: {parts} ({n} runs)."
     )
 
 
@@ -131,13 +132,12 @@ def _threshold(frames: Frames, learners: Sequence[Learner]) -> str:
     parts = []
     for learner in learners:
         own = frames["threshold"][_is(frames["threshold"], learner)]
-        when = ", ".join(
-            f"{_steps(r.stays_step_median)} in {r.scenario} ({r.stays_share:.0%})" for r in own.itertuples()
-        )
+        columns = own[["scenario", "stays_step_median", "stays_share"]].to_numpy()
+        when = ", ".join(f"{_steps(step)} in {scenario} ({share:.0%})" for scenario, step, share in columns)
         parts.append(f"`{learner}` {when}")
     return (
-        f"Steps after which half of the runs score {REACHED:g} for good, and the share of runs that get there: "
-        f"{'; '.join(parts)}."
+        f"Steps after which half of the runs score {REACHED:g} for good, and the share of runs that get "
+        f"there: {'; '.join(parts)}."
     )
 
 
@@ -146,10 +146,10 @@ def _cost(frames: Frames, table: Learner, net: Learner) -> str:
     one, other = _row(frames["cost"], table), _row(frames["cost"], net)
     seconds = one["cpu_time_s"], other["cpu_time_s"]
     return (
-        f"A run costs the table {seconds[0] * 1000:.2g} ms of CPU time, {one['parameters']:,.0f} numbers and "
-        f"{one['peak_memory_mb']:.0f} MB, and `{net}` {seconds[1]:.2g} s, {other['parameters']:,.0f} numbers and "
-        f"{other['peak_memory_mb']:.0f} MB (medians on the machine of the manifest): {_times(seconds[1] / seconds[0])} "
-        "the time."
+        f"A run costs the table {seconds[0] * 1000:.2g} ms of CPU time, {one['parameters']:,.0f} numbers "
+        f"and {one['peak_memory_mb']:.0f} MB, and `{net}` {seconds[1]:.2g} s, {other['parameters']:,.0f} "
+        f"numbers and {other['peak_memory_mb']:.0f} MB (medians on the machine of the manifest): "
+        f"{_times(seconds[1] / seconds[0])} the time."
     )
 
 
@@ -196,19 +196,16 @@ def _disagreements(frames: Frames, learners: Sequence[Learner]) -> str:
 def _verdict(frames: Frames, one: Learner, other: Learner, *, short: bool = False) -> str:
     """Says which of two learners does better, and with what probability."""
     frame = frames["improvement"].set_index(["x", "y"])
-    p, low, high = frame.loc[(str(one), str(other)), ["probability", "low", "high"]]
+    row: Any = frame.loc[(str(one), str(other))]
+    p, low, high = float(row["probability"]), float(row["low"]), float(row["high"])
     number = f"{p:.2f} [{low:.2f}, {high:.2f}]"
     if short:
-        word = "one_hot" if one.observation == "one_hot" else one.observation
-        better = word if low > 0.5 else other.observation if high < 0.5 else None
+        better = one.observation if low > 0.5 else other.observation if high < 0.5 else None
         return f"{better} is better, {number}" if better else f"not to be told apart, {number}"
-    if low > 0.5:
-        return (
-            f"does better than `{other}` (a run of it outscores one of the other with probability {number})"
-        )
-    if high < 0.5:
-        return f"does worse than `{other}` (a run of it outscores one of the other with probability {number})"
-    return f"cannot be told from `{other}` ({number})"
+    meaning = f"a run of it outscores one of the other with probability {number}"
+    if low <= 0.5 <= high:
+        return f"cannot be told from `{other}` ({meaning})"
+    return f"does {'better' if low > 0.5 else 'worse'} than `{other}` ({meaning})"
 
 
 def _score(frames: Frames, learner: Learner, start: str = "start") -> str:
@@ -241,7 +238,7 @@ def _is(frame: pd.DataFrame, learner: Learner) -> pd.Series:
     return (frame["algorithm"] == learner.algorithm) & (frame["observation"] == learner.observation)
 
 
-def _first(grid: Grid, learner: Learner) -> Mapping[str, object]:
+def _first(grid: Grid, learner: Learner) -> Mapping[str, Any]:
     """Returns the specification of one of a learner's runs."""
     return next(iter(grid.learners[learner].values())).specification
 

@@ -198,10 +198,10 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
 
 ## Files
 
-Made by `python -m benchmark run {name}` and `python -m benchmark report {name}` from the runs in `runs.db`.
-Files without an ending come as `.csv` (six digits; all columns), `.md` and `.tex` (for reading), and, where
-they are drawn, as `.png` and `.svg`. {timed} hold measured times, and differ from machine to machine;
-all else is the same wherever it is made with the same versions.
+Made by `python -m benchmark run {name}` and `python -m benchmark report {name}` from the runs in
+`runs.db`. Files without an ending come as `.csv` (six digits; all columns), `.md` and `.tex` (for reading),
+and, where they are drawn, as `.png` and `.svg`. {timed} hold measured times, and differ from
+machine to machine; all else is the same wherever it is made with the same versions.
 
 {files}
 ## Words
