@@ -162,11 +162,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
       InputError: One sentence that names the file, the key, its value and what is accepted.
     """
     path = _path(experiment)
-    data = read_toml(path)
-    if "extends" in data:
-        base = parse(_Extension, data, str(path))
-        unchanged = read_toml(_path(base.extends))
-        data = override(unchanged, {"description": base.description} | base.changes, str(path))
+    data = _read(path)
     loaded = parse(Experiment, data, str(path), name=path.stem)
     if DEFAULT_READING not in loaded.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_READING} is missing.")
@@ -273,6 +269,16 @@ def _path(experiment: str | Path) -> Path:
             f"{path}: results go by the file's name, and {path.stem} is a shipped one; rename it."
         )
     return path
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Reads an experiment's tables, changed if it is another one but for some values."""
+    data = read_toml(path)
+    if "extends" not in data:
+        return data
+    extension = parse(_Extension, data, str(path))
+    changes = {"description": extension.description} | extension.changes
+    return override(_read(_path(extension.extends)), changes, str(path))
 
 
 def _scenario(experiment: Experiment, reading: str, scenario: str) -> Scenario:
