@@ -28,7 +28,7 @@ def command(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedPro
 
 def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Runs make with this Python, which has all it needs, in place of one that make installs."""
-    settings = [f"PY={sys.executable}", "BASE=", "DEV="]
+    settings = [f"PY={sys.executable}", "BASE=", "DEEP=", "DEV="]
     return subprocess.run(["make", *arguments, *settings], cwd=cwd, capture_output=True, text=True)
 
 
@@ -346,6 +346,7 @@ def run_make(target: str, tmp_path: Path) -> str:
         miniature = {
             "help": [],
             "reproduce": ["EXPERIMENT=reproduce_smoke", f"RESULTS={tmp_path}"],
+            "compare-deep": ["EXPERIMENT=compare_deep_long_smoke", "SEEDS=2", f"RESULTS={tmp_path}"],
             "test": ["TESTS=tests/test_layering.py"],
             "check": ["CHECKED=envs/inputs.py"],
             "speed": ["SPEED=--smoke", f"RESULTS={tmp_path}"],
@@ -355,7 +356,7 @@ def run_make(target: str, tmp_path: Path) -> str:
     return done.stdout
 
 
-TARGETS = re.findall(r"^([a-z]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+TARGETS = re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -366,16 +367,20 @@ def test_every_make_target(target: str, tmp_path: Path) -> None:
     if target == "speed":
         speed = pd.read_csv(tmp_path / "speed_smoke" / "speed.csv")
         assert list(speed)[:4] == ["name", "per_second", "baseline", "ratio"]
-        assert {"q_learning_kernel", "q_learning_threads", "vector_env_1000", "evaluate"} <= set(
-            speed["name"]
-        )
+        assert {
+            "q_learning_kernel", "q_learning_threads", "vector_env_1000", "evaluate", "sb3_dqn", "sb3_ppo",
+            "vec_env_8", "vec_env_64", "map_all_cells",
+        } <= set(speed["name"])  # fmt: skip
+    if target == "compare-deep":
+        summary = pd.read_csv(tmp_path / "compare_deep_long_smoke" / "summary.csv")
+        assert set(summary["n"]) == {2}
 
 
 def test_every_readme_command(tmp_path: Path) -> None:
     known: dict[str, Callable[[list[str]], bool]] = {
         "git": lambda words: words[1] == "clone",
         "cd": lambda words: len(words) == 2,
-        "make": lambda words: all(word in TARGETS for word in words[1:]),
+        "make": lambda words: words[1] in TARGETS and words[2:] in ([], ["SEEDS=30"]),
         ".venv/bin/python": lambda words: words[1:3] == ["-m", "benchmark"],
     }
     lines = [line.split(" #")[0].strip() for block in blocks("sh") for line in block.splitlines()]
@@ -383,7 +388,8 @@ def test_every_readme_command(tmp_path: Path) -> None:
         words = line.split()
         assert known[words[0]](words), line
         if words[0] == ".venv/bin/python":
-            arguments = [word.replace("reproduce", "reproduce_smoke") for word in words[3:]]
+            small = {"reproduce": "reproduce_smoke", "compare_deep": "compare_deep_smoke", "0-29": "0-1"}
+            arguments = [small.get(word, word) for word in words[3:]]
             extra = ["--smoke"] if "speed" in arguments else []
             if "--help" not in arguments:
                 extra += ["--results", str(tmp_path)]
