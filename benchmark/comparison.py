@@ -44,6 +44,11 @@ class Learner(NamedTuple):
     algorithm: str  # an arm of the experiment
     observation: str
 
+    @property
+    def is_default(self) -> bool:
+        """Whether it has SB3's own settings, by its name."""
+        return self.algorithm.endswith("_default")
+
     def __str__(self) -> str:
         """Its name for readers."""
         return f"{self.algorithm}, {self.observation}"
@@ -339,9 +344,10 @@ def region(grid: Grid) -> pd.DataFrame:
         weights, n = population.weights, len(right)
         row: dict[str, Any] = _named(learner, scenario) | {"n": n, "cells_marked": marked.mean()}
         with np.errstate(invalid="ignore"):
-            row |= _scalars(
-                mean_with_interval("precision", ((weights @ right) / (weights @ marked))[:, None])
-            )
+            precision = (weights @ right) / (weights @ marked)
+        # Resamples without any mark have no precision, and tell nothing of it.
+        low, high = np.nanpercentile(precision, [2.5, 97.5]) if marked.any() else (np.nan, np.nan)
+        row |= {"precision": precision[0], "precision_low": low, "precision_high": high}
         row |= _scalars(_mean("recall", population, (right / population.in_target.sum())[:, None]))
         own = overlap(population.values_ping, population.in_target)[:, None]
         row |= _scalars(_mean("overlap", population, own))

@@ -26,7 +26,7 @@ class Arm(Table):
     algorithm: str
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs a scenario, of seeds 0 to seeds - 1
-    group: str = ""  # arms of one group are drawn together
+    group: str = ""  # arms of one group are drawn together; those of none are drawn with every group
     settings: dict[str, Any] = Field(default_factory=dict)
 
 

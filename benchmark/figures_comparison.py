@@ -19,7 +19,9 @@ from benchmark.comparison import METRICS, REACHED
 from benchmark.figures import COLOURS, colour_bar, figure_of, heat, region_legend, triangles
 from envs import Model
 
-_MARKERS: Final = "osD^vP*X"
+# In the order of the experiment's arms; kin have like colours: tables grey, DQN blue, PPO red.
+_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
+_MARKERS: Final = "osD^vPXh"
 _DASHES: Final = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
 _FLOOR: Final = -1.05  # scores below are drawn at the edge: a policy that bumps a wall has -3.4
 _LABELS: Final = {
@@ -44,7 +46,9 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
       label: What it is.
     """
     scenarios = list(frame["scenario"].unique())
-    with figure_of(len(panels), len(scenarios), (11.0, 3.1 * len(panels) + 0.8)) as (figure, axes):
+    if x == "cpu_time_s":
+        frame = frame[frame["step"] > 0]  # no time has passed, which has no logarithm
+    with figure_of(len(panels), len(scenarios), (11.0, 2.6 * len(panels) + 1.0)) as (figure, axes):
         for row, (title, learners) in enumerate(panels.items()):
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
@@ -54,11 +58,10 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
                 axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
                 axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
                 axis.set(ylim=(_FLOOR, 1.08), title=f"{scenario}, {title}")
+                axis.set(xlim=(float(frame[x].min()), float(frame[x].max())))
                 if x == "cpu_time_s":
                     axis.set_xscale("log")
-                    axis.set(xlim=(max(float(frame[x].max()) * 1e-6, 1e-6), float(frame[x].max())))
                 else:
-                    axis.set(xlim=(0, float(frame[x].max())))
                     axis.xaxis.set_major_locator(MaxNLocator(4))
             axes[row, 0].set(ylabel=_LABELS["score"])
         for axis in axes[-1]:
@@ -77,7 +80,7 @@ def disagreements(frame: pd.DataFrame, panels: Panels) -> Figure:
       panels: One row each.
     """
     scenarios = list(frame["scenario"].unique())
-    with figure_of(len(panels), len(scenarios), (11.0, 2.9 * len(panels) + 0.8)) as (figure, axes):
+    with figure_of(len(panels), len(scenarios), (11.0, 2.4 * len(panels) + 1.0)) as (figure, axes):
         for row, (title, learners) in enumerate(panels.items()):
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
@@ -156,9 +159,7 @@ def improvement(frame: pd.DataFrame) -> Figure:
             )  # fmt: skip
         axis.set_xticks(range(len(names)), [name.replace(", ", ",\n") for name in names], rotation=90)
         axis.set_yticks(range(len(names)), names)
-        axis.set(
-            xlabel="a run of this learner", ylabel="is outscored by one of this with the probability told"
-        )
+        axis.set(ylabel="how probably a run of this learner", xlabel="outscores a run of this one")
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
         figure.colorbar(image, ax=axis, label="probability; * its 95 % interval leaves out 0.5")
@@ -266,8 +267,8 @@ def _of(frame: pd.DataFrame, learner: tuple[str, str], scenario: str) -> pd.Data
 def _style(learner: tuple[str, str], frame: pd.DataFrame) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash, the same in every figure of a comparison."""
     i = list(dict.fromkeys(frame["algorithm"])).index(learner[0])
-    colour = "black" if i == 0 else COLOURS[(i - 1) % len(COLOURS)]
-    return {"color": colour, "marker": _MARKERS[i % len(_MARKERS)], "ls": _DASHES[learner[1]]}
+    i %= len(_MARKERS)
+    return {"color": _COLOURS[i], "marker": _MARKERS[i], "ls": _DASHES[learner[1]]}
 
 
 def _curve(
@@ -277,7 +278,7 @@ def _curve(
     style = _style(learner, frame)
     low, high = ("low", "high") if y == "share" else (f"{y}_low", f"{y}_high")
     axis.plot(one[x], one[y], lw=1.3, ms=4, markevery=max(len(one) // 6, 1), **style)
-    axis.fill_between(one[x], one[low], one[high], color=style["color"], alpha=0.15, lw=0)
+    axis.fill_between(one[x], one[low], one[high], color=style["color"], alpha=0.12, lw=0)
 
 
 def _interval(
@@ -304,5 +305,5 @@ def _legend(figure: Figure, frame: pd.DataFrame, title: str) -> None:
         for learner in _learners(frame)
     ]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=5, frameon=False, title=title, handlelength=3
+        handles=handles, loc="outside lower center", ncols=4, frameon=False, title=title, handlelength=3
     )

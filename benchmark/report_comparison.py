@@ -24,7 +24,7 @@ _FILES = (
     ("threshold", "when, and in how many runs, the greedy policy scores 0.95"),
     ("region", "how well the cells where an agent values PING match the target region"),
     ("cost", "what a run costs: CPU seconds, updates, parameters, memory"),
-    ("maps", "final values of every cell and action; the figure: Q of PING, on one colour scale"),
+    ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),
     ("maps_moves.png, .svg", "the same of the moves"),
     ("maps_probability.png, .svg", "probability of PING where the policy is stochastic"),
     ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
@@ -130,8 +130,9 @@ def _draw(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame]
     kinds = (
         frames["maps"].drop_duplicates(["algorithm", "observation"]).set_index(["algorithm", "observation"])
     )
-    valued = [learner for learner in grid.learners if kinds["kind"][learner] == "q"]
-    likely = [learner for learner in grid.learners if kinds["kind"][learner] == "probability"]
+    # SB3's own DQN learns nothing to be looked at: its numbers are in the table.
+    valued = [one for one in grid.learners if kinds["kind"][one] == "q" and not one.is_default]
+    likely = [one for one in grid.learners if kinds["kind"][one] == "probability"]
     f = figures_comparison
     drawn = {
         "curves": f.curves(frames["curves"], panels, "step", "environment step"),
@@ -186,6 +187,9 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
 {experiment.description}
 {partial}
 ## What was found
+
+P is the probability that a run of the first scores higher than one of the second, in the same scenario;
+brackets hold 95 % intervals. All is about greedy policies after training, if nothing else is said.
 
 {sentences}
 

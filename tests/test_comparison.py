@@ -543,23 +543,26 @@ def verdict(p: float, low: float, high: float) -> str:
 
 
 def test_words_follow_numbers() -> None:
-    assert verdict(0.9, 0.8, 1.0).startswith("does better than `b, index`")
+    assert verdict(0.9, 0.8, 1.0) == "does better than `b, index` (P = 0.90 [0.80, 1.00])"
     assert verdict(0.1, 0.0, 0.4).startswith("does worse than")
     assert verdict(0.6, 0.45, 0.7).startswith("cannot be told from")
     assert verdict(0.5, 0.5, 0.5).startswith("cannot be told from")
-    assert findings._steps(np.inf) == "never"
-    assert findings._steps(1200.0) == "1,200"
     assert findings._times(3456.0) == "3,500 times"
     assert findings._times(12.4) == "12 times"
+    frame = pd.DataFrame({"scenario": ["S1", "S2"], "step": [1200.0, np.inf]})
+    frame = frame.assign(algorithm="a", observation="index")
+    assert findings._by_scenario(frame, Learner("a", "index"), "step", ",.0f") == "1,200 in S1, never in S2"
 
 
 def test_sentences_of_the_miniature_bear_its_numbers(results: Path) -> None:
     page = (results / SMOKE.name / "README.md").read_text(encoding="utf-8")
     folder = results / SMOKE.name
     aggregate = pd.read_csv(folder / "aggregate.csv").query(
-        "policy == 'greedy' and evaluated_from == 'start' and metric == 'iqm'"
+        "policy == 'greedy' and evaluated_from == 'start' and metric == 'mean'"
     )
-    for row in aggregate.itertuples():
+    tables = aggregate[aggregate["algorithm"].str.startswith("q_learning")]
+    assert len(tables) == 2
+    for row in tables.itertuples():
         assert f"{row.value:.2f} [{row.low:.2f}, {row.high:.2f}]" in page
     cost = pd.read_csv(folder / "cost.csv").set_index("algorithm")
-    assert f"{cost['parameters']['dqn_linear']:,} parameters" in page
+    assert f"{cost['parameters']['dqn_linear']:,} numbers" in page
