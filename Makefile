@@ -42,7 +42,7 @@ speed: $(DEEP) ## speed against the stock way, in results/speed/
 
 clean: ## remove what was installed, cached and run; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/.*-*
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/.*-*
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.base: pyproject.toml constraints.txt

@@ -184,8 +184,9 @@ def _train_as_declared(
     seeds: Sequence[SeedSequence],
     evaluation_steps: Sequence[int],
 ) -> TabularTraining:
-    """Trains for an experiment, which records all there is."""
-    return train(model, settings, seeds, evaluation_steps, record_table=True)
+    """Trains for an experiment, which records all there is; but a single record is no curve."""
+    record_table = settings.record_every < settings.budget
+    return train(model, settings, seeds, evaluation_steps, record_table=record_table)
 
 
 Q_LEARNING: Final = Algorithm(

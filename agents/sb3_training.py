@@ -94,11 +94,13 @@ def make_agent(name: str, settings: Settings, env: VecEnv) -> BaseAlgorithm:
       settings: SB3's arguments.
       env: Of `settings.n_envs` envs.
     """
-    arguments = sb3_arguments(settings)
-    arguments["policy_kwargs"]["optimizer_kwargs"] = {"fused": True}  # Adam, a step in one call
     with warnings.catch_warnings():  # a rollout's last mini-batch may be smaller, and that is meant
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
-        agent = CLASSES[name]("MlpPolicy", env, device="cpu", **arguments)
+        agent = CLASSES[name]("MlpPolicy", env, device="cpu", **sb3_arguments(settings))
+    for group in agent.policy.optimizer.param_groups:
+        group["fused"] = (
+            True  # the same Adam, a step in one call; as an argument it would unset SB3's epsilon
+        )
     # It walks all modules, twice a step, to tell dropout and batch norm, of which there are none.
     agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
@@ -169,6 +171,8 @@ class _Snapshots(BaseCallback):
         if not np.isfinite(table).all():
             self.diverged()
             raise _DivergedError
+        if self._points[self._n_taken] == self.model.num_timesteps:  # the update to it has been made by now
+            self.cpu_time_s[self._n_taken] = started_s - self._started_s - self._aside_s
         where = slice(self._n_taken, self._n_taken + due)
         self.greedy[where] = 1 << table.argmax(axis=1)  # SB3 takes the first of several best actions, too
         self.probabilities[where] = table
@@ -216,7 +220,6 @@ def _train_one(
             agent.learn(settings.budget, callback=snapshots, log_interval=None)  # type: ignore[arg-type]
             assert agent.num_timesteps == settings.budget
             snapshots.keep_policy(before=settings.budget + 1)
-            snapshots.keep_counts(settings.budget)
         except _DivergedError:
             pass
         except ValueError:  # PPO's, when it draws from probabilities that are not finite
@@ -224,6 +227,8 @@ def _train_one(
                 raise
             snapshots.diverged()
         q = policy_table(agent, cells) if name == "dqn" else np.empty((0, len(ACTIONS)))
+        if snapshots.diverged_at >= 0:
+            q[:] = np.nan
         return {
             "greedy": snapshots.greedy,
             "stochastic": snapshots.probabilities if name == "ppo" else snapshots.probabilities[:0],

@@ -163,7 +163,7 @@ def _run(options: argparse.Namespace) -> int:
             Remaining(),
             TextColumn("to go"),
         )
-        # By jobs, which take about as long as each other; of runs a hundred may take no time.
+        # By jobs, not runs: a job of many tables is over at once.
         with Progress(*columns, console=Console(stderr=True), speed_estimate_period=120) as progress:
             task = progress.add_task(experiment.name, total=len(jobs), runs=len(runs) - len(todo))
 

@@ -71,18 +71,16 @@ class Grid:
     def scores(self, learner: Learner, policy: str = "greedy", start: str = "start") -> Scores:
         """Returns the final scores of a learner, (R, M); R = 0 of a stochastic policy that is none.
 
-        Of an incomplete grid the runs that every scenario has.
+        Of an incomplete grid those of the seeds that every scenario has.
         """
-        columns = [p.scores_of(policy, start) for p in self.learners[learner].values()]
-        n = min(len(column) if column.shape[1] else 0 for column in columns)
-        if n == 0:
-            return np.empty((0, len(columns)))
+        populations = self.learners[learner].values()
+        seeds = sorted(set.intersection(*(set(population.seeds) for population in populations)))
+        columns = []
+        for population in populations:
+            rows = [list(population.seeds).index(seed) for seed in seeds]
+            columns.append(population.scores_of(policy, start)[rows, -1:])
         # Rounded, lest the last digit of two optima decide which of them is better.
-        return np.asarray(np.round(np.stack([column[:n, -1] for column in columns], axis=1), 9))
-
-    def has_stochastic(self, learner: Learner) -> bool:
-        """Whether a learner's policy is stochastic beside its greedy one."""
-        return len(self.scores(learner, "stochastic")) > 0
+        return np.asarray(np.round(np.concatenate([column.reshape(-1, 1) for column in columns], axis=1), 9))
 
 
 def load_grid(
@@ -126,7 +124,8 @@ def load_grid(
             f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners, each with two "
             "runs of every scenario."
         )
-    return Grid(learners, missing)
+    left_out = "; left out: " + ", ".join(str(learner) for learner in sorted(few)) if few else ""
+    return Grid(learners, missing + left_out)
 
 
 def _missing(
@@ -382,7 +381,7 @@ def cost(grid: Grid) -> pd.DataFrame:
 
 
 def maps(grid: Grid) -> pd.DataFrame:
-    """Tabulates final values over agents, one row a cell of the grid, cell of the scene and action.
+    """Tabulates final values over agents, one row a scenario, learner, cell of the scene and action.
 
     `value` is the mean Q, or of a stochastic policy the mean probability; `marked` the share of agents
     that value PING in the cell.

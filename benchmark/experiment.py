@@ -47,6 +47,7 @@ class Experiment(Table):
     name: str
     description: str
     report: Literal["replication", "comparison"]  # which tables and figures are drawn of it
+    note: str = ""  # for readers of the results: how settings were chosen, say
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     horizon: Annotated[int, Field(ge=1, le=100_000)]
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
@@ -271,14 +272,17 @@ def _path(experiment: str | Path) -> Path:
     return path
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path, readers: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Reads an experiment's tables, changed if it is another one but for some values."""
     data = read_toml(path)
     if "extends" not in data:
         return data
     extension = parse(_Extension, data, str(path))
+    base = _path(extension.extends)
+    if base in (path, *readers):
+        raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
     changes = {"description": extension.description} | extension.changes
-    return override(_read(_path(extension.extends)), changes, str(path))
+    return override(_read(base, (path, *readers)), changes, str(path))
 
 
 def _scenario(experiment: Experiment, reading: str, scenario: str) -> Scenario:
@@ -296,6 +300,11 @@ def _settings(experiment: Experiment, arm: str, reading: str, source: str) -> Ta
     cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{arm}").settings
     changed: Mapping[str, Any] = experiment.readings[reading].settings
     where = f"{source}: algorithms.{arm}.settings"
+    for key in experiment.settings:
+        if key not in cls.model_fields:
+            unknown_name(f"{source}: [settings], of {arm} too", "key", key, cls.model_fields)
+    if experiment.settings:
+        where += " with [settings]"
     if changed:
         where += f" with readings.{reading}.settings"
     return parse(cls, override(experiment.settings | declared.settings, changed, where), where)

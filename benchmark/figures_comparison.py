@@ -23,7 +23,7 @@ from envs import Model
 _COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
 _MARKERS: Final = "osD^vPXh"
 _DASHES: Final = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
-_FLOOR: Final = -1.05  # scores below are drawn at the edge: a policy that bumps a wall has -3.4
+_FLOOR: Final = -1.05  # scores below, of policies that bump a wall for ever, are not drawn
 _LABELS: Final = {
     "score": "score (0 random, 1 optimal)",
     "iqm": "interquartile mean",
@@ -207,7 +207,8 @@ def maps(
     mine = np.logical_or.reduce([_is(frame, learner) for learner in learners])
     shown = frame[mine & (is_ping if action == "PING" else ~is_ping)]
     # The middle 98 %, lest one corner that was never visited take the whole scale.
-    low, high = np.nanpercentile(shown["value"], [1, 99])
+    known = shown["value"].dropna()
+    low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)  # none if all diverged
     norm = Normalize(float(low), float(high))
     with figure_of(len(learners), len(models), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
         for row, learner in enumerate(learners):

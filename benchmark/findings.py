@@ -25,7 +25,7 @@ def sentences(grid: Grid, frames: Frames) -> list[str]:
     best_table, best_net = (max(group, key=lambda one: _mean(frames, one)) for group in (tables, nets))
     written = (
         _tables(grid, frames, tables),
-        _best_net(frames, list(dict.fromkeys((tables[0], best_table))), best_net),
+        _best_net(frames, list(dict.fromkeys((tables[0], best_table))), nets, best_net),
         _observations(grid, frames, nets),
         _linear(grid, frames, nets),
         _defaults(frames, nets),
@@ -43,24 +43,31 @@ def _tables(grid: Grid, frames: Frames, tables: Sequence[Learner]) -> str:
     paper = tables[0]
     budget = _first(grid, paper)["settings"]["budget"]
     text = (
-        f"After {budget:,} steps the table with the paper's constants succeeds with probability "
+        f"After {budget:,} steps the table `{paper.algorithm}` succeeds with probability "
         f"{_by_scenario(frames['summary'], paper, 'success', '.2f')}, and has a mean score of "
         f"{_score(frames, paper)} over all scenarios (0 random, 1 optimal; 95 % interval)"
     )
     for other in tables[1:]:
         text += (
-            f"; with other constants (`{other.algorithm}`) it has {_score(frames, other)}, and "
+            f"; with the constants of `{other.algorithm}` it has {_score(frames, other)}, and "
             f"{_verdict(frames, other, paper)}"
         )
     return f"{text}."
 
 
-def _best_net(frames: Frames, tables: Sequence[Learner], best_net: Learner) -> str:
-    """Says how the best net does against the tables."""
+def _best_net(frames: Frames, tables: Sequence[Learner], nets: Sequence[Learner], best_net: Learner) -> str:
+    """Says how the best net does against the tables, and which nets might as well be the best."""
+    equals = []
+    for net in nets:
+        if net != best_net:
+            _, low, high = _improvement(frames, best_net, net)
+            if low <= 0.5 <= high:
+                equals.append(f"`{net}` ({_mean(frames, net):.2f})")
+    equal = f"not to be told from it: {', '.join(equals)}" if equals else "better than every other net"
     return (
         f"The net with the best mean score is `{best_net}`, {_score(frames, best_net)}, succeeding with "
         f"probability {_by_scenario(frames['summary'], best_net, 'success', '.2f')}: it "
-        f"{' and '.join(_verdict(frames, best_net, table) for table in tables)}."
+        f"{' and '.join(_verdict(frames, best_net, table) for table in tables)}; {equal}."
     )
 
 
@@ -150,7 +157,8 @@ def _every_cell(grid: Grid, frames: Frames, learners: Sequence[Learner]) -> str:
 def _region(frames: Frames, tables: Sequence[Learner], nets: Sequence[Learner]) -> str:
     """Says who knows the personal space."""
     means = {
-        one: frames["region"][_is(frames["region"], one)].mean(numeric_only=True) for one in (*tables, *nets)
+        one: frames["region"][_is(frames["region"], one)].mean(numeric_only=True, skipna=False)
+        for one in (*tables, *nets)
     }
     best = max(nets, key=lambda one: means[one]["overlap"])
     parts = []

@@ -23,7 +23,7 @@ _FILES = (
     ("disagreements.png, .svg", "the issuer's disagreements per 1,000 steps while agents learn"),
     ("threshold", "when, and in how many runs, the greedy policy scores 0.95"),
     ("region", "how well the cells where an agent values PING match the target region"),
-    ("cost", "what a run costs: CPU seconds, updates, parameters, memory"),
+    ("cost", "what a run costs: CPU seconds, updates, parameters, peak memory of the process it runs in"),
     ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),
     ("maps_moves.png, .svg", "the same of the moves"),
     ("maps_probability.png, .svg", "probability of PING where the policy is stochastic"),
@@ -143,9 +143,12 @@ def _draw(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame]
         "improvement": f.improvement(frames["improvement"]),
         "threshold": f.threshold(frames["threshold"]),
         "region": f.region(frames["region"]),
-        "maps": f.maps(frames["maps"], models, valued, "PING", "mean final Q of PING"),
-        "maps_moves": f.maps(frames["maps"], models, valued, "moves", "mean final Q of the moves"),
     }
+    if valued:
+        label = "mean final Q of PING"
+        drawn["maps"] = f.maps(frames["maps"], models, valued, "PING", label)
+        label = "mean final Q of the moves"
+        drawn["maps_moves"] = f.maps(frames["maps"], models, valued, "moves", label)
     if likely:
         label = "mean final probability of PING"
         drawn["maps_probability"] = f.maps(frames["maps"], models, likely, "PING", label)
@@ -181,11 +184,12 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
     diverged = int(frames["summary"]["diverged"].sum())
     told = f"{diverged} runs diverged" if diverged else "No run diverged"
     name = experiment.name
+    note = f"\n{experiment.note.strip()}\n" if experiment.note else ""
     timed = " and ".join(f"`{one}`" for one in _MEASURED_TIMES)
     return f"""# {name}
 
 {experiment.description}
-{partial}
+{partial}{note}
 ## What was found
 
 P is the probability that a run of the first scores higher than one of the second, in the same scenario;
@@ -204,8 +208,10 @@ brackets hold 95 % intervals. All is about greedy policies after training, if no
 
 Made by `python -m benchmark run {name}` and `python -m benchmark report {name}` from the runs in
 `runs.db`. Files without an ending come as `.csv` (six digits; all columns), `.md` and `.tex` (for reading),
-and, where they are drawn, as `.png` and `.svg`. {timed} hold measured times, and differ from
-machine to machine; all else is the same wherever it is made with the same versions.
+and, where they are drawn, as `.png` and `.svg`. {timed}, `manifest.json` and a sentence above hold
+measured times and memory. All else is the same, to the last digit, however often it is made with the same
+versions on the same kind of processor; on another kind nets learn otherwise, since their arithmetic is rounded
+otherwise.
 
 {files}
 ## Words
@@ -214,8 +220,8 @@ machine to machine; all else is the same wherever it is made with the same versi
   `benchmark/experiments/{name}.toml`; `_default` means Stable-Baselines3's own.
 - *score*: undiscounted return by the grid's own rewards, between the exact random policy (0) and the exact
   optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy policy that
-  bumps a wall until the limit has about -3.4, and means show it. Policies are evaluated exactly, without an
-  episode.
+  bumps a wall until the limit is far below the random one, and means show it. Policies are evaluated exactly,
+  without an episode.
 - *greedy, stochastic*: DQN and the table act by their best action; PPO is judged by its likeliest action
   first, and by its own probabilities beside (`stochastic_`).
 - *every_cell*: episodes start in any cell but the issuer's, all alike, in place of the start cell.
@@ -224,5 +230,6 @@ machine to machine; all else is the same wherever it is made with the same versi
   of a score of 1, on average. *Intervals*: 95 %, percentile bootstrap over runs, stratified by scenario where
   these are taken together, {RESAMPLES} seeded resamples (of profiles, {RESAMPLES // 2}).
 - *inf*: half of the runs or more never got there.
-- *diverged*: a net whose values were no longer finite counts as the random policy from then on. {told}.
+- Intervals and P are not corrected for the number of comparisons, and of ten runs they are rather too narrow.
+- *diverged*: a net whose values are no longer finite counts as the random policy from then on. {told}.
 """

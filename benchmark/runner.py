@@ -19,6 +19,7 @@ from contextlib import suppress
 from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -78,11 +79,12 @@ def run(
         return execute_job(job, provenance) if together else workers.execute(job, provenance)
 
     with ThreadPoolExecutor(jobs) as pool:
-        waiting = {pool.submit(execute, job) for job in todo}
+        waiting: set[Future[list[Record]]] = set()
         try:
-            for future in as_completed(waiting):
-                waiting.discard(future)  # or its arrays would stay in memory
+            waiting.update(pool.submit(execute, job) for job in todo)
+            for future in as_completed(list(waiting)):
                 keep(future)
+                waiting.discard(future)  # or its arrays would stay in memory
         except KeyboardInterrupt:
             workers.stop()
             pool.shutdown(cancel_futures=True)  # waits for the jobs that are running
@@ -212,9 +214,9 @@ class Workers:
         """
         started_at = datetime.now(UTC).isoformat(timespec="seconds")
         started = time.perf_counter()
+        if getattr(self._own, "connection", None) is None:
+            self._start()
         try:
-            if getattr(self._own, "connection", None) is None:
-                self._start()
             self._own.connection.send((job, provenance))
             records: list[Record] = self._own.connection.recv()
         except (EOFError, OSError):
@@ -222,9 +224,10 @@ class Workers:
                 raise _StoppedError from None
             self._own.process.join()
             self._own.connection = None
-            code = self._own.process.exitcode
-            reason = f"signal {-code}" if code < 0 else f"exit code {code}"
-            error = f"WorkerDied: its process ended by {reason}, for want of memory or killed"
+            code = self._own.process.exitcode  # None if another thread has asked the system first
+            killed = code is not None and code < 0
+            reason = f"was killed by signal {-code}" if killed else f"ended with exit code {code}"
+            error = f"WorkerDied: its process {reason}"
             provenance = provenance | {
                 "started_at": started_at,
                 "wall_time_s": time.perf_counter() - started,
@@ -239,6 +242,7 @@ class Workers:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        resource_tracker.ensure_running()  # or the first start would begin it, and it unblocks the interrupt
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
             with self._lock:

@@ -31,7 +31,7 @@ def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = No
     markdown = f"{note}\n\n{to_markdown(shown)}" if note else to_markdown(shown)
     stem.with_suffix(".md").write_text(markdown, encoding="utf-8")
     form = "latex_booktabs" if len(shown) <= _ROWS_OF_A_PAGE else "latex_longtable"
-    latex = f"% {note}\n{_format(shown, form)}" if note else _format(shown, form)
+    latex = f"\\textbf{{{_escape(note)}}}\\par\n{_format(shown, form)}" if note else _format(shown, form)
     stem.with_suffix(".tex").write_text(latex, encoding="utf-8")
 
 
@@ -56,6 +56,11 @@ def _format(frame: pd.DataFrame, kind: str) -> str:
     cells = [[_show(value) for value in row] for row in frame.itertuples(index=False)]
     aligned = ["left" if isinstance(value, str) else "right" for value in frame.iloc[0]]
     return tabulate(cells, list(frame.columns), tablefmt=kind, disable_numparse=True, colalign=aligned) + "\n"
+
+
+def _escape(text: str) -> str:
+    """Returns text as LaTeX wants it."""
+    return text.replace("_", r"\_").replace("%", r"\%")
 
 
 def _show(value: object) -> str:

@@ -21,7 +21,7 @@ from rliable import metrics
 from scipy import stats
 
 from agents.policy import ALL_ACTIONS
-from benchmark import comparison, findings, runner
+from benchmark import comparison, findings, report, runner
 from benchmark.aggregate import Population
 from benchmark.comparison import Grid, Learner, load_grid
 from benchmark.experiment import (
@@ -34,6 +34,7 @@ from benchmark.experiment import (
 )
 from benchmark.runner import pending, plan, run
 from benchmark.store import Record, Store
+from benchmark.tables import write_csv
 from envs import InputError
 from envs.inputs import override, parse, read_toml
 
@@ -131,6 +132,7 @@ def test_early_results_cover_the_whole_grid() -> None:
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
         ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
         ('"every_cell"]', '"anywhere"]', "evaluated_from"),
+        ("time_limit = 200", "time_limits = 200", "[settings], of q_learning too: unknown key time_limits"),
     ],
 )
 def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:
@@ -142,6 +144,14 @@ def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new
         load_experiment(path)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
+    for name, base in (("one", "two"), ("two", "one")):
+        text = f'extends = "{tmp_path}/{base}.toml"\ndescription = ""\nchanges = {{}}\n'
+        (tmp_path / f"{name}.toml").write_text(text)
+    with pytest.raises(InputError, match=r"two\.toml: extends = .*one\.toml\": it extends itself"):
+        load_experiment(tmp_path / "one.toml")
 
 
 # Worker processes
@@ -196,7 +206,7 @@ def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) ->
         errors = run(runs, store, 2)
         killer.join()
         assert len(errors) == 1
-        assert "its process ended by signal 9" in errors[0]
+        assert "its process was killed by signal 9" in errors[0]
         statuses = store.statuses()
         assert sorted(statuses.values()) == ["done", "done", "done", "failed"]
         (failed,) = (one for one in runs if statuses[one.digest] == "failed")
@@ -261,7 +271,11 @@ def test_stopped_driver_loses_runs_in_flight_alone(
     results: Path, tmp_path: Path, number: signal.Signals
 ) -> None:
     process, workers = started(tmp_path)
-    assert len(workers) >= 2
+    python = [pid for pid in workers if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()]
+    assert len(python) == 2
+    for pid in python:  # none of them hears the terminal's interrupt
+        blocked = int(Path(f"/proc/{pid}/status").read_text().split("SigBlk:")[1].split()[0], 16)
+        assert blocked >> (signal.SIGINT - 1) & 1
     if number == signal.SIGINT:
         os.killpg(process.pid, number)
     else:
@@ -307,6 +321,8 @@ def test_everything_is_there(results: Path) -> None:
     assert [line.split(".")[0] for line in page.splitlines() if line[:1].isdecimal()] == [
         str(i) for i in range(1, 11)
     ]
+    cost = pd.read_csv(results / SMOKE.name / "cost.csv")
+    assert cost["peak_memory_mb"].between(50, 700).all()
     manifest = json.loads((results / SMOKE.name / "manifest.json").read_text())
     assert {"torch", "stable_baselines3"} <= set(manifest["versions"][0]) | set(manifest["versions"][-1])
 
@@ -346,6 +362,16 @@ def test_incomplete_grid_is_refused_and_partial_is_marked(results: Path, tmp_pat
     learners = set(zip(shown["algorithm"], shown["observation"], strict=True))
     assert ("ppo", "coordinates") not in learners  # no run in S1
     assert ("dqn", "one_hot") not in learners  # one run, which has no spread
+
+
+def test_partial_takes_the_seeds_that_every_scenario_has() -> None:
+    one, other = with_scores(np.array([0.1, 0.2, 0.3])), with_scores(np.array([0.4, 0.5]), "S2")
+    one, other = (
+        Population(p.specification, p.arrays, seeds, p.provenance)
+        for p, seeds in ((one, [0, 1, 2]), (other, [2, 1]))
+    )
+    scores = grid_of(a={"S1": one, "S2": other}).scores(Learner("a", "index"))
+    assert scores == pytest.approx(np.array([[0.2, 0.5], [0.3, 0.4]]))
 
 
 def test_replication_knows_no_partial(tmp_path: Path) -> None:
@@ -566,3 +592,46 @@ def test_sentences_of_the_miniature_bear_its_numbers(results: Path) -> None:
         assert f"{row.value:.2f} [{row.low:.2f}, {row.high:.2f}]" in page
     cost = pd.read_csv(folder / "cost.csv").set_index("algorithm")
     assert f"{cost['parameters']['dqn_linear']:,} numbers" in page
+
+
+# What is published
+
+
+def test_published_comparison_is_of_the_declared_runs_and_its_tables_are_what_the_code_makes(
+    tmp_path: Path,
+) -> None:
+    folder = ROOT / "results" / "compare_deep"
+    full = load_experiment("compare_deep")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    runs = all_specifications(full)
+    assert manifest["runs"] == len(runs)
+    assert manifest["digest"] == report._digest([one.digest for one in runs])
+    tabular = {name: arm for name, arm in full.algorithms.items() if arm.algorithm == "q_learning"}
+    tables = full.model_copy(update={"algorithms": tabular})
+    with Store(tmp_path / "runs.db") as store:
+        assert run(all_specifications(tables), store, 2) == []
+        made = comparison.scores(load_grid(tables, store))
+    write_csv(made, tmp_path / "scores.csv")
+    published = pd.read_csv(folder / "scores.csv")
+    published = published[published["algorithm"].isin(list(tabular))].reset_index(drop=True)
+    columns = [name for name in map(str, published) if not name.startswith("stochastic")]
+    again = pd.read_csv(tmp_path / "scores.csv")
+    keys = ["scenario", "algorithm", "seed"]
+    pd.testing.assert_frame_equal(
+        published[columns].sort_values(keys, ignore_index=True),
+        again[columns].sort_values(keys, ignore_index=True),
+    )
+
+
+def test_published_aggregates_follow_from_published_scores() -> None:
+    folder = ROOT / "results" / "compare_deep"
+    scores = pd.read_csv(folder / "scores.csv")
+    aggregate = pd.read_csv(folder / "aggregate.csv")
+    for name, prefix in (("start", ""), ("every_cell", "every_cell_")):
+        shown = aggregate.query(f"policy == 'greedy' and evaluated_from == '{name}'")
+        for (algorithm, observation), own in scores.groupby(["algorithm", "observation"]):
+            rows = shown[(shown["algorithm"] == algorithm) & (shown["observation"] == observation)]
+            value = rows.set_index("metric")["value"]
+            assert value["mean"] == pytest.approx(own[f"{prefix}score"].mean(), abs=1e-5)
+            trimmed = stats.trim_mean(own[f"{prefix}score"], 0.25)
+            assert value["iqm"] == pytest.approx(trimmed, abs=1e-5)
