@@ -210,8 +210,7 @@ Made by `python -m benchmark run {name}` and `python -m benchmark report {name}`
 `runs.db`. Files without an ending come as `.csv` (six digits; all columns), `.md` and `.tex` (for reading),
 and, where they are drawn, as `.png` and `.svg`. {timed}, `manifest.json` and a sentence above hold
 measured times and memory. All else is the same, to the last digit, however often it is made with the same
-versions on the same kind of processor; on another kind nets learn otherwise, since their arithmetic is rounded
-otherwise.
+versions on the same kind of processor; on another kind sums are rounded otherwise, and nets learn otherwise.
 
 {files}
 ## Words
