@@ -124,9 +124,9 @@ def test_early_results_cover_the_whole_grid() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("gamma = 0.9", "gama = 0.9", "settings: unknown key gama (did you mean gamma?)"),
+        ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
         ('algorithm = "ppo"', 'algorithm = "pqo"', "unknown algorithm pqo (did you mean ppo?); accepted"),
-        ('"coordinates"]', '"cordinates"]', "observation for dqn cordinates (did you mean coordinates?)"),
+        ('"coordinates"]', '"one_hat"]', "observation for dqn one_hat (did you mean one_hot?)"),
         ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
         ("n_steps = 2000", "n_steps = 2048", "budget = 10000 is not a whole number of rollouts of 2048"),
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
@@ -635,3 +635,55 @@ def test_published_aggregates_follow_from_published_scores() -> None:
             assert value["mean"] == pytest.approx(own[f"{prefix}score"].mean(), abs=1e-5)
             trimmed = stats.trim_mean(own[f"{prefix}score"], 0.25)
             assert value["iqm"] == pytest.approx(trimmed, abs=1e-5)
+
+
+def test_readme_findings_of_the_comparison_are_the_published_ones() -> None:
+    folder, page = ROOT / "results" / "compare_deep", (ROOT / "README.md").read_text(encoding="utf-8")
+    keys = ["algorithm", "observation"]
+    success: Any = pd.read_csv(folder / "summary.csv").pivot(index=keys, columns="scenario", values="success")
+    paper, tuned = success.loc["q_learning", "index"], success.loc["q_learning_tuned", "index"]
+    assert paper.tolist() == pytest.approx([1, 0.63, 1], abs=0.005)
+    assert tuned["S2"] == pytest.approx(0.99, abs=0.005)
+    one_hot, coordinates = success.loc["dqn", "one_hot"], success.loc["dqn", "coordinates"]
+    assert (one_hot.min(), one_hot.max()) == pytest.approx((0.8, 1))
+    assert (coordinates.min(), coordinates.max()) == pytest.approx((0.6, 0.8))
+    one_hot, coordinates = success.loc["ppo", "one_hot"], success.loc["ppo", "coordinates"]
+    assert (one_hot.min(), one_hot.max()) == pytest.approx((0.9, 1))
+    assert (coordinates.min(), coordinates.max()) == pytest.approx((0, 0.7))
+    assert success.loc["dqn_default"].to_numpy().max() == 0
+    assert success.loc["ppo_default", ["S1", "S2"]].to_numpy().max() == 0
+    assert success.loc[("ppo_default", "one_hot"), "S3"] > 0.5
+    scores: Any = pd.read_csv(folder / "scores.csv")
+    quitters = scores[(scores["algorithm"] == "ppo_default") & scores["scenario"].isin(["S1", "S2"])]
+    assert quitters["wrong_pings"].median() == 5
+    assert quitters["steps"].median() <= 6
+    aggregate: Any = pd.read_csv(folder / "aggregate.csv").query("policy == 'greedy' and metric == 'mean'")
+    start = aggregate[aggregate["evaluated_from"] == "start"].set_index(keys)
+    everywhere = aggregate[aggregate["evaluated_from"] == "every_cell"].set_index(keys)
+    assert start["value"]["q_learning_tuned", "index"] == pytest.approx(0.99, abs=0.005)
+    nets = start[~start.index.get_level_values(0).str.startswith("q_learning")]
+    assert nets["value"].idxmax() == ("dqn_linear", "one_hot")
+    best = nets.loc["dqn_linear", "one_hot"]
+    assert best[["value", "low", "high"]].tolist() == pytest.approx([0.85, 0.56, 1], abs=0.005)
+    assert everywhere["value"].idxmax() == ("q_learning", "index")
+    assert everywhere["value"].max() == pytest.approx(0.24, abs=0.005)
+    improvement: Any = pd.read_csv(folder / "improvement.csv").set_index(["x", "y"])
+    for other in ("q_learning, index", "q_learning_tuned, index", "dqn, one_hot"):
+        low, high = improvement.loc[("dqn_linear, one_hot", other), ["low", "high"]]
+        assert low <= 0.5 <= high
+    cost: Any = pd.read_csv(folder / "cost.csv").set_index(keys)
+    assert cost["parameters"]["dqn", "one_hot"] == 32_645
+    seconds = cost["cpu_time_s"]
+    assert seconds["q_learning", "index"] < 0.0002
+    assert seconds["dqn_linear", "one_hot"] == pytest.approx(3, abs=1)
+    assert seconds["dqn", "one_hot"] == pytest.approx(8, abs=1.5)
+    region: Any = pd.read_csv(folder / "region.csv").groupby(keys)["overlap"].mean()
+    assert region["q_learning", "index"] == pytest.approx(0.40, abs=0.005)
+    knowing = region[~region.index.get_level_values(0).str.startswith("q_learning")]
+    assert knowing.idxmax() == ("dqn", "one_hot")
+    assert knowing.max() == pytest.approx(0.32, abs=0.005)
+    sentences = (folder / "README.md").read_text(encoding="utf-8")
+    assert "`q_learning, index` 124 and 116" in sentences
+    assert "`dqn_linear, one_hot` 59 and 9" in sentences
+    for told in ("63 %", "0.85", "0.56 to 1.00", "0.24", "116 disagreements", "0.40", "0.32", "32,645"):
+        assert told in page
