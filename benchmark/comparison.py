@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from rliable import library, metrics
+from scipy import stats
 
 from benchmark.aggregate import (
     BOOTSTRAP_SEED,
@@ -324,8 +325,11 @@ def threshold(grid: Grid) -> pd.DataFrame:
         stays = np.where(good.all(axis=1), 0, bad_after)
         row: dict[str, Any] = _named(learner, scenario) | {"n": len(good)}
         for name, when in (("reached", first), ("stays", stays)):
-            there = (when < good.shape[1])[:, None].astype(np.float64)
-            row |= _scalars(_mean(f"{name}_share", population, there))
+            count = int((when < good.shape[1]).sum())
+            # Where all runs agree resampling sees no doubt at all; the exact binomial interval does.
+            bounds = stats.binomtest(count, len(good)).proportion_ci()
+            row |= {f"{name}_share": count / len(good)}
+            row |= {f"{name}_share_low": bounds.low, f"{name}_share_high": bounds.high}
             row[f"{name}_step_median"] = np.median(steps[when])
         rows.append(row)
     return pd.DataFrame(rows)

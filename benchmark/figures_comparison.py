@@ -245,7 +245,7 @@ def _by_scenario(frame: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
                     _interval(axis, one[name], one[f"{name}_low"], one[f"{name}_high"], y, learner, frame)
                 _rows(axis, learners, first=column == 0)
                 axis.set(title=f"{scenario}: {label}", xlim=(-0.03, 1.03))
-        figure.supxlabel("after training; bar: 95 % interval", fontsize="small")
+        figure.supxlabel("bar: 95 % interval over runs", fontsize="small")
     return figure
 
 

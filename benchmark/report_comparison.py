@@ -228,7 +228,8 @@ versions on the same kind of processor; on another kind sums are rounded otherwi
 - *iqm*: interquartile mean, over the middle half of the runs. *optimality gap*: by how much runs fall short
   of a score of 1, on average. *Intervals*: 95 %, percentile bootstrap over runs, stratified by scenario where
   these are taken together, {RESAMPLES} seeded resamples (of profiles, {RESAMPLES // 2}).
+  Of the shares in `threshold` they are exact binomial ones. They are not corrected for the number of
+  comparisons, and of ten runs bootstrap intervals are rather too narrow: where all agree they have no width.
 - *inf*: half of the runs or more never got there.
-- Intervals and P are not corrected for the number of comparisons, and of ten runs they are rather too narrow.
 - *diverged*: a net whose values are no longer finite counts as the random policy from then on. {told}.
 """
