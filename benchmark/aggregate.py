@@ -20,7 +20,7 @@ from scipy import stats
 from agents.dynamic_programming import evaluate, every_cell, solve
 from agents.policy import contains, greedy_masks, uniform_policy
 from benchmark.experiment import RunSpecification, evaluation_steps
-from benchmark.store import Record, Store
+from benchmark.store import Record, Store, evaluated
 from envs import ACTIONS, ZONES, InputError, Model, Scenario, compile_scenario
 from envs.model import PING
 
@@ -104,12 +104,6 @@ class Population:
         if stochastic.shape[1]:
             return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)
         return np.asarray(self.arrays["q"][:, :, PING] > 0)
-
-
-def evaluated(name: str, policy: str, start: str) -> str:
-    """Returns what a field of `Evaluation` is called in a record, by the policy and where it starts."""
-    policy = "" if policy == "greedy" else f"{policy}_"
-    return f"{policy}{'' if start == 'start' else f'{start}_'}{name}"
 
 
 @lru_cache(maxsize=64)

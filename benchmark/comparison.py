@@ -21,14 +21,13 @@ from benchmark.aggregate import (
     BOOTSTRAP_SEED,
     RESAMPLES,
     Population,
-    evaluated,
     interquartile_mean,
     load_population,
     mean_with_interval,
     overlap,
 )
 from benchmark.experiment import DEFAULT_READING, Experiment, RunSpecification, specifications
-from benchmark.store import Store
+from benchmark.store import Store, evaluated
 from envs import ACTIONS, ZONES, InputError
 
 Scores = NDArray[np.float64]  # (R, M) runs x scenarios

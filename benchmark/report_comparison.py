@@ -64,8 +64,8 @@ def write(
     frames["curves_cpu"] = comparison.curves_cpu(grid, frames["curves"])
     for name, frame in frames.items():
         tables.write_table(frame, directory / name, _shown(name, frame), note=_note(grid))
-    _draw(experiment, grid, frames, directory)
-    (directory / "README.md").write_text(_readme(experiment, grid, frames), encoding="utf-8")
+    drawn = _draw(experiment, grid, frames, directory)
+    (directory / "README.md").write_text(_readme(experiment, grid, frames, drawn), encoding="utf-8")
 
 
 def _note(grid: Grid) -> str:
@@ -121,8 +121,10 @@ def _shown(name: str, frame: pd.DataFrame) -> pd.DataFrame:
     return frame
 
 
-def _draw(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame], directory: Path) -> None:
-    """Writes every figure."""
+def _draw(
+    experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame], directory: Path
+) -> set[str]:
+    """Writes every figure there is something for; returns their names."""
     panels = _panels(experiment, grid)
     models = {
         scenario: population.model for scenario, population in next(iter(grid.learners.values())).items()
@@ -156,6 +158,7 @@ def _draw(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame]
         if grid.missing:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
         write_figure(figure, directory / name)
+    return set(drawn)
 
 
 def _panels(experiment: Experiment, grid: Grid) -> dict[str, list[Learner]]:
@@ -169,12 +172,13 @@ def _panels(experiment: Experiment, grid: Grid) -> dict[str, list[Learner]]:
     return panels or {"all": everywhere}
 
 
-def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame]) -> str:
+def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame], drawn: set[str]) -> str:
     """Returns the page that says what was found and what each file is."""
+    figures_alone = ".png, .svg"
     written = [
         row
         for row in _FILES
-        if row[0] != "maps_probability.png, .svg" or "probability" in set(frames["maps"]["kind"])
+        if not row[0].endswith(figures_alone) or row[0].removesuffix(figures_alone) in drawn
     ]
     files = tables.to_markdown(pd.DataFrame(written, columns=["file", "what it is"]))
     sentences = "\n".join(f"{i}. {text}" for i, text in enumerate(findings.sentences(grid, frames), 1))

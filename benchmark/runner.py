@@ -31,7 +31,7 @@ from agents import Training, load_algorithm
 from agents.dynamic_programming import Evaluation, evaluate, every_cell
 from agents.policy import Policy, mask_policy
 from benchmark.experiment import RunSpecification
-from benchmark.store import Record, Store
+from benchmark.store import Record, Store, evaluated
 from envs import InputError, Model, compile_scenario
 
 Job = list[RunSpecification]
@@ -179,11 +179,12 @@ def _train_and_evaluate(job: Job) -> list[dict[str, NDArray[Any]]]:
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
     shape = training.greedy.shape[:2]  # (N, T)
     for start in first.evaluated_from:
-        prefix = "" if start == "start" else f"{start}_"
         for name, values in _evaluate(model, mask_policy(masks), first.horizon, start).items():
-            columns[f"{prefix}{name}"] = values[where.ravel()].reshape(*shape, *values.shape[1:])
+            columns[evaluated(name, "greedy", start)] = values[where.ravel()].reshape(
+                *shape, *values.shape[1:]
+            )
         for name, values in _evaluate(model, training.stochastic, first.horizon, start).items():
-            columns[f"stochastic_{prefix}{name}"] = values
+            columns[evaluated(name, "stochastic", start)] = values
     return [{name: values[i] for name, values in columns.items()} for i in range(len(job))]
 
 

@@ -52,6 +52,21 @@ class Record:
     error: str | None = None
 
 
+def evaluated(name: str, policy: str, start: str) -> str:
+    """Returns what a field of `Evaluation` is called in a record.
+
+    Args:
+      name: The field.
+      policy: `"greedy"` or `"stochastic"`.
+      start: Where episodes start, `"start"` or `"every_cell"`.
+
+    >>> evaluated("success", "greedy", "start"), evaluated("success", "stochastic", "every_cell")
+    ('success', 'stochastic_every_cell_success')
+    """
+    policy = "" if policy == "greedy" else f"{policy}_"
+    return f"{policy}{'' if start == 'start' else f'{start}_'}{name}"
+
+
 class Store:
     """An open `runs.db`, used as a context manager."""
 

@@ -64,11 +64,18 @@ def _escape(text: str) -> str:
 
 
 def _show(value: object) -> str:
-    """Returns a cell's text."""
+    """Returns a cell's text.
+
+    >>> [_show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7, "S1")]
+    ['0.123', '1,000', '52,600,000', 'inf', '-', '7', 'S1']
+    """
     value = _clean(value)
-    if isinstance(value, float):
-        return "-" if math.isnan(value) else f"{value:.{_SHOWN_DIGITS}g}"
-    return str(value)
+    if not isinstance(value, float):
+        return str(value)
+    if math.isnan(value):
+        return "-"
+    shown = f"{value:.{_SHOWN_DIGITS}g}"
+    return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
 
 
 def _clean(value: object) -> object:

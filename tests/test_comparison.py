@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from rliable import metrics
 from scipy import stats
 
 from agents.policy import ALL_ACTIONS
-from benchmark import comparison, findings, report, runner
+from benchmark import comparison, findings, report, report_comparison, runner
 from benchmark.aggregate import Population
 from benchmark.comparison import Grid, Learner, load_grid
 from benchmark.experiment import (
@@ -91,7 +92,8 @@ def test_comparison_declares_what_it_should() -> None:
     assert len(runs[0].evaluation_steps) == 51
     reproduce = load_experiment("reproduce").algorithms["q_learning"].settings
     paper = full.algorithms["q_learning"].settings
-    assert {key: reproduce[key] for key in paper} == paper  # the paper's constants
+    for key in ("learning_rate", "discount", "epsilon"):  # the paper's constants
+        assert paper[key] == reproduce[key]
 
 
 def test_defaults_are_sb3s_own_but_for_what_the_budget_forces() -> None:
@@ -380,6 +382,39 @@ def test_replication_knows_no_partial(tmp_path: Path) -> None:
     done = command("report", "reproduce_smoke", "--results", tmp_path, "--partial")
     assert done.returncode == 2
     assert "--partial: reproduce_smoke is a replication" in done.stderr
+
+
+def test_comparison_without_tables_of_values_is_drawn_too(results: Path, tmp_path: Path) -> None:
+    arms = {name: arm for name, arm in SMOKE.algorithms.items() if name == "ppo"}
+    with Store(results / "runs.db", read_only=True) as store:
+        nets = SMOKE.model_copy(update={"algorithms": arms})
+        report_comparison.write(nets, store, tmp_path, None, partial=False)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert "maps_probability.png" in names
+    assert "maps.png" not in names
+    assert "maps.png" not in (tmp_path / "README.md").read_text()
+
+
+def test_missing_packages_are_told(results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = (
+        "import sys; sys.modules['rliable'] = None\n"
+        "from benchmark.__main__ import main\n"
+        f"sys.exit(main(['report', '{SMOKE.name}', '--results', {str(results)!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "its report needs the package rliable, which is not installed; make compare-deep" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+    def version(name: str) -> str:
+        if name == "torch":
+            raise PackageNotFoundError
+        return "1"
+
+    monkeypatch.setattr(runner, "version", version)
+    told = pytest.raises(InputError, match="torch is not installed, which the experiment needs; make")
+    with Store(tmp_path / "runs.db") as store, told:
+        run(cell("dqn", "one_hot", [0, 1]), store, 1)
 
 
 def test_adding_seeds_reuses_what_is_there(results: Path, tmp_path: Path) -> None:
