@@ -15,7 +15,8 @@ DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
 # SEEDS=30 runs seeds 0 to 29 of everything; by default each algorithm has as many as its experiment declares.
-RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),--seeds 0-$(shell expr $(SEEDS) - 1))
+RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
+	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
 .PHONY: help reproduce compare-deep test check speed clean
 

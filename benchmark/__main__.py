@@ -147,7 +147,11 @@ def _run(options: argparse.Namespace) -> int:
     if options.jobs < 1:
         raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
     experiment = load_experiment(options.experiment)
-    runs = all_specifications(experiment, _seeds(options.seeds))
+    seeds = _seeds(options.seeds)
+    fewest = min(arm.seeds if seeds is None else len(seeds) for arm in experiment.algorithms.values())
+    if options.report and fewest < 2:
+        raise InputError("--report: one seed has no interval; accepted: at least two of every algorithm.")
+    runs = all_specifications(experiment, seeds)
     with Store(options.results / "runs.db") as store:
         todo = runner.pending(runs, store)
         if not todo:

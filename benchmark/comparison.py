@@ -124,7 +124,7 @@ def load_grid(
             f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners, each with two "
             "runs of every scenario."
         )
-    left_out = "; left out: " + ", ".join(str(learner) for learner in sorted(few)) if few else ""
+    left_out = "; left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
     return Grid(learners, missing + left_out)
 
 
@@ -306,7 +306,10 @@ def curves_cpu(grid: Grid, learning: pd.DataFrame) -> pd.DataFrame:
         columns = _named(learner, scenario) | {"step": population.evaluation_steps, "cpu_time_s": seconds}
         frames.append(pd.DataFrame(columns))
     keys = ["scenario", "algorithm", "observation", "step"]
-    wanted = [*keys, "score_iqm", "score_iqm_low", "score_iqm_high"]
+    wanted = [
+        *keys,
+        *(f"{name}{end}" for name in ("score_iqm", "score_mean") for end in ("", "_low", "_high")),
+    ]
     return pd.concat(frames, ignore_index=True).merge(learning[wanted], on=keys, validate="one_to_one")
 
 

@@ -62,6 +62,11 @@ class Experiment(Table):
     )
 
     @property
+    def argument(self) -> str:
+        """What the command line calls it."""
+        return self.name if self.name in experiment_names() else f"PATH/{self.name}.toml"
+
+    @property
     def cells(self) -> list[tuple[str, str, str]]:
         """(scenario, arm, observation) of every cell of the grid, as declared."""
         return [
@@ -182,7 +187,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
     try:
         names = [load_scenario(scenario).name for scenario in loaded.scenarios]
     except InputError as error:
-        raise InputError(f"{path}: scenarios: {error}") from error
+        raise InputError(f"{path}: {error}") from error
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: scenarios: {name} is named twice.")

@@ -23,7 +23,7 @@ from envs import Model
 _COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
 _MARKERS: Final = "osD^vPXh"
 _DASHES: Final = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
-_FLOOR: Final = -1.05  # scores below, of policies that bump a wall for ever, are not drawn
+_FLOOR: Final = -4.0  # scores below are not drawn
 _LABELS: Final = {
     "score": "score (0 random, 1 optimal)",
     "iqm": "interquartile mean",
@@ -37,7 +37,9 @@ Panels = Mapping[str, Learners]  # title to who is drawn there
 
 
 def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
-    """Draws the interquartile mean of the greedy policy's score over training, with its interval.
+    """Draws the mean score of the greedy policy over training, with its interval.
+
+    The mean shows runs that fail, which the interquartile mean leaves out.
 
     Args:
       frame: `benchmark.comparison.curves` or `curves_cpu`.
@@ -54,10 +56,11 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
                 axis = axes[row, column]
                 for learner in learners:
                     one = _of(frame, learner, scenario)
-                    _curve(axis, one, x, "score_iqm", learner, frame)
+                    _curve(axis, one, x, "score_mean", learner, frame)
                 axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
                 axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
-                axis.set(ylim=(_FLOOR, 1.08), title=f"{scenario}, {title}")
+                lowest = max(float(frame["score_mean"].min()) - 0.15, _FLOOR)
+                axis.set(ylim=(lowest, 1.15), title=f"{scenario}, {title}")
                 axis.set(xlim=(float(frame[x].min()), float(frame[x].max())))
                 if x == "cpu_time_s":
                     axis.set_xscale("log")
@@ -67,7 +70,9 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
         for axis in axes[-1]:
             axis.set(xlabel=label)
         _legend(
-            figure, frame, "line: interquartile mean over runs; shade: 95 % interval; below -1: not drawn"
+            figure,
+            frame,
+            f"line: mean over runs; shade: 95 % interval; scores below {_FLOOR:g} are not drawn",
         )
     return figure
 
@@ -135,7 +140,9 @@ def profile(frame: pd.DataFrame, panels: Panels) -> Figure:
                 _curve(axis, frame[_is(frame, learner)], "score", "share", learner, frame)
             axis.set(title=title, xlabel="score (0 random, 1 optimal)", xlim=(0, 1), ylim=(-0.03, 1.03))
         axes[0, 0].set(ylabel="share of runs above that score")
-        _legend(figure, frame, "line: all scenarios alike; shade: 95 % interval")
+        _legend(
+            figure, frame, "line: all scenarios alike; shade: 95 % interval; scores below 0 are not drawn"
+        )
     return figure
 
 
@@ -192,7 +199,12 @@ def region(frame: pd.DataFrame) -> Figure:
 
 
 def maps(
-    frame: pd.DataFrame, models: Mapping[str, Model], learners: Learners, action: str, label: str
+    frame: pd.DataFrame,
+    models: Mapping[str, Model],
+    learners: Learners,
+    action: str,
+    label: str,
+    limits: tuple[float, float] | None = None,
 ) -> Figure:
     """Draws the same map of every learner and scenario, on one colour scale.
 
@@ -202,14 +214,17 @@ def maps(
       learners: The rows.
       action: `"PING"`, or `"moves"` for all others at once.
       label: What the colours are.
+      limits: The ends of the colour scale; by default those of the middle 98 % of the values.
     """
     is_ping = frame["action"] == "PING"
     mine = np.logical_or.reduce([_is(frame, learner) for learner in learners])
     shown = frame[mine & (is_ping if action == "PING" else ~is_ping)]
-    # The middle 98 %, lest one corner that was never visited take the whole scale.
     known = shown["value"].dropna()
-    low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)  # none if all diverged
-    norm = Normalize(float(low), float(high))
+    if limits is None:  # not the extremes, lest one corner that was never visited take the whole scale
+        low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)  # none if all diverged
+        norm = Normalize(float(low), float(high))
+    else:
+        norm = Normalize(*limits)
     with figure_of(len(learners), len(models), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
         for row, learner in enumerate(learners):
             for column, (scenario, model) in enumerate(models.items()):
@@ -221,9 +236,11 @@ def maps(
                 else:
                     triangles(axis, model, one, norm, "value")
                 axis.set(title=f"{scenario}: {', '.join(learner)}")
-        colour_bar(figure, list(axes.flat), norm, label, extend="both")
+        colour_bar(figure, list(axes.flat), norm, label, extend="neither" if limits else "both")
         marks = {
-            "PING": Line2D([], [], ls="", marker="o", color="black", ms=3, label="most runs value PING"),
+            "PING": Line2D(
+                [], [], ls="", marker="o", color="black", ms=3, label="where most runs value PING"
+            ),
             "moves": Line2D(
                 [], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"
             ),

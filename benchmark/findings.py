@@ -6,7 +6,7 @@ half; else they cannot be told apart.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,8 @@ import pandas as pd
 from benchmark.comparison import REACHED, Grid, Learner
 
 Frames = Mapping[str, pd.DataFrame]  # the tables of `benchmark.comparison`, by name
+
+_TOLD: Final = 3  # nets that are named as the best
 
 
 def sentences(grid: Grid, frames: Frames) -> list[str]:
@@ -39,13 +41,16 @@ def sentences(grid: Grid, frames: Frames) -> list[str]:
 
 
 def _tables(grid: Grid, frames: Frames, tables: Sequence[Learner]) -> str:
-    """Says how the table does, with the paper's constants and with others."""
+    """Says how the table does, with the first arm's constants and with others."""
     paper = tables[0]
     budget = _first(grid, paper)["settings"]["budget"]
+    curves = frames["curves"]
+    late = curves[_is(curves, paper) & (curves["step"] > budget / 2)].groupby("scenario", sort=False)
+    on_average = ", ".join(f"{late['success'].mean()[name]:.2f}" for name in late.groups)
     text = (
         f"After {budget:,} steps the table `{paper.algorithm}` succeeds with probability "
-        f"{_by_scenario(frames['summary'], paper, 'success', '.2f')}, and has a mean score of "
-        f"{_score(frames, paper)} over all scenarios (0 random, 1 optimal; 95 % interval)"
+        f"{_by_scenario(frames['summary'], paper, 'success', '.2f')} (on average over the second half of "
+        f"training {on_average}), and has a mean score of {_score(frames, paper)} over all scenarios"
     )
     for other in tables[1:]:
         text += (
@@ -56,18 +61,17 @@ def _tables(grid: Grid, frames: Frames, tables: Sequence[Learner]) -> str:
 
 
 def _best_net(frames: Frames, tables: Sequence[Learner], nets: Sequence[Learner], best_net: Learner) -> str:
-    """Says how the best net does against the tables, and which nets might as well be the best."""
-    equals = []
-    for net in nets:
-        if net != best_net:
-            _, low, high = _improvement(frames, best_net, net)
-            if low <= 0.5 <= high:
-                equals.append(f"`{net}` ({_mean(frames, net):.2f})")
-    equal = f"not to be told from it: {', '.join(equals)}" if equals else "better than every other net"
+    """Says how the nets with the highest scores do, and the first of them against the tables."""
+    ranked = sorted(nets, key=lambda net: -_mean(frames, net))[:_TOLD]
+    scores = []
+    for net in ranked:
+        own = _aggregate(frames, net, "start", "stochastic")
+        by_chance = "" if own is None else f", and {_interval(own)} by its stochastic policy"
+        scores.append(f"`{net}` {_score(frames, net)}{by_chance}")
     return (
-        f"The net with the best mean score is `{best_net}`, {_score(frames, best_net)}, succeeding with "
-        f"probability {_by_scenario(frames['summary'], best_net, 'success', '.2f')}: it "
-        f"{' and '.join(_verdict(frames, best_net, table) for table in tables)}; {equal}."
+        f"The nets with the highest mean scores are {'; '.join(scores)}; the first succeeds with probability "
+        f"{_by_scenario(frames['summary'], best_net, 'success', '.2f')}, and "
+        f"{' and '.join(_verdict(frames, best_net, table) for table in tables)}."
     )
 
 
@@ -81,7 +85,7 @@ def _observations(grid: Grid, frames: Frames, nets: Sequence[Learner]) -> str:
             p, low, high = _improvement(frames, *forms)
             better = forms[0].observation if low > 0.5 else forms[1].observation if high < 0.5 else "neither"
             parts.append(f"`{arm}` {scores} ({better} is better, P = {p:.2f} [{low:.2f}, {high:.2f}])")
-    return f"The form of the observation decides over mean scores: {'; '.join(parts)}." if parts else ""
+    return f"By the form of the observation, mean scores are: {'; '.join(parts)}." if parts else ""
 
 
 def _linear(grid: Grid, frames: Frames, nets: Sequence[Learner]) -> str:
@@ -126,10 +130,11 @@ def _defaults(frames: Frames, nets: Sequence[Learner]) -> str:
 
 def _threshold(frames: Frames, learners: Sequence[Learner]) -> str:
     """Says how many steps a good policy takes."""
-    parts = [
-        f"`{learner}` {_by_scenario(frames['threshold'], learner, 'stays_step_median', ',.0f')}"
-        for learner in learners
-    ]
+    last = frames["curves"]["step"].max()
+    parts = []
+    for learner in learners:
+        own = _by_scenario(frames["threshold"], learner, "stays_step_median", ",.0f")
+        parts.append(f"`{learner}` {own.replace(f'{last:,.0f} in', 'only at the very end in')}")
     return f"Half of the runs score {REACHED:g} and more for good after so many steps: {'; '.join(parts)}."
 
 
@@ -168,7 +173,7 @@ def _region(frames: Frames, tables: Sequence[Learner], nets: Sequence[Learner]) 
         parts.append(f"`{one}` {overlap:.2f} (precision {told}, recall {recall:.2f})")
     return (
         "The cells where an agent values PING overlap with the target region (intersection over union, mean "
-        f"of the scenarios) by {', '.join(parts)}, the last being the best of the nets."
+        f"of the scenarios) by {', '.join(parts)}, the last being the net that is best at this."
     )
 
 
@@ -211,19 +216,28 @@ def _by_scenario(frame: pd.DataFrame, learner: Learner, column: str, form: str) 
 def _score(frames: Frames, learner: Learner, start: str = "start") -> str:
     """Returns a learner's mean score with its interval, by its greedy policy."""
     row = _aggregate(frames, learner, start)
+    assert row is not None
+    return _interval(row)
+
+
+def _interval(row: pd.Series) -> str:
+    """Returns a value with its interval."""
     return f"{row['value']:.2f} [{row['low']:.2f}, {row['high']:.2f}]"
 
 
 def _mean(frames: Frames, learner: Learner) -> float:
     """Returns a learner's mean score."""
-    return float(_aggregate(frames, learner, "start")["value"])
+    row = _aggregate(frames, learner, "start")
+    assert row is not None
+    return float(row["value"])
 
 
-def _aggregate(frames: Frames, learner: Learner, start: str) -> pd.Series:
-    """Returns the row of a learner's mean score."""
+def _aggregate(frames: Frames, learner: Learner, start: str, policy: str = "greedy") -> pd.Series | None:
+    """Returns the row of a learner's mean score, none where it has no such policy."""
     frame = frames["aggregate"]
-    rows = (frame["policy"] == "greedy") & (frame["evaluated_from"] == start) & (frame["metric"] == "mean")
-    return _row(frame[rows], learner)
+    wanted = (frame["policy"] == policy) & (frame["evaluated_from"] == start) & (frame["metric"] == "mean")
+    rows = frame[wanted & _is(frame, learner)]
+    return None if rows.empty else rows.iloc[0]
 
 
 def _parameters(frames: Frames, learner: Learner) -> str:

@@ -153,7 +153,7 @@ def _draw(
         drawn["maps_moves"] = f.maps(frames["maps"], models, valued, "moves", label)
     if likely:
         label = "mean final probability of PING"
-        drawn["maps_probability"] = f.maps(frames["maps"], models, likely, "PING", label)
+        drawn["maps_probability"] = f.maps(frames["maps"], models, likely, "PING", label, (0.0, 1.0))
     for name, figure in drawn.items():
         if grid.missing:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
@@ -181,25 +181,27 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
         if not row[0].endswith(figures_alone) or row[0].removesuffix(figures_alone) in drawn
     ]
     files = tables.to_markdown(pd.DataFrame(written, columns=["file", "what it is"]))
+    nothing = "Nothing: it takes a table and a net, each with two runs of every scenario."
     sentences = "\n".join(f"{i}. {text}" for i, text in enumerate(findings.sentences(grid, frames), 1))
     partial = f"\n**{_note(grid)}**\n" if grid.missing else ""
     aggregate = _shown("aggregate", frames["aggregate"])
     greedy = aggregate[(aggregate["policy"] == "greedy") & (aggregate["evaluated_from"] == "start")]
     diverged = int(frames["summary"]["diverged"].sum())
     told = f"{diverged} runs diverged" if diverged else "No run diverged"
-    name = experiment.name
+    call = experiment.argument
     note = f"\n{experiment.note.strip()}\n" if experiment.note else ""
     timed = " and ".join(f"`{one}`" for one in _MEASURED_TIMES)
-    return f"""# {name}
+    return f"""# {experiment.name}
 
 {experiment.description}
 {partial}{note}
 ## What was found
 
-P is the probability that a run of the first scores higher than one of the second, in the same scenario;
-brackets hold 95 % intervals. All is about greedy policies after training, if nothing else is said.
+Scores are 0 for the random policy and 1 for the optimal one; brackets hold 95 % intervals. P is the
+probability that a run of the first scores higher than one of the second, in the same scenario, by however
+little. All is about greedy policies after training, if nothing else is said.
 
-{sentences}
+{sentences or nothing}
 
 ![Learning curves](curves.png)
 
@@ -210,7 +212,7 @@ brackets hold 95 % intervals. All is about greedy policies after training, if no
 
 ## Files
 
-Made by `python -m benchmark run {name}` and `python -m benchmark report {name}` from the runs in
+Made by `python -m benchmark run {call}` and `python -m benchmark report {call}` from the runs in
 `runs.db`. Files without an ending come as `.csv` (six digits; all columns), `.md` and `.tex` (for reading),
 and, where they are drawn, as `.png` and `.svg`. {timed}, `manifest.json` and a sentence above hold
 measured times and memory. All else is the same, to the last digit, however often it is made with the same
@@ -220,7 +222,7 @@ versions on the same kind of processor; on another kind sums are rounded otherwi
 ## Words
 
 - *learner*: an algorithm with its settings and the form of observation that it learns from. Settings are in
-  `benchmark/experiments/{name}.toml`; `_default` means Stable-Baselines3's own.
+  the experiment's TOML file; `_default` means Stable-Baselines3's own.
 - *score*: undiscounted return by the grid's own rewards, between the exact random policy (0) and the exact
   optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy policy that
   bumps a wall until the limit is far below the random one, and means show it. Policies are evaluated exactly,
@@ -229,7 +231,8 @@ versions on the same kind of processor; on another kind sums are rounded otherwi
   first, and by its own probabilities beside (`stochastic_`).
 - *every_cell*: episodes start in any cell but the issuer's, all alike, in place of the start cell.
 - *values PING*: Q > 0; where the policy is stochastic, PING is the likeliest action.
-- *iqm*: interquartile mean, over the middle half of the runs. *optimality gap*: by how much runs fall short
+- *iqm*: interquartile mean, over the middle half of the runs. *median*: of the scenarios' mean
+  scores. *optimality gap*: by how much runs fall short
   of a score of 1, on average. *Intervals*: 95 %, percentile bootstrap over runs, stratified by scenario where
   these are taken together, {RESAMPLES} seeded resamples (of profiles, {RESAMPLES // 2}).
   Of the shares in `threshold` they are exact binomial ones. They are not corrected for the number of

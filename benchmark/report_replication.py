@@ -142,8 +142,8 @@ def _readme(
 
 {experiment.description}
 {partial}
-{agents} agents a scenario. Made by `python -m benchmark run {experiment.name}` and
-`python -m benchmark report {experiment.name}` from the runs in `runs.db`. Files without an ending come
+{agents} agents a scenario. Made by `python -m benchmark run {experiment.argument}` and
+`python -m benchmark report {experiment.argument}` from the runs in `runs.db`. Files without an ending come
 as `.csv` (six digits), `.md` and `.tex` (for reading), and, where they are drawn, as `.png` and `.svg`.
 
 {files}
