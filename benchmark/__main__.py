@@ -15,6 +15,8 @@ examples:
   python -m benchmark run reproduce --report       and then draw results/reproduce
   python -m benchmark report reproduce             draw results/reproduce from the runs
   python -m benchmark run reproduce --seeds 0-9    ten agents only
+  python -m benchmark run compare_deep --report    the table against DQN and PPO, a quarter of an hour
+  python -m benchmark report compare_deep --partial  what there is of it so far, into compare_deep_partial
   python -m benchmark speed                        measure speed against the stock way
 
 Runs are kept in RESULTS/runs.db. A run that is there is never repeated: interrupt at any moment, and
