@@ -97,10 +97,9 @@ def make_agent(name: str, settings: Settings, env: VecEnv) -> BaseAlgorithm:
     with warnings.catch_warnings():  # a rollout's last mini-batch may be smaller, and that is meant
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
         agent = CLASSES[name]("MlpPolicy", env, device="cpu", **sb3_arguments(settings))
+    # The same Adam, a step in one call. As an argument it would unset what SB3 gives Adam's epsilon.
     for group in agent.policy.optimizer.param_groups:
-        group["fused"] = (
-            True  # the same Adam, a step in one call; as an argument it would unset SB3's epsilon
-        )
+        group["fused"] = True
     # It walks all modules, twice a step, to tell dropout and batch norm, of which there are none.
     agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent

@@ -92,8 +92,8 @@ def load_grid(
       experiment: As loaded.
       store: Where its records are.
       seeds: Other seeds than the declared ones.
-      partial: Whether to take what is there where runs are missing; learners of which a scenario has less
-        than two runs are then left out.
+      partial: Whether to take what is there where runs are missing; learners that have less than two seeds
+        in all scenarios are then left out.
 
     Raises:
       InputError: Runs are missing, and which; or there are too few to draw anything.
@@ -114,7 +114,13 @@ def load_grid(
         raise InputError(
             f"{experiment.name}: {missing}: run the experiment first, or draw what there is with --partial."
         )
-    few = {learner for (learner, _), runs in there.items() if len(runs) < 2}
+    few = set()
+    for learner in dict.fromkeys(learner for learner, _ in cells):
+        common = set.intersection(
+            *({r.seed for r in runs} for (own, _), runs in there.items() if own == learner)
+        )
+        if len(common) < 2:
+            few.add(learner)
     learners: dict[Learner, dict[str, Population]] = {}
     for learner in dict.fromkeys(learner for learner, _ in cells if learner not in few):
         populations = [load_population(runs, store) for (own, _), runs in there.items() if own == learner]

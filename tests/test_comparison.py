@@ -376,6 +376,21 @@ def test_partial_takes_the_seeds_that_every_scenario_has() -> None:
     assert scores == pytest.approx(np.array([[0.2, 0.5], [0.3, 0.4]]))
 
 
+def test_partial_leaves_out_who_has_no_seeds_in_common(results: Path, tmp_path: Path) -> None:
+    lost = {("S1", 0), ("S1", 1), ("S2", 2), ("S2", 3)}
+    runs = [
+        one
+        for one in all_specifications(SMOKE)
+        if not (one.arm == "q_learning" and (one.scenario.name, one.seed) in lost)
+    ]
+    with Store(results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        other.add(store.get([one.digest for one in runs]))
+        grid = load_grid(SMOKE, other, partial=True)
+    assert Learner("q_learning", "index") not in grid.learners
+    assert grid.missing.endswith("; left out: `q_learning, index`")
+    assert len(grid.learners) == 10
+
+
 def test_replication_knows_no_partial(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db"):
         pass
