@@ -25,7 +25,6 @@ ALGORITHMS: Final = {
 class Algorithm:
     """A way to learn: what it can be told, what it observes, and how it trains."""
 
-    name: str  # its key in `ALGORITHMS`
     version: int  # part of every run's identity: raised when a change alters what is learned
     settings: type[Table]  # has `budget` and `time_limit`
     observations: tuple[str, ...]  # the forms it can learn from, see `envs.observations`

@@ -128,7 +128,6 @@ def _train(
 def _algorithm(name: str, settings: type[Table]) -> Algorithm:
     """Declares one of SB3's algorithms."""
     return Algorithm(
-        name=name,
         version=VERSION,
         settings=settings,
         observations=OBSERVATIONS,

@@ -190,7 +190,6 @@ def _train_as_declared(
 
 
 Q_LEARNING: Final = Algorithm(
-    name="q_learning",
     version=VERSION,
     settings=Settings,
     observations=("index",),  # a table has a row for each observation, however it is written

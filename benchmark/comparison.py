@@ -98,17 +98,14 @@ def load_grid(
     Raises:
       InputError: Runs are missing, and which; or there are too few to draw anything.
     """
-    statuses = store.statuses()
+    statuses, ended = store.statuses(), store.ended()
     cells = {
         (Learner(arm, observation), scenario): specifications(
             experiment, DEFAULT_READING, scenario, arm, observation, seeds
         )
         for scenario, arm, observation in experiment.cells
     }
-    there = {
-        cell: [run for run in runs if statuses.get(run.digest) in ("done", "diverged")]
-        for cell, runs in cells.items()
-    }
+    there = {cell: [run for run in runs if run.digest in ended] for cell, runs in cells.items()}
     missing = _missing(cells, there, statuses)
     if missing and not partial:
         raise InputError(

@@ -21,7 +21,7 @@ _FILES = (
     ("curves", "score, success and disagreements over training, against environment steps"),
     ("curves_cpu", "score over training against seconds of one CPU"),
     ("disagreements.png, .svg", "the issuer's disagreements per 1,000 steps while agents learn"),
-    ("threshold", "when, and in how many runs, the greedy policy scores 0.95"),
+    ("threshold", f"when, and in how many runs, the greedy policy scores {comparison.REACHED:g}"),
     ("region", "how well the cells where an agent values PING match the target region"),
     ("cost", "what a run costs: CPU seconds, updates, parameters, peak memory of the process it runs in"),
     ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),

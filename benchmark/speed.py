@@ -178,9 +178,9 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
     cores = os.cpu_count() or 1
     slots = ThreadPoolExecutor(cores)
     declared = load_experiment("compare_deep")
+    limit = declared.settings["time_limit"]
 
     def make_env() -> gymnasium.Env[Any, Any]:
-        limit = declared.settings["time_limit"]
         return gymnasium.make(_ENV, observation="one_hot", max_episode_steps=limit)
 
     def runs(name: str) -> list[RunSpecification]:
@@ -203,7 +203,7 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
 
     def native(n_envs: int) -> SB3VecEnv:
         return SB3VecEnv(
-            ProxemicVectorEnv(n_envs, "S1", "one_hot", max_episode_steps=200, autoreset_mode="SameStep")
+            ProxemicVectorEnv(n_envs, "S1", "one_hot", max_episode_steps=limit, autoreset_mode="SameStep")
         )
 
     def steps(env: "VecEnv", n_steps: int) -> float:

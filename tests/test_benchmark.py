@@ -108,7 +108,12 @@ def test_identity_is_content_and_streams_have_names() -> None:
 def test_mistakes_in_an_experiment_get_one_sentence(
     tmp_path: Path, old: str, new: str, expected: str
 ) -> None:
-    text = (EXPERIMENT_DIRECTORY / "reproduce.toml").read_text()
+    check_refused("reproduce", tmp_path, old, new, expected)
+
+
+def check_refused(experiment: str, tmp_path: Path, old: str, new: str, expected: str) -> None:
+    """Checks what is said of a shipped experiment with a mistake put into a copy of it."""
+    text = (EXPERIMENT_DIRECTORY / f"{experiment}.toml").read_text()
     assert old in text
     path = tmp_path / "mine.toml"
     path.write_text(text.replace(old, new))

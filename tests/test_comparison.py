@@ -38,6 +38,7 @@ from benchmark.store import Record, Store
 from benchmark.tables import write_csv
 from envs import InputError
 from envs.inputs import override, parse, read_toml
+from tests.test_benchmark import check_refused
 
 ROOT = Path(__file__).parents[1]
 SMOKE = load_experiment("compare_deep_smoke")
@@ -138,14 +139,7 @@ def test_early_results_cover_the_whole_grid() -> None:
     ],
 )
 def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    text = (EXPERIMENT_DIRECTORY / "compare_deep.toml").read_text()
-    assert old in text
-    path = tmp_path / "mine.toml"
-    path.write_text(text.replace(old, new))
-    with pytest.raises(InputError) as caught:
-        load_experiment(path)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
+    check_refused("compare_deep", tmp_path, old, new, expected)
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
