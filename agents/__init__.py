@@ -29,12 +29,14 @@ class Algorithm:
     settings: type[Table]  # has `budget` and `time_limit`
     observations: tuple[str, ...]  # the forms it can learn from, see `envs.observations`
     packages: tuple[str, ...]  # whose versions belong into a run's record, beside the usual ones
-    # `train(model, settings, observation, seeds, evaluation_steps)` trains one agent a seed; each is the
-    # same, bit for bit, whoever else is trained with it.
+    # `train(model, settings, observation, seeds, evaluation_steps, map_steps, logs)` trains one agent a seed;
+    # each is the same, bit for bit, whoever else is trained with it. `map_steps` are some of the evaluation
+    # steps, `logs` a folder for TensorBoard for each agent, or nothing; no result depends on either.
     train: Callable[..., "Training"]
     # Whether it trains many agents at once outside Python's global lock, and so belongs in a thread; else
     # it trains one after the other, and belongs in a process of its own.
     trains_together: bool
+    writes_logs: bool  # whether it can tell TensorBoard of its training
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,6 +47,9 @@ class Training:
     # (N, T, O, A) probabilities of the policy that it acts by and improves, where that is not a greedy one
     # with a fixed share of exploration; else (N, 0, O, A).
     stochastic: NDArray[np.float64]
+    # (N, V, O, A) at the V map steps: the action values, or the probabilities where it is stochastic; NaN
+    # from where it diverged.
+    values: NDArray[np.float32]
     disagreements: NDArray[np.int64]  # (N, T) wrong PINGs until then
     cpu_time_s: NDArray[np.float64]  # (N, T) spent on training until then
     updates: NDArray[np.int64]  # (N,) of the table or by gradient

@@ -6,6 +6,7 @@ not imported here but by `agents.sb3_training`, when somebody trains.
 
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
 from numpy.random import SeedSequence
@@ -15,7 +16,7 @@ from agents import Algorithm, Training
 from envs import InputError, Model
 from envs.inputs import Table
 
-VERSION: Final = 1  # part of every run's identity: raise it when a change alters what is learned
+VERSION: Final = 2  # part of every run's identity: raise it when a change alters what is learned
 OBSERVATIONS: Final = ("one_hot", "coordinates")
 
 _Whole = Annotated[int, Field(ge=1, le=10**9)]
@@ -114,6 +115,8 @@ def _train(
     observation: str,
     seeds: Sequence[SeedSequence],
     evaluation_steps: Sequence[int],
+    map_steps: Sequence[int],
+    logs: Sequence[Path],
 ) -> Training:
     """Trains by `agents.sb3_training.train`, or says what is not installed."""
     try:
@@ -122,7 +125,7 @@ def _train(
         raise InputError(
             f"{name}: needs the package {error.name}, which is not installed; make compare-deep installs it."
         ) from error
-    return sb3_training.train(name, model, settings, observation, seeds, evaluation_steps)
+    return sb3_training.train(name, model, settings, observation, seeds, evaluation_steps, map_steps, logs)
 
 
 def _algorithm(name: str, settings: type[Table]) -> Algorithm:
@@ -134,6 +137,7 @@ def _algorithm(name: str, settings: type[Table]) -> Algorithm:
         packages=("stable_baselines3", "torch"),
         train=partial(_train, name),
         trains_together=False,
+        writes_logs=True,
     )
 
 

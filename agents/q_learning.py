@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
 import numba
@@ -32,7 +33,7 @@ from agents.policy import ALL_ACTIONS, contains
 from envs.inputs import Table
 from envs.model import ACTIONS, Model, draw_issuer_reward
 
-VERSION: Final = 2  # part of every run's identity: raise it when a change alters what is learned
+VERSION: Final = 3  # part of every run's identity: raise it when a change alters what is learned
 
 U = np.uint64
 _draw_issuer_reward = numba.njit(draw_issuer_reward)
@@ -85,6 +86,7 @@ def train(
     settings: Settings,
     seeds: Sequence[SeedSequence],
     evaluation_steps: Sequence[int] = (),
+    map_steps: Sequence[int] = (),
     *,
     record_table: bool = False,
     threads: int = 1,
@@ -96,11 +98,13 @@ def train(
       settings: The learner's settings, the same for all.
       seeds: One an agent; agents of equal seeds are equal.
       evaluation_steps: When to keep the greedy policy: rising, in budget units, 0 to the budget.
+      map_steps: When to keep the table: some of the evaluation steps, rising.
       record_table: Whether to record the whole table's maximum, too.
       threads: How many to use; no result depends on it.
 
     Raises:
-      ValueError: No agents, no thread, or evaluation steps that do not rise from 0 to the budget.
+      ValueError: No agents, no thread, evaluation steps that do not rise from 0 to the budget, or map steps
+        that are none of them.
     """
     n_agents, n_cells = len(seeds), model.n_observations
     points = np.array([*evaluation_steps, settings.budget + 1], dtype=np.int64)
@@ -108,12 +112,16 @@ def train(
         raise ValueError(f"{n_agents} agents on {threads} threads; at least one of each.")
     if points[0] < 0 or np.any(np.diff(points) <= 0):
         raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {settings.budget}.")
+    is_mapped = np.isin(points, map_steps)
+    if list(points[is_mapped]) != list(map_steps):
+        raise ValueError("map_steps: must be among the evaluation steps, and rise.")
     n_records = math.ceil(settings.budget / settings.record_every)
     shape = n_agents, len(points) - 1  # (N, T)
     result = TabularTraining(
         q=np.zeros((n_agents, n_cells, len(ACTIONS))),
         greedy=np.empty((*shape, n_cells), dtype=np.uint8),
         stochastic=np.empty((n_agents, 0, n_cells, len(ACTIONS))),
+        values=np.empty((n_agents, len(map_steps), n_cells, len(ACTIONS)), dtype=np.float32),
         disagreements=np.empty(shape, dtype=np.int64),
         cpu_time_s=np.empty(shape),
         updates=np.empty(n_agents, dtype=np.int64),
@@ -148,10 +156,12 @@ def train(
             settings.time_limit or 2**62,
             settings.record_every,
             points,
+            is_mapped,
             _CHOICE,
             streams[first:last],
             result.q[first:last],
             result.greedy[first:last],
+            result.values[first:last],
             result.disagreements[first:last],
             result.max_q[first:last],
             result.table_max_q[first:last],
@@ -183,10 +193,12 @@ def _train_as_declared(
     observation: str,  # noqa: ARG001
     seeds: Sequence[SeedSequence],
     evaluation_steps: Sequence[int],
+    map_steps: Sequence[int],
+    logs: Sequence[Path],  # noqa: ARG001
 ) -> TabularTraining:
     """Trains for an experiment, which records all there is; but a single record is no curve."""
     record_table = settings.record_every < settings.budget
-    return train(model, settings, seeds, evaluation_steps, record_table=record_table)
+    return train(model, settings, seeds, evaluation_steps, map_steps, record_table=record_table)
 
 
 Q_LEARNING: Final = Algorithm(
@@ -196,6 +208,7 @@ Q_LEARNING: Final = Algorithm(
     packages=("numba",),
     train=_train_as_declared,
     trains_together=True,
+    writes_logs=False,
 )
 
 
@@ -234,10 +247,12 @@ def _train(
     time_limit: int,
     record_every: int,
     points: NDArray[np.int64],  # (T + 1,) the last one is never reached
+    is_mapped: NDArray[np.bool_],  # (T + 1,)
     choice: NDArray[np.uint8],  # (32, 60)
     streams: NDArray[np.uint64],  # (N, 4)
     q_out: NDArray[np.float64],  # (N, O, A)
     greedy_out: NDArray[np.uint8],  # (N, T, O)
+    values_out: NDArray[np.float32],  # (N, V, O, A)
     disagreements_out: NDArray[np.int64],  # (N, T)
     max_out: NDArray[np.float64],  # (N, R)
     table_max_out: NDArray[np.float64],  # (N, R) or (N, 0)
@@ -275,6 +290,7 @@ def _train(
         episode_steps = 0
         disagreements = 0
         n_points = 0
+        n_maps = 0
         next_point = points[0]
         next_record = 0
         n_records = 0
@@ -283,6 +299,9 @@ def _train(
                 for i in range(n_cells):
                     greedy_out[n, n_points, i] = greedy[i]
                 disagreements_out[n, n_points] = disagreements
+                if is_mapped[n_points]:
+                    values_out[n, n_maps] = q
+                    n_maps += 1
                 n_points += 1
                 next_point = points[n_points]
             recorded = unit == next_record
@@ -342,5 +361,7 @@ def _train(
             for i in range(n_cells):
                 greedy_out[n, n_points, i] = greedy[i]
             disagreements_out[n, n_points] = disagreements
+            if is_mapped[n_points]:
+                values_out[n, n_maps] = q
         steps_out[n] = steps
         episodes_out[n] = episodes

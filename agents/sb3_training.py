@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +22,8 @@ from numpy.typing import NDArray
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from agents import Training
 from agents.deep import DqnSettings, PpoSettings
@@ -33,6 +35,7 @@ from envs.observations import observation_table
 
 Settings = DqnSettings | PpoSettings
 CLASSES: Final[dict[str, type[BaseAlgorithm]]] = {"dqn": DQN, "ppo": PPO}
+_LOG_INTERVAL: Final = {"dqn": 10, "ppo": 1}  # episodes, or rollouts, from one line of a log to the next
 _OURS: Final = {"budget", "time_limit", "n_envs"}  # settings that are no arguments of SB3's
 
 
@@ -55,6 +58,8 @@ def train(
     observation: str,
     seeds: Sequence[SeedSequence],
     evaluation_steps: Sequence[int] = (),
+    map_steps: Sequence[int] = (),
+    logs: Sequence[Path] = (),
 ) -> DeepTraining:
     """Trains one agent a seed, one after the other.
 
@@ -65,16 +70,26 @@ def train(
       observation: `"one_hot"` or `"coordinates"`.
       seeds: One an agent.
       evaluation_steps: When to keep the policy: rising, in environment steps, 0 to the budget.
+      map_steps: When to keep what the net makes of every cell: some of the evaluation steps, rising.
+      logs: A folder for TensorBoard for each agent, or none; what is learned is the same.
 
     Raises:
-      ValueError: No agents, or evaluation steps that do not rise from 0 to the budget.
+      ValueError: No agents, evaluation steps that do not rise from 0 to the budget, or map steps that are
+        none of them.
     """
     points = list(evaluation_steps)
     if not seeds:
         raise ValueError("0 agents; at least one.")
     if points != sorted(set(points)) or (points and not 0 <= points[0] <= points[-1] <= settings.budget):
         raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {settings.budget}.")
-    agents = [_train_one(name, model, settings, observation, seed, points) for seed in seeds]
+    if list(map_steps) != [point for point in points if point in map_steps]:
+        raise ValueError("map_steps: must be among the evaluation steps, and rise.")
+    is_mapped = np.isin(points, map_steps)
+    folders: list[Path | None] = [*logs] if logs else [None] * len(seeds)
+    agents = [
+        _train_one(name, model, settings, observation, seed, points, is_mapped, folder)
+        for seed, folder in zip(seeds, folders, strict=True)
+    ]
     return DeepTraining(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
@@ -145,7 +160,7 @@ class _Snapshots(BaseCallback):
         self._aside_s = 0.0  # spent on policies, which is no training
         self._started_s = time.thread_time()
         self.greedy = np.full(shape, ALL_ACTIONS, dtype=np.uint8)
-        self.probabilities = np.full((*shape, len(ACTIONS)), 1 / len(ACTIONS))
+        self.tables = np.full((*shape, len(ACTIONS)), np.nan)  # see `policy_table`
         self.disagreements = np.zeros(len(points), dtype=np.int64)
         self.cpu_time_s = np.zeros(len(points))
         self.diverged_at = -1
@@ -174,12 +189,13 @@ class _Snapshots(BaseCallback):
             self.cpu_time_s[self._n_taken] = started_s - self._started_s - self._aside_s
         where = slice(self._n_taken, self._n_taken + due)
         self.greedy[where] = 1 << table.argmax(axis=1)  # SB3 takes the first of several best actions, too
-        self.probabilities[where] = table
+        self.tables[where] = table
         self._n_taken += due
         self._aside_s += time.thread_time() - started_s
 
     def keep_counts(self, step: int) -> None:
         """Keeps disagreements and seconds for all evaluation steps up to a step."""
+        self.logger.record("proxemic/disagreements", self._env.disagreements)
         while self._n_counted < len(self._points) and self._points[self._n_counted] <= step:
             self.disagreements[self._n_counted] = self._env.disagreements
             self.cpu_time_s[self._n_counted] = time.thread_time() - self._started_s - self._aside_s
@@ -198,6 +214,8 @@ def _train_one(
     observation: str,
     seed: SeedSequence,
     points: list[int],
+    is_mapped: NDArray[np.bool_],
+    log: Path | None,
 ) -> dict[str, NDArray[Any]]:
     """Returns the fields of `DeepTraining` for one agent."""
     with _isolated(seed) as (env_seed, action_seed):
@@ -212,11 +230,14 @@ def _train_one(
         )
         env.seed(env_seed)
         cells = torch.as_tensor(observation_table(model, observation))
-        agent = make_agent(name, settings, env)
+        agent = make_agent(name, settings, VecMonitor(env) if log else env)
+        if log:
+            agent.set_logger(configure(str(log), ["tensorboard"]))
         agent.action_space.seed(action_seed)
         snapshots = _Snapshots(env, settings, cells, points)
         try:
-            agent.learn(settings.budget, callback=snapshots, log_interval=None)  # type: ignore[arg-type]
+            interval = _LOG_INTERVAL[name] if log else None
+            agent.learn(settings.budget, callback=snapshots, log_interval=interval)  # type: ignore[arg-type]
             assert agent.num_timesteps == settings.budget
             snapshots.keep_policy(before=settings.budget + 1)
         except _DivergedError:
@@ -225,12 +246,18 @@ def _train_one(
             if np.isfinite(policy_table(agent, cells)).all():
                 raise
             snapshots.diverged()
+        if log:
+            agent.logger.dump(agent.num_timesteps)
+            agent.logger.close()
         q = policy_table(agent, cells) if name == "dqn" else np.empty((0, len(ACTIONS)))
         if snapshots.diverged_at >= 0:
             q[:] = np.nan
+        # A policy that is not finite counts as the uniform random one.
+        stochastic = np.where(np.isnan(snapshots.tables), 1 / len(ACTIONS), snapshots.tables)
         return {
             "greedy": snapshots.greedy,
-            "stochastic": snapshots.probabilities if name == "ppo" else snapshots.probabilities[:0],
+            "stochastic": stochastic if name == "ppo" else stochastic[:0],
+            "values": snapshots.tables[is_mapped].astype(np.float32),
             "disagreements": snapshots.disagreements,
             "cpu_time_s": snapshots.cpu_time_s,
             "updates": np.array(_n_updates(agent)),

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from agents import dynamic_programming, load_algorithm
 from envs import InputError, Scenario, load_scenario, model
@@ -51,6 +51,7 @@ class Experiment(Table):
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     horizon: Annotated[int, Field(ge=1, le=100_000)]
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
+    map_every: Annotated[int, Field(ge=1, le=10**9)]  # a multiple of `evaluation_every`
     # Where evaluated episodes start: as the scenario says, or also anywhere, all cells alike.
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm that does not say otherwise
@@ -60,6 +61,15 @@ class Experiment(Table):
             DEFAULT_READING: Reading(question="How is the paper read?", answer="as it is by default")
         }
     )
+
+    @model_validator(mode="after")
+    def _maps_are_evaluated(self) -> Self:
+        if self.map_every % self.evaluation_every:
+            raise ValueError(
+                f"map_every = {self.map_every}: accepted: a multiple of "
+                f"evaluation_every = {self.evaluation_every}"
+            )
+        return self
 
     @property
     def argument(self) -> str:
@@ -98,6 +108,7 @@ class RunSpecification:
     settings: Table
     horizon: int
     evaluation_every: int
+    map_every: int
     evaluated_from: tuple[str, ...]
     seed: int
 
@@ -114,6 +125,7 @@ class RunSpecification:
             "settings": self.settings.model_dump(mode="json"),
             "horizon": self.horizon,
             "evaluation_every": self.evaluation_every,
+            "map_every": self.map_every,
             "evaluated_from": list(self.evaluated_from),
         }
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
@@ -129,9 +141,19 @@ class RunSpecification:
         return hashlib.sha256(self.content.encode()).hexdigest()
 
     @property
+    def folder(self) -> str:
+        """A readable path for what is written of the run alone."""
+        return f"{self.experiment}/{self.scenario.name}/{self.arm}_{self.observation}/seed_{self.seed}"
+
+    @property
     def evaluation_steps(self) -> list[int]:
         """When the policy is evaluated."""
         return evaluation_steps(self.settings.budget, self.evaluation_every)  # type: ignore[attr-defined]
+
+    @property
+    def map_steps(self) -> list[int]:
+        """When the values of all cells are kept."""
+        return evaluation_steps(self.settings.budget, self.map_every)  # type: ignore[attr-defined]
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
@@ -241,6 +263,7 @@ def specifications(
             settings=settings,
             horizon=experiment.horizon,
             evaluation_every=experiment.evaluation_every,
+            map_every=experiment.map_every,
             evaluated_from=experiment.evaluated_from,
             seed=seed,
         )

@@ -46,6 +46,8 @@ def run(
     store: Store,
     jobs: int,
     on_progress: Callable[[list[Record]], None] = lambda _: None,
+    on_start: Callable[[Job], None] = lambda _: None,
+    logs: Path | None = None,
 ) -> list[str]:
     """Executes the runs that are not done, and keeps their records as they come.
 
@@ -56,6 +58,8 @@ def run(
       store: Where records are kept; a failed run is kept with its error and tried again next time.
       jobs: How many to have under way at a time.
       on_progress: Called with the records of every job that has just ended.
+      on_start: Called with every job that begins, in whatever thread begins it.
+      logs: Where algorithms that can shall tell TensorBoard of their training; no result depends on it.
 
     Returns:
       The errors of the runs that failed, none in the ordinary case.
@@ -75,8 +79,9 @@ def run(
         on_progress(records)
 
     def execute(job: Job) -> list[Record]:
+        on_start(job)
         together = load_algorithm(job[0].algorithm).trains_together
-        return execute_job(job, provenance) if together else workers.execute(job, provenance)
+        return (execute_job if together else workers.execute)(job, provenance, logs)
 
     with ThreadPoolExecutor(jobs) as pool:
         waiting: set[Future[list[Record]]] = set()
@@ -123,18 +128,19 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
     return sorted(jobs, key=lambda job: place[job[0].digest])
 
 
-def execute_job(job: Job, provenance: dict[str, Any]) -> list[Record]:
+def execute_job(job: Job, provenance: dict[str, Any], logs: Path | None = None) -> list[Record]:
     """Trains the runs of one job and judges every snapshot of them exactly.
 
     Args:
       job: Runs that differ by their seed alone.
       provenance: What their records shall say of code and machine.
+      logs: See `run`.
     """
     started = time.perf_counter()
     started_at = datetime.now(UTC).isoformat(timespec="seconds")
     _reset_peak_memory()
     try:
-        arrays = _train_and_evaluate(job)
+        arrays = _train_and_evaluate(job, logs)
         error = None
     except Exception as exception:  # a run's failure is its result: kept, told, and tried next time
         arrays = [{} for _ in job]
@@ -167,12 +173,18 @@ def _record(
     )
 
 
-def _train_and_evaluate(job: Job) -> list[dict[str, NDArray[Any]]]:
+def _train_and_evaluate(job: Job, logs: Path | None) -> list[dict[str, NDArray[Any]]]:
     """Returns each run's arrays."""
     first = job[0]
     model = compile_scenario(first.scenario)
     training: Training = load_algorithm(first.algorithm).train(
-        model, first.settings, first.observation, [one.seed_sequence for one in job], first.evaluation_steps
+        model,
+        first.settings,
+        first.observation,
+        [one.seed_sequence for one in job],
+        first.evaluation_steps,
+        first.map_steps,
+        [] if logs is None else [logs / one.folder for one in job],
     )
     columns = {field.name: getattr(training, field.name) for field in fields(training)}
     # Equal policies, as all are before the first step, are evaluated once.
@@ -207,7 +219,7 @@ class Workers:
         self._lock = threading.Lock()
         self._stopped = False
 
-    def execute(self, job: Job, provenance: dict[str, Any]) -> list[Record]:
+    def execute(self, job: Job, provenance: dict[str, Any], logs: Path | None = None) -> list[Record]:
         """Executes a job in this thread's process; if that dies, the job failed and nothing else did.
 
         Raises:
@@ -218,7 +230,7 @@ class Workers:
         if getattr(self._own, "connection", None) is None:
             self._start()
         try:
-            self._own.connection.send((job, provenance))
+            self._own.connection.send((job, provenance, logs))
             records: list[Record] = self._own.connection.recv()
         except (EOFError, OSError):
             if self._stopped:

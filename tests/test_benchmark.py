@@ -102,6 +102,11 @@ def test_identity_is_content_and_streams_have_names() -> None:
         ('["S1", "S2"]', '["S1", "S4"]', "readings.equal_pay.scenarios: unknown scenario S4"),
         ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
         ("evaluation_every = 250", "evaluation_every = 1e3", "evaluation_every = 1000.0"),
+        (
+            "map_every = 1000",
+            "map_every = 600",
+            "map_every = 600: accepted: a multiple of evaluation_every = 250",
+        ),
         ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
     ],
 )
@@ -211,8 +216,8 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
     execute = runner.execute_job
     together = threading.Barrier(3, timeout=60)
 
-    def slow(group: list[RunSpecification], provenance: dict[str, Any]) -> list[Record]:
-        records = execute(group, provenance)
+    def slow(group: list[RunSpecification], provenance: dict[str, Any], logs: None) -> list[Record]:
+        records = execute(group, provenance, logs)
         executed.extend(one.digest for one in group)
         if len(executed) <= 3 * len(group):  # the first three jobs end at once, and are not alone
             together.wait()
@@ -278,6 +283,7 @@ def test_records_hold_what_training_gave(tmp_path: Path) -> None:
         q_learning.Settings.model_validate(runs[0].settings.model_dump()),
         [one.seed_sequence for one in runs],
         runs[0].evaluation_steps,
+        runs[0].map_steps,
         record_table=True,
     )
     evaluation = evaluate(model, mask_policy(training.greedy), SMOKE.horizon)

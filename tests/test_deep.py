@@ -3,6 +3,7 @@
 import inspect
 import math
 import sys
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,6 +15,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import load_algorithm, sb3_training
 from agents.deep import DqnSettings, PolicyArguments, PpoSettings
@@ -212,6 +214,42 @@ def test_looking_does_not_disturb(name: str) -> None:
     never = trained(name, points=[])
     assert (often.weights == never.weights).all()
     assert never.greedy.shape == (1, 0, 120)
+
+
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_maps_are_the_values_at_their_steps(name: str) -> None:
+    points, map_steps = list(range(0, 401, 100)), [0, 200, 400]
+    training = train(
+        name,
+        S1,
+        SETTINGS[name],
+        "one_hot",
+        [SeedSequence([4, 0])],
+        evaluation_steps=points,
+        map_steps=map_steps,
+    )
+    assert training.values.shape == (1, 3, 120, 5)
+    # SB3 takes the first of several best actions.
+    assert (1 << training.values[0].argmax(axis=-1) == training.greedy[0, ::2]).all()
+    last = training.stochastic[0, -1] if name == "ppo" else training.q[0]
+    assert (training.values[0, -1] == last.astype(np.float32)).all()
+    with pytest.raises(ValueError, match="map_steps: must be among the evaluation steps"):
+        train(name, S1, SETTINGS[name], "one_hot", [SeedSequence(0)], points, [150])
+
+
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_logs_tell_and_change_nothing(name: str, tmp_path: Path) -> None:
+    seeds = [SeedSequence([4, 0]), SeedSequence([4, 1])]
+    folders = [tmp_path / "0", tmp_path / "1"]
+    logged = train(name, S1, SETTINGS[name], "one_hot", seeds, [0, 200, 400], logs=folders)
+    for i in range(2):
+        assert (logged.weights[i] == trained(name, i).weights[0]).all()
+        events = EventAccumulator(str(folders[i])).Reload()
+        assert {"rollout/ep_rew_mean", "proxemic/disagreements", "train/loss"} <= set(
+            events.Tags()["scalars"]
+        )
+        last = events.Scalars("proxemic/disagreements")[-1]
+        assert (last.step, last.value) == (400, logged.disagreements[i, -1])
 
 
 def test_training_leaves_the_global_generators_and_threads_alone() -> None:
@@ -415,6 +453,15 @@ def test_divergence_is_told_and_counts_as_random(name: str) -> None:
         assert np.isnan(training.q[0]).all()
 
 
+def test_maps_of_a_diverged_net_hold_no_number() -> None:
+    points = list(range(0, 401, 100))
+    settings = DQN.model_copy(update={"learning_rate": 1e38})
+    training = train("dqn", S1, settings, "one_hot", [SeedSequence([4, 0])], points, points)
+    lost = points.index(int(training.diverged_at[0]))
+    assert np.isfinite(training.values[0, :lost]).all()
+    assert np.isnan(training.values[0, lost:]).all()
+
+
 def test_errors_of_torch_are_no_divergence(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: Any) -> NDArray[Any]:
         raise ValueError("something else")
@@ -429,5 +476,5 @@ def test_without_torch_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.delattr("agents.sb3_training")
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(InputError, match="dqn: needs the package torch, which is not installed; make"):
-        load_algorithm("dqn").train(S1, DQN, "one_hot", [SeedSequence(0)], [])
+        load_algorithm("dqn").train(S1, DQN, "one_hot", [SeedSequence(0)], [], [], [])
     assert sb3_training  # the one imported above goes on

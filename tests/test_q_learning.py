@@ -217,6 +217,20 @@ def test_snapshots_and_records_do_not_disturb_learning() -> None:
     assert (watched.max_q[:, ::500] == plain.max_q).all()
 
 
+def test_maps_are_the_table_at_their_steps() -> None:
+    model = compile_scenario(load_scenario("S2"))
+    seeds = [SeedSequence(i) for i in range(3)]
+    training = train(model, Settings(budget=2000), seeds, [0, 500, 1000, 2000], [0, 1000, 2000])
+    assert (training.values[:, 0] == 0).all()
+    # What the table is at a step is what a shorter training ends with.
+    shorter = train(model, Settings(budget=1000), seeds)
+    assert (training.values[:, 1] == shorter.q.astype(np.float32)).all()
+    assert (training.values[:, 2] == training.q.astype(np.float32)).all()
+    for wrong in ([250], [1000, 0], [0, 3000]):
+        with pytest.raises(ValueError, match="map_steps: must be among the evaluation steps"):
+            train(model, Settings(budget=2000), seeds, [0, 500, 1000, 2000], wrong)
+
+
 def test_last_snapshot_is_greedy_in_the_final_values() -> None:
     model = compile_scenario(load_scenario("S1"))
     training = train(model, Settings(budget=4000), [SeedSequence(i) for i in range(4)], [4000])
