@@ -18,7 +18,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce compare-deep test check speed clean
+.PHONY: help reproduce compare-deep report test check speed clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -28,6 +28,9 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 
 compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
+
+report: $(BASE) ## the page that shows it all, results/index.html, from the results that are there
+	$(PY) -m benchmark report --results $(RESULTS)
 
 test: $(DEV) ## every test
 	$(PY) -m pytest $(TESTS)

@@ -5,8 +5,12 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from envs import InputError
+
+if TYPE_CHECKING:
+    from benchmark.experiment import Experiment
 
 _EPILOG = """\
 examples:
@@ -14,6 +18,7 @@ examples:
   python -m benchmark run reproduce                run what is missing, on all cores
   python -m benchmark run reproduce --report       and then draw results/reproduce
   python -m benchmark report reproduce             draw results/reproduce from the runs
+  python -m benchmark report                       make results/index.html from what is drawn
   python -m benchmark run reproduce --seeds 0-9    ten agents only
   python -m benchmark run compare_deep --report    the table against DQN and PPO, a quarter of an hour
   python -m benchmark report compare_deep --partial  what there is of it so far, into compare_deep_partial
@@ -50,7 +55,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    def command(name: str, function: object, summary: str, *, experiment: bool) -> argparse.ArgumentParser:
+    def command(
+        name: str, function: object, summary: str, *, experiment: bool, optional: bool = False
+    ) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         sub.set_defaults(command=function)
         sub.add_argument(
@@ -64,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(
                 "experiment",
                 metavar="EXPERIMENT",
+                nargs="?" if optional else None,
                 help="a name that 'list' shows, or the path of a TOML file",
             )
             sub.add_argument(
@@ -88,7 +96,17 @@ def _parser() -> argparse.ArgumentParser:
         "--report", action="store_true", help="then draw the tables and figures, as 'report' does"
     )
     report = command(
-        "report", _report, "draw the tables and figures of an experiment from its runs", experiment=True
+        "report",
+        _report,
+        "draw an experiment's tables and figures from its runs, and the page; without one, the page alone",
+        experiment=True,
+        optional=True,
+    )
+    run.add_argument(
+        "--tensorboard",
+        type=Path,
+        metavar="DIR",
+        help="write TensorBoard logs of Stable-Baselines3's runs there; no result depends on it, only times",
     )
     report.add_argument(
         "--partial",
@@ -138,17 +156,16 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
     from benchmark import runner
     from benchmark.experiment import all_specifications, load_experiment
+    from benchmark.progress import Display
     from benchmark.store import Record, Store
 
     if options.jobs < 1:
         raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
     experiment = load_experiment(options.experiment)
+    if options.tensorboard is not None:
+        _check_logs(experiment, options.tensorboard)
     seeds = _seeds(options.seeds)
     fewest = min(arm.seeds if seeds is None else len(seeds) for arm in experiment.algorithms.values())
     if options.report and fewest < 2:
@@ -156,30 +173,20 @@ def _run(options: argparse.Namespace) -> int:
     runs = all_specifications(experiment, seeds)
     with Store(options.results / "runs.db") as store:
         todo = runner.pending(runs, store)
+        if options.tensorboard is not None and len(todo) < len(runs):
+            done = f"{len(runs) - len(todo)} of {len(runs)} runs are done already"
+            print(f"{experiment.name}: {done}, and are not trained again for --tensorboard.")
         if not todo:
             print(f"{experiment.name}: all {len(runs)} runs are done already.")
             return _report(options) if options.report else 0
-        jobs = runner.plan(todo)
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[runs]} of " + f"{len(runs)} runs,"),
-            TimeElapsedColumn(),
-            TextColumn("gone,"),
-            Remaining(),
-            TextColumn("to go"),
-        )
-        # By jobs, not runs: a job of many tables is over at once.
-        with Progress(*columns, console=Console(stderr=True), speed_estimate_period=120) as progress:
-            task = progress.add_task(experiment.name, total=len(jobs), runs=len(runs) - len(todo))
+        with Display(experiment, seeds, store.ended(), runner.plan(todo)) as display:
 
             def advance(records: list[Record]) -> None:
-                ended = progress.tasks[task].fields["runs"] + len(records)
-                progress.update(task, advance=1, runs=ended)
+                display.advance(records)
                 diverged.extend(record.digest for record in records if record.status == "diverged")
 
             diverged: list[str] = []
-            errors = runner.run(runs, store, options.jobs, advance)
+            errors = runner.run(runs, store, options.jobs, advance, display.start, options.tensorboard)
     if errors:
         print(
             f"error: {len(errors)} runs failed, and will be tried again; the first: {errors[0]}",
@@ -191,17 +198,45 @@ def _run(options: argparse.Namespace) -> int:
     return _report(options) if options.report else 0
 
 
+def _check_logs(experiment: "Experiment", directory: Path) -> None:
+    """Refuses logs that nobody would write, or that cannot be written."""
+    from importlib.util import find_spec
+
+    from agents import load_algorithm
+
+    if not any(load_algorithm(arm.algorithm).writes_logs for arm in experiment.algorithms.values()):
+        raise InputError(
+            f"--tensorboard: {experiment.name} trains tables alone, which write no logs; accepted: an "
+            "experiment with algorithms of Stable-Baselines3."
+        )
+    if find_spec("tensorboard") is None:
+        raise InputError(
+            "--tensorboard: the package tensorboard is not installed; "
+            ".venv/bin/pip install tensorboard installs it."
+        )
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--tensorboard {directory}: cannot be made: {error.strerror}.") from error
+
+
 def _report(options: argparse.Namespace) -> int:
-    from benchmark import report
+    from benchmark import page, report
     from benchmark.experiment import load_experiment
     from benchmark.store import Store
 
-    experiment = load_experiment(options.experiment)
     partial = getattr(options, "partial", False)  # 'run --report' has no such option
+    if options.experiment is None:
+        if partial or options.seeds is not None:
+            raise InputError("--partial and --seeds: accepted: with the name of an experiment.")
+        print(f"the page is {page.write(options.results)}.")
+        return 0
+    experiment = load_experiment(options.experiment)
     directory = options.results / (f"{experiment.name}_partial" if partial else experiment.name)
     with Store(options.results / "runs.db", read_only=True) as store:
         report.draw(experiment, store, directory, _seeds(options.seeds), partial=partial)
     print(f"{experiment.name}: tables and figures are in {directory}.")
+    print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
     return 0
 
 

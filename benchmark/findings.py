@@ -1,17 +1,20 @@
-"""Says in ten plain sentences what a comparison found; every word that judges follows from a number.
+"""Says in plain sentences what a comparison found; every word that judges follows from a number.
 
+A number is a Markdown link to the rows of the table that it comes from, `[0.63](summary.csv#row=13)`; rows
+are counted as by RFC 7111, the header being the first.
 Scores are told as means over runs, which show a run that fails, as interquartile means do not. Two learners
 differ if the 95 % interval of the probability that a run of one outscores a run of the other leaves out one
 half; else they cannot be told apart.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from benchmark.comparison import REACHED, Grid, Learner
+from benchmark.tables import link
 
 Frames = Mapping[str, pd.DataFrame]  # the tables of `benchmark.comparison`, by name
 
@@ -19,13 +22,14 @@ _TOLD: Final = 3  # nets that are named as the best
 
 
 def sentences(grid: Grid, frames: Frames) -> list[str]:
-    """Returns ten sentences, each with its figures; fewer where there is nothing to compare."""
+    """Returns the headline and ten sentences with their figures; none if there is nothing to compare."""
     tables = [learner for learner in grid.learners if _first(grid, learner)["algorithm"] == "q_learning"]
     nets = [learner for learner in grid.learners if learner not in tables]
     if not tables or not nets:
         return []
     best_table, best_net = (max(group, key=lambda one: _mean(frames, one)) for group in (tables, nets))
     written = (
+        _headline(grid, frames, best_table, best_net, nets),
         _tables(grid, frames, tables),
         _best_net(frames, list(dict.fromkeys((tables[0], best_table))), nets, best_net),
         _observations(grid, frames, nets),
@@ -40,17 +44,33 @@ def sentences(grid: Grid, frames: Frames) -> list[str]:
     return [sentence for sentence in written if sentence]
 
 
+def _headline(grid: Grid, frames: Frames, table: Learner, best_net: Learner, nets: Sequence[Learner]) -> str:
+    """Says in a sentence or two whether deep RL earned its keep."""
+    budget = _first(grid, table)["settings"]["budget"]
+    better = [net for net in nets if _improvement(frames, net, table)["low"] > 0.5]
+    cheap, dear = _row(frames, "cost", table), _row(frames, "cost", best_net)
+    told = ", ".join(f"`{net}`" for net in better)
+    return (
+        f"With {budget:,} environment steps deep RL {'earns' if better else 'does not earn'} its keep over "
+        f"a table here: {f'{told} does better' if better else 'no net does better'} than the best table, "
+        f"`{table.algorithm}`, which has a mean score of {_score(frames, table)}. The net with the highest "
+        f"mean score, `{best_net}`, has {_score(frames, best_net)}, "
+        f"{_verdict(frames, best_net, table)}, and takes "
+        f"{link(_times(dear['cpu_time_s'] / cheap['cpu_time_s']), 'cost', dear, cheap)} the CPU time."
+    )
+
+
 def _tables(grid: Grid, frames: Frames, tables: Sequence[Learner]) -> str:
     """Says how the table does, with the first arm's constants and with others."""
     paper = tables[0]
     budget = _first(grid, paper)["settings"]["budget"]
     curves = frames["curves"]
     late = curves[_is(curves, paper) & (curves["step"] > budget / 2)].groupby("scenario", sort=False)
-    on_average = ", ".join(f"{late['success'].mean()[name]:.2f}" for name in late.groups)
+    on_average = ", ".join(link(f"{own['success'].mean():.2f}", "curves", own) for _, own in late)
     text = (
         f"After {budget:,} steps the table `{paper.algorithm}` succeeds with probability "
-        f"{_by_scenario(frames['summary'], paper, 'success', '.2f')} (on average over the second half of "
-        f"training {on_average}), and has a mean score of {_score(frames, paper)} over all scenarios"
+        f"{_by_scenario(frames, 'summary', paper, 'success', _two_digits)} (on average over the second half "
+        f"of training {on_average}), and has a mean score of {_score(frames, paper)} over all scenarios"
     )
     for other in tables[1:]:
         text += (
@@ -70,7 +90,7 @@ def _best_net(frames: Frames, tables: Sequence[Learner], nets: Sequence[Learner]
         scores.append(f"`{net}` {_score(frames, net)}{by_chance}")
     return (
         f"The nets with the highest mean scores are {'; '.join(scores)}; the first succeeds with probability "
-        f"{_by_scenario(frames['summary'], best_net, 'success', '.2f')}, and "
+        f"{_by_scenario(frames, 'summary', best_net, 'success', _two_digits)}, and "
         f"{' and '.join(_verdict(frames, best_net, table) for table in tables)}."
     )
 
@@ -81,10 +101,11 @@ def _observations(grid: Grid, frames: Frames, nets: Sequence[Learner]) -> str:
     for arm in dict.fromkeys(learner.algorithm for learner in nets):
         forms = [learner for learner in grid.learners if learner.algorithm == arm]
         if len(forms) == 2:
-            scores = " and ".join(f"{_mean(frames, form):.2f} with {form.observation}" for form in forms)
-            p, low, high = _improvement(frames, *forms)
-            better = forms[0].observation if low > 0.5 else forms[1].observation if high < 0.5 else "neither"
-            parts.append(f"`{arm}` {scores} ({better} is better, P = {p:.2f} [{low:.2f}, {high:.2f}])")
+            scores = " and ".join(f"{_mean_told(frames, form)} with {form.observation}" for form in forms)
+            row = _improvement(frames, *forms)
+            names = [form.observation for form in forms]
+            better = names[0] if row["low"] > 0.5 else names[1] if row["high"] < 0.5 else "neither"
+            parts.append(f"`{arm}` {scores} ({better} is better, {_probability(row)})")
     return f"By the form of the observation, mean scores are: {'; '.join(parts)}." if parts else ""
 
 
@@ -119,7 +140,7 @@ def _defaults(frames: Frames, nets: Sequence[Learner]) -> str:
         if net.is_default:
             own = frames["threshold"][_is(frames["threshold"], net)]
             share = np.average(own["reached_share"], weights=own["n"])
-            parts.append(f"`{net}` {_mean(frames, net):.2f} and {share:.0%}")
+            parts.append(f"`{net}` {_mean_told(frames, net)} and {link(f'{share:.0%}', 'threshold', own)}")
     if not parts:
         return ""
     return (
@@ -131,21 +152,31 @@ def _defaults(frames: Frames, nets: Sequence[Learner]) -> str:
 def _threshold(frames: Frames, learners: Sequence[Learner]) -> str:
     """Says how many steps a good policy takes."""
     last = frames["curves"]["step"].max()
-    parts = []
-    for learner in learners:
-        own = _by_scenario(frames["threshold"], learner, "stays_step_median", ",.0f")
-        parts.append(f"`{learner}` {own.replace(f'{last:,.0f} in', 'only at the very end in')}")
+
+    def say(step: float) -> str:
+        return "never" if np.isinf(step) else "only at the very end" if step == last else f"{step:,.0f}"
+
+    parts = [
+        f"`{learner}` {_by_scenario(frames, 'threshold', learner, 'stays_step_median', say)}"
+        for learner in learners
+    ]
     return f"Half of the runs score {REACHED:g} and more for good after so many steps: {'; '.join(parts)}."
 
 
 def _cost(frames: Frames, table: Learner, net: Learner) -> str:
     """Says what a run costs."""
-    one, other = _row(frames["cost"], table), _row(frames["cost"], net)
-    ratio = other["cpu_time_s"] / one["cpu_time_s"]
+    one, other = _row(frames, "cost", table), _row(frames, "cost", net)
+    times = link(_times(other["cpu_time_s"] / one["cpu_time_s"]), "cost", one, other)
+
+    def say(row: pd.Series, time: str) -> str:
+        return (
+            f"{link(time, 'cost', row)} of CPU time, {link(f'{row.parameters:,.0f}', 'cost', row)} "
+            f"numbers and a process of {link(f'{row.peak_memory_mb:.0f}', 'cost', row)} MB"
+        )
+
     return (
-        f"A run takes the table {one['cpu_time_s'] * 1000:.2g} ms of CPU time, {one['parameters']:,.0f} "
-        f"numbers and a process of {one['peak_memory_mb']:.0f} MB, and `{net}` {other['cpu_time_s']:.2g} s, "
-        f"{other['parameters']:,.0f} numbers and {other['peak_memory_mb']:.0f} MB: {_times(ratio)} the time."
+        f"A run takes the table {say(one, f'{one.cpu_time_s * 1000:.2g} ms')}, and `{net}` "
+        f"{say(other, f'{other.cpu_time_s:.2g} s')}: {times} the time."
     )
 
 
@@ -154,23 +185,22 @@ def _every_cell(grid: Grid, frames: Frames, learners: Sequence[Learner]) -> str:
     if "every_cell" not in _first(grid, learners[0])["evaluated_from"]:
         return ""
     parts = [
-        f"`{one}` {_score(frames, one, 'every_cell')} against {_mean(frames, one):.2f}" for one in learners
+        f"`{one}` {_score(frames, one, 'every_cell')} against {_mean_told(frames, one)}" for one in learners
     ]
     return f"Off the path, mean score from any cell against that from the start: {'; '.join(parts)}."
 
 
 def _region(frames: Frames, tables: Sequence[Learner], nets: Sequence[Learner]) -> str:
     """Says who knows the personal space."""
-    means = {
-        one: frames["region"][_is(frames["region"], one)].mean(numeric_only=True, skipna=False)
-        for one in (*tables, *nets)
-    }
+    rows = {one: frames["region"][_is(frames["region"], one)] for one in (*tables, *nets)}
+    means = {one: own.mean(numeric_only=True, skipna=False) for one, own in rows.items()}
     best = max(nets, key=lambda one: means[one]["overlap"])
     parts = []
     for one in (*tables, best):
         precision, recall, overlap = means[one][["precision", "recall", "overlap"]]
-        told = "none" if np.isnan(precision) else f"{precision:.2f}"
-        parts.append(f"`{one}` {overlap:.2f} (precision {told}, recall {recall:.2f})")
+        told = ["none" if np.isnan(value) else f"{value:.2f}" for value in (overlap, precision, recall)]
+        own, right, found = (link(text, "region", rows[one]) for text in told)
+        parts.append(f"`{one}` {own} (precision {right}, recall {found})")
     return (
         "The cells where an agent values PING overlap with the target region (intersection over union, mean "
         f"of the scenarios) by {', '.join(parts)}, the last being the net that is best at this."
@@ -183,7 +213,8 @@ def _disagreements(frames: Frames, learners: Sequence[Learner]) -> str:
     for one in learners:
         own = frames["curves"][_is(frames["curves"], one)]
         last = own[own["step"] > 0.9 * own["step"].max()]
-        parts.append(f"`{one}` {own['disagreements'].mean():.0f} and {last['disagreements'].mean():.0f}")
+        means = (link(f"{part['disagreements'].mean():.0f}", "curves", part) for part in (own, last))
+        parts.append(f"`{one}` {' and '.join(means)}")
     return (
         "The issuer disagrees per 1,000 steps, over all of training and in its last tenth: "
         f"{', '.join(parts)}."
@@ -192,25 +223,37 @@ def _disagreements(frames: Frames, learners: Sequence[Learner]) -> str:
 
 def _verdict(frames: Frames, one: Learner, other: Learner) -> str:
     """Says which of two learners does better, and with what probability."""
-    p, low, high = _improvement(frames, one, other)
-    number = f"P = {p:.2f} [{low:.2f}, {high:.2f}]"
-    if low <= 0.5 <= high:
-        return f"cannot be told from `{other}` ({number})"
-    return f"does {'better' if low > 0.5 else 'worse'} than `{other}` ({number})"
+    row = _improvement(frames, one, other)
+    if row["low"] <= 0.5 <= row["high"]:
+        return f"cannot be told from `{other}` ({_probability(row)})"
+    return f"does {'better' if row['low'] > 0.5 else 'worse'} than `{other}` ({_probability(row)})"
 
 
-def _improvement(frames: Frames, one: Learner, other: Learner) -> tuple[float, float, float]:
-    """Returns the probability that a run of one outscores a run of the other, and its interval."""
-    row: Any = frames["improvement"].set_index(["x", "y"]).loc[(str(one), str(other))]
-    return float(row["probability"]), float(row["low"]), float(row["high"])
+def _improvement(frames: Frames, one: Learner, other: Learner) -> pd.Series:
+    """Returns the row with the probability that a run of one outscores a run of the other."""
+    frame = frames["improvement"]
+    return frame[(frame["x"] == str(one)) & (frame["y"] == str(other))].iloc[0]
 
 
-def _by_scenario(frame: pd.DataFrame, learner: Learner, column: str, form: str) -> str:
-    """Returns a learner's numbers, `never` for an infinite one."""
-    rows = frame[_is(frame, learner)][["scenario", column]].to_numpy()
+def _probability(row: pd.Series) -> str:
+    """Returns a row of `improvement` as readers see it."""
+    probability = link(f"{row['probability']:.2f}", "improvement", row)
+    return f"P = {probability} [{row['low']:.2f}, {row['high']:.2f}]"
+
+
+def _by_scenario(
+    frames: Frames, table: str, learner: Learner, column: str, say: Callable[[float], str]
+) -> str:
+    """Returns a learner's numbers in every scenario."""
+    own = frames[table][_is(frames[table], learner)]
     return ", ".join(
-        f"{'never' if np.isinf(value) else format(value, form)} in {scenario}" for scenario, value in rows
+        f"{link(say(row[column]), table, row)} in {row['scenario']}" for _, row in own.iterrows()
     )
+
+
+def _two_digits(value: float) -> str:
+    """Returns a number with two digits after the point."""
+    return f"{value:.2f}"
 
 
 def _score(frames: Frames, learner: Learner, start: str = "start") -> str:
@@ -222,7 +265,7 @@ def _score(frames: Frames, learner: Learner, start: str = "start") -> str:
 
 def _interval(row: pd.Series) -> str:
     """Returns a value with its interval."""
-    return f"{row['value']:.2f} [{row['low']:.2f}, {row['high']:.2f}]"
+    return f"{link(f'{row.value:.2f}', 'aggregate', row)} [{row['low']:.2f}, {row['high']:.2f}]"
 
 
 def _mean(frames: Frames, learner: Learner) -> float:
@@ -230,6 +273,13 @@ def _mean(frames: Frames, learner: Learner) -> float:
     row = _aggregate(frames, learner, "start")
     assert row is not None
     return float(row["value"])
+
+
+def _mean_told(frames: Frames, learner: Learner) -> str:
+    """Returns a learner's mean score as readers see it."""
+    row = _aggregate(frames, learner, "start")
+    assert row is not None
+    return link(f"{row['value']:.2f}", "aggregate", row)
 
 
 def _aggregate(frames: Frames, learner: Learner, start: str, policy: str = "greedy") -> pd.Series | None:
@@ -242,12 +292,13 @@ def _aggregate(frames: Frames, learner: Learner, start: str, policy: str = "gree
 
 def _parameters(frames: Frames, learner: Learner) -> str:
     """Returns how many numbers a learner learns."""
-    return f"{int(_row(frames['cost'], learner)['parameters']):,}"
+    row = _row(frames, "cost", learner)
+    return link(f"{int(row['parameters']):,}", "cost", row)
 
 
-def _row(frame: pd.DataFrame, learner: Learner) -> pd.Series:
+def _row(frames: Frames, table: str, learner: Learner) -> pd.Series:
     """Returns the one row of a learner."""
-    rows = frame[_is(frame, learner)]
+    rows = frames[table][_is(frames[table], learner)]
     assert len(rows) == 1
     return rows.iloc[0]
 

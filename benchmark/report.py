@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from benchmark.experiment import Experiment, all_specifications
+from benchmark.experiment import DEFAULT_READING, Experiment, all_specifications, specifications
 from benchmark.store import Store
 from envs import InputError
 
@@ -74,6 +74,12 @@ def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None)
     """Returns what made the runs, from their records alone: drawing again gives the same."""
     ended = store.ended()
     runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
+    default = [
+        run
+        for cell in experiment.cells
+        for run in specifications(experiment, DEFAULT_READING, *cell, seeds)
+        if run.digest in ended
+    ]
     records = store.get([run.digest for run in runs], arrays=False)
     provenance = [record.provenance for record in records]
 
@@ -82,6 +88,15 @@ def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None)
 
     return {
         "experiment": experiment.name,
+        "description": experiment.description,
+        "command": f"python -m benchmark run {experiment.argument} --report",
+        "report": experiment.report,
+        "horizon": experiment.horizon,
+        "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in default},
+        "algorithms": {
+            run.arm: {"algorithm": run.algorithm, "settings": run.settings.model_dump(mode="json")}
+            for run in default
+        },
         "runs": len(runs),
         "digest": _digest([run.digest for run in runs]),
         "commits": every("commit"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from benchmark import comparison, figures_comparison, findings, tables
+from benchmark import comparison, explorer, figures_comparison, findings, tables
 from benchmark.aggregate import RESAMPLES
 from benchmark.comparison import Grid, Learner
 from benchmark.experiment import Experiment
@@ -27,6 +27,10 @@ _FILES = (
     ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),
     ("maps_moves.png, .svg", "the same of the moves"),
     ("maps_probability.png, .svg", "probability of PING where the policy is stochastic"),
+    ("findings.csv", "the sentences above; every number in them is a link to the rows it comes from"),
+    ("agent.csv", "score of the agent of the first seed, at every step of which there is a map"),
+    ("agent_*.csv", "what that agent values and does in every cell over training, one file a scenario"),
+    ("optimum.csv", "exact optimal values and actions, by discount"),
     ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
 )
 _MEASURED_TIMES = ("curves_cpu", "cost")
@@ -64,8 +68,14 @@ def write(
     frames["curves_cpu"] = comparison.curves_cpu(grid, frames["curves"])
     for name, frame in frames.items():
         tables.write_table(frame, directory / name, _shown(name, frame), note=_note(grid))
+    explorer.write([explorer.Shown(*learner, population) for learner, _, population in grid.cells], directory)
+    sentences = findings.sentences(grid, frames)
+    tables.write_csv(
+        pd.DataFrame({"finding": range(len(sentences)), "text": sentences}), directory / "findings.csv"
+    )
     drawn = _draw(experiment, grid, frames, directory)
-    (directory / "README.md").write_text(_readme(experiment, grid, frames, drawn), encoding="utf-8")
+    page = _readme(experiment, grid, frames, drawn, [tables.plain(one) for one in sentences])
+    (directory / "README.md").write_text(page, encoding="utf-8")
 
 
 def _note(grid: Grid) -> str:
@@ -172,7 +182,13 @@ def _panels(experiment: Experiment, grid: Grid) -> dict[str, list[Learner]]:
     return panels or {"all": everywhere}
 
 
-def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame], drawn: set[str]) -> str:
+def _readme(
+    experiment: Experiment,
+    grid: Grid,
+    frames: Mapping[str, pd.DataFrame],
+    drawn: set[str],
+    found: Sequence[str],
+) -> str:
     """Returns the page that says what was found and what each file is."""
     figures_alone = ".png, .svg"
     written = [
@@ -182,7 +198,8 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
     ]
     files = tables.to_markdown(pd.DataFrame(written, columns=["file", "what it is"]))
     nothing = "Nothing: it takes a table and a net, each with two runs of every scenario."
-    sentences = "\n".join(f"{i}. {text}" for i, text in enumerate(findings.sentences(grid, frames), 1))
+    sentences = "\n".join(f"{i}. {text}" for i, text in enumerate(found[1:], 1))
+    headline = f"**{found[0]}**\n\n" if found else ""
     partial = f"\n**{_note(grid)}**\n" if grid.missing else ""
     aggregate = _shown("aggregate", frames["aggregate"])
     greedy = aggregate[(aggregate["policy"] == "greedy") & (aggregate["evaluated_from"] == "start")]
@@ -197,7 +214,7 @@ def _readme(experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFram
 {partial}{note}
 ## What was found
 
-Scores are 0 for the random policy and 1 for the optimal one; brackets hold 95 % intervals. P is the
+{headline}Scores are 0 for the random policy and 1 for the optimal one; brackets hold 95 % intervals. P is the
 probability that a run of the first scores higher than one of the second, in the same scenario, by however
 little. All is about greedy policies after training, if nothing else is said.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from benchmark import aggregate, claims, figures, tables
+from benchmark import aggregate, claims, explorer, figures, tables
 from benchmark.experiment import DEFAULT_READING, Experiment, specifications
 from benchmark.store import Store
 from envs import InputError
@@ -20,6 +20,9 @@ _FILES = (
     ("optimal_cells.csv", "Q* beside the learned Q of every cell and action, and where policies differ"),
     ("q_values.csv", "final Q over agents of every cell and action"),
     ("max_q.csv", "maximum Q over agents at every recorded step, of the visited cell and of the table"),
+    ("agent.csv", "score of the agent of the first seed, at every step of which there is a map"),
+    ("agent_*.csv", "what that agent values and does in every cell over training, one file a scenario"),
+    ("optimum.csv", "exact optimal values and actions, for the explorer"),
     ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
 )
 _OF_CLAIMS = ("claims", "sensitivity")  # only where the paper's three scenarios are run
@@ -84,6 +87,9 @@ def _write(
     optimal_cells = aggregate.optimal_cells(cells)
     tables.write_csv(optimal_cells, directory / "optimal_cells.csv")
     figures.write_figure(figures.optimal(optimal_cells, models), directory / "optimal")
+
+    arm, declared = next(iter(experiment.algorithms.items()))
+    explorer.write([explorer.Shown(arm, declared.observations[0], cell) for cell in cells], directory)
 
     verdicts = None
     if set(claims.SCENARIOS) <= set(default):

@@ -1,11 +1,14 @@
 """Writes data frames as CSV, Markdown and LaTeX; computes nothing."""
 
 import math
+import re
 from pathlib import Path
+from typing import Final
 
 import pandas as pd
 from tabulate import tabulate
 
+LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text, file, rows
 _DIGITS = 6  # significant ones in CSV, fewer than any machine's rounding shows
 _SHOWN_DIGITS = 3
 _ROWS_OF_A_PAGE = 40
@@ -39,7 +42,7 @@ def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """Returns the frame with these columns as text, `value [low, high]`, from `name_low` and `name_high`."""
     columns = {
         name: [
-            f"{_show(value)} [{_show(low)}, {_show(high)}]" if value == value else "-"
+            f"{show(value)} [{show(low)}, {show(high)}]" if value == value else "-"
             for value, low, high in frame[[name, f"{name}_low", f"{name}_high"]].to_numpy()
         ]
         for name in names
@@ -53,7 +56,7 @@ def to_markdown(frame: pd.DataFrame) -> str:
 
 
 def _format(frame: pd.DataFrame, kind: str) -> str:
-    cells = [[_show(value) for value in row] for row in frame.itertuples(index=False)]
+    cells = [[show(value) for value in row] for row in frame.itertuples(index=False)]
     aligned = ["left" if isinstance(value, str) else "right" for value in frame.iloc[0]]
     return tabulate(cells, list(frame.columns), tablefmt=kind, disable_numparse=True, colalign=aligned) + "\n"
 
@@ -63,10 +66,10 @@ def _escape(text: str) -> str:
     return text.replace("_", r"\_").replace("%", r"\%")
 
 
-def _show(value: object) -> str:
+def show(value: object) -> str:
     """Returns a cell's text.
 
-    >>> [_show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7, "S1")]
+    >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7, "S1")]
     ['0.123', '1,000', '52,600,000', 'inf', '-', '7', 'S1']
     """
     value = _clean(value)
@@ -81,3 +84,27 @@ def _show(value: object) -> str:
 def _clean(value: object) -> object:
     """Takes rounding's dust, such as -1e-16 for an exact 0, off a number."""
     return 0.0 if isinstance(value, float) and abs(value) < 1e-12 else value
+
+
+def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
+    """Makes a text a Markdown link to rows of a table, counted as by RFC 7111: the header is the first."""
+    places: set[int] = set()
+    for row in rows:
+        index = row.index if isinstance(row, pd.DataFrame) else [row.name]
+        places |= {int(str(i)) + 2 for i in index}  # from 1, the header being the first
+    ranges: list[list[int]] = []
+    for place in sorted(places):
+        if ranges and ranges[-1][-1] == place - 1:
+            ranges[-1][1:] = [place]
+        else:
+            ranges.append([place])
+    return f"[{text}]({table}.csv#row={';'.join('-'.join(map(str, one)) for one in ranges)})"
+
+
+def plain(text: str) -> str:
+    """Returns a text without its links.
+
+    >>> plain("It has [0.63](summary.csv#row=13) [0.5, 0.7] in S2.")
+    'It has 0.63 [0.5, 0.7] in S2.'
+    """
+    return LINK.sub(r"\1", text)

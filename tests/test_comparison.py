@@ -1,8 +1,10 @@
 """The comparison: worker processes, grids, tables and findings by themselves, and all of it in miniature."""
 
+import csv
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -35,7 +37,7 @@ from benchmark.experiment import (
 )
 from benchmark.runner import pending, plan, run
 from benchmark.store import Record, Store
-from benchmark.tables import write_csv
+from benchmark.tables import LINK, link, plain, write_csv
 from envs import InputError
 from envs.inputs import override, parse, read_toml
 from tests.test_benchmark import check_refused
@@ -613,15 +615,41 @@ def verdict(p: float, low: float, high: float) -> str:
 
 
 def test_words_follow_numbers() -> None:
-    assert verdict(0.9, 0.8, 1.0) == "does better than `b, index` (P = 0.90 [0.80, 1.00])"
+    told = "does better than `b, index` (P = [0.90](improvement.csv#row=2) [0.80, 1.00])"
+    assert verdict(0.9, 0.8, 1.0) == told
     assert verdict(0.1, 0.0, 0.4).startswith("does worse than")
     assert verdict(0.6, 0.45, 0.7).startswith("cannot be told from")
     assert verdict(0.5, 0.5, 0.5).startswith("cannot be told from")
     assert findings._times(3456.0) == "3,500 times"
     assert findings._times(12.4) == "12 times"
-    frame = pd.DataFrame({"scenario": ["S1", "S2"], "step": [1200.0, np.inf]})
+    frame = pd.DataFrame({"scenario": ["S1", "S2"], "step": [1200.0, 7.0]})
     frame = frame.assign(algorithm="a", observation="index")
-    assert findings._by_scenario(frame, Learner("a", "index"), "step", ",.0f") == "1,200 in S1, never in S2"
+    said = findings._by_scenario({"t": frame}, "t", Learner("a", "index"), "step", "{:.0f}".format)
+    assert said == "[1200](t.csv#row=2) in S1, [7](t.csv#row=3) in S2"
+    assert plain(said) == "1200 in S1, 7 in S2"
+    assert link("x", "t", frame.iloc[[0, 1]], pd.Series(name=5)) == "[x](t.csv#row=2-3;7)"
+
+
+def test_every_number_of_the_findings_is_in_the_row_that_it_links_to() -> None:
+    folder = ROOT / "results" / "compare_deep"
+    texts = pd.read_csv(folder / "findings.csv")["text"]
+    assert len(texts) == 11
+    links = [match for text in texts for match in LINK.findall(text)]
+    assert len(links) > 80
+    checked = 0
+    for text, file, rows in links:
+        lines = list(csv.reader((folder / file).read_text(encoding="utf-8").splitlines()))
+        if not re.fullmatch(r"[-\d,.]+", text) or not rows.isdecimal():
+            continue  # of several rows, or in other units
+        decimals = len(text.partition(".")[2])
+        shown = [
+            f"{float(cell):.{decimals}f}"
+            for cell in lines[int(rows) - 1]
+            if re.fullmatch(r"-?[\d.]+(e[+-]\d+)?", cell)
+        ]
+        assert text.replace(",", "") in shown, (text, file, rows)
+        checked += 1
+    assert checked > 60
 
 
 def test_sentences_of_the_miniature_bear_its_numbers(results: Path) -> None:

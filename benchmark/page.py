@@ -1,0 +1,610 @@
+"""Writes the page: one HTML file with tables, figures and the explorer, made of published files alone.
+
+Nothing is computed here. A number on the page is a cell of a CSV file beside it, and links to its row,
+counted as by RFC 7111; the finding is the text of `findings.csv`. So the page can be made from a folder of
+results without a single run.
+"""
+
+import base64
+import gzip
+import html
+import io
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import jinja2
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from matplotlib.colors import to_hex
+from numpy.typing import NDArray
+from PIL import Image
+
+from benchmark import explorer
+from benchmark.tables import LINK, show
+from envs import ACTIONS, EVENTS, ZONES, InputError, Model, Scenario, compile_scenario
+
+PUBLISHED: Final = ("reproduce", "compare_deep")  # the experiments of which `results/index.html` tells
+_TEMPLATES: Final = Path(__file__).parent / "templates"
+_FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more cannot be told from these
+_NO_NUMBER: Final = -(2**15)  # among a map's 16-bit values
+_LARGEST: Final = 2**15 - 1
+
+_VERDICTS: Final = {"holds": "✓", "holds in part": "(✓)", "does not hold": "✗"}
+_REPLICATION_FIGURES: Final = {
+    "learning": "Exact score of the greedy policy, and share of optimal agents, over training.",
+    "optimal": "The exact optimum, what learning made of it, and where agents act optimally.",
+}
+_COMPARISON_FIGURES: Final = {
+    "curves": "Mean score of the greedy policy over training, with its 95 % interval.",
+    "aggregate": "Aggregates over all scenarios, with their 95 % intervals.",
+    "improvement": "Probability that a run of one learner scores higher than one of another.",
+    "profile": "Performance profiles: the share of runs that score above a number.",
+    "threshold": "How many runs reach a score of 0.95, and when.",
+    "disagreements": "The issuer's disagreements per 1,000 steps while agents learn.",
+    "region": "How well the cells where an agent values PING match the target region.",
+    "maps": "Mean final Q of PING, of tables and nets.",
+    "maps_probability": "Mean final probability of PING where the policy is stochastic.",
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One place of a table."""
+
+    text: str
+    order: str = ""  # what it is sorted by; its text if empty
+    href: str = ""  # the row that it comes from
+    kind: str = ""  # a CSS class
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as the page shows it."""
+
+    caption: str
+    source: str  # the CSV file, as the page links to it
+    columns: Sequence[tuple[str, bool]]  # label, and whether it holds numbers
+    rows: Sequence[Sequence[Cell]]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture in the page."""
+
+    name: str
+    caption: str
+    source: str  # the SVG file, as the page links to it
+    data: str
+    width: int
+    height: int
+
+
+@dataclass
+class _Folder:
+    """A folder of results: its CSV files as read, and how the page links to them."""
+
+    path: Path
+    prefix: str
+    manifest: dict[str, Any]
+    embedded: dict[str, str] = field(default_factory=dict)  # link to text of the files whose rows are shown
+
+    def __contains__(self, name: str) -> bool:
+        return (self.path / name).exists()
+
+    def read(self, name: str, *, embed: bool = True) -> pd.DataFrame:
+        """Reads a CSV file, as it stands."""
+        text = (self.path / name).read_text(encoding="utf-8")
+        if embed:
+            self.embedded[self.link(name)] = text
+        return pd.read_csv(io.StringIO(text))
+
+    def link(self, name: str, row: int | None = None) -> str:
+        """Returns the link to a file, or to the row of a data frame's index in it."""
+        return f"{self.prefix}{name}" + ("" if row is None else f"#row={row + 2}")
+
+
+def write(results: Path, experiment: str | None = None) -> Path:
+    """Writes the page of the published experiments, or of another one, and the list of all results.
+
+    Args:
+      results: The folder of results.
+      experiment: One that is published, or None: the page tells of all of these that are there, and is
+        `index.html` of `results`. Another one: it tells of that alone, and lies in its folder.
+
+    Returns:
+      The page's path.
+
+    Raises:
+      InputError: There is nothing to tell of, or the page cannot be written.
+    """
+    if experiment is None or experiment in PUBLISHED:
+        names = [name for name in PUBLISHED if (results / name / "manifest.json").exists()]
+        folders = [_open(results / name, f"{name}/") for name in names]
+        target = results / "index.html"
+    else:
+        folders = [_open(results / experiment, "")]
+        target = results / experiment / "index.html"
+    if not folders:
+        raise InputError(
+            f"{results}: there are no results to report; make reproduce and make compare-deep make them."
+        )
+    texts = {target: _render(folders)}
+    if target.parent == results:
+        texts[results / "README.md"] = _index(results)
+    try:
+        for path, text in texts.items():
+            aside = path.with_name(f".{path.name}")
+            aside.write_text(text, encoding="utf-8")
+            aside.replace(path)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}.") from error
+    return target
+
+
+def _open(path: Path, prefix: str) -> _Folder:
+    """Opens a folder of results."""
+    try:
+        manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
+        manifest["report"], manifest["scenarios"]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{path / 'manifest.json'}: cannot be read as what made the results there; make them again."
+        ) from error
+    return _Folder(path, prefix, manifest)
+
+
+def _render(folders: Sequence[_Folder]) -> str:
+    """Returns the page."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    replication = next((one for one in folders if one.manifest["report"] == "replication"), None)
+    compared = next((one for one in folders if one.manifest["report"] == "comparison"), None)
+    try:
+        content = {
+            "replication": _replication(replication) if replication else None,
+            "comparison": _comparison(compared) if compared else None,
+            "made": [_made(folder) for folder in folders],
+        }
+        explored = compared or replication
+        assert explored is not None
+        data = _explorer(explored)
+        data["csv"] = {name: text for folder in folders for name, text in folder.embedded.items()}
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(
+            f"{', '.join(str(one.path) for one in folders)}: files are missing or of another version "
+            f"({type(error).__name__}: {error}); make these results again."
+        ) from error
+    return environment.get_template("page.html").render(
+        **content,
+        data=_packed_json(data),
+        explored=explored.manifest["experiment"],
+        maps_link=explored.link("maps.png" if explored is compared else "figure.png"),
+        css=(_TEMPLATES / "page.css").read_text(encoding="utf-8"),
+        js=(_TEMPLATES / "page.js").read_text(encoding="utf-8"),
+        ramp=", ".join(data["colours"]),
+    )
+
+
+def _packed_json(data: object) -> str:
+    """Returns data as JSON, compressed to less than half, in base64."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
+
+
+def _unpacked_json(text: str) -> Any:
+    """Returns the data in a page's text."""
+    packed = text.partition('id="data">')[2].partition("<")[0]
+    return json.loads(gzip.decompress(base64.b64decode(packed)))
+
+
+# Tables
+
+
+def _number(value: float, low: float | None = None, high: float | None = None) -> str:
+    """Returns a number as readers see it, with its interval if it has one.
+
+    >>> _number(0.7, 0.123, 1.0), _number(math.nan)
+    ('0.7 [0.123, 1]', '-')
+    """
+    if math.isnan(value):
+        return "-"
+    text = show(value) + ("" if low is None or high is None else f" [{show(low)}, {show(high)}]")
+    return text.replace("-", "−")
+
+
+def _cell(folder: _Folder, file: str, row: pd.Series, key: str) -> Cell:
+    """Returns a number of a row, with its interval if the row has one."""
+    value = float(row[key])
+    low, high = (row.get(f"{key}_{end}") for end in ("low", "high"))
+    text = _number(value, low, high)
+    href = "" if text == "-" else folder.link(file, int(str(row.name)))
+    return Cell(text, str(value).replace("inf", "Infinity"), href, "number")
+
+
+def _with_ends(frame: pd.DataFrame, key: str) -> pd.DataFrame:
+    """Returns a frame whose columns `low` and `high` are called the ends of a number's interval."""
+    return frame.rename(columns={"low": f"{key}_low", "high": f"{key}_high"})
+
+
+def _table(
+    folder: _Folder,
+    file: str,
+    caption: str,
+    keys: Sequence[str],
+    numbers: Mapping[str, str],
+    where: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame,
+) -> Table:
+    """Makes a table of a CSV file's columns, a row of the file each.
+
+    Args:
+      folder: Of the file.
+      file: Its name.
+      caption: What the table is.
+      keys: Columns that say what a row is about.
+      numbers: Columns with numbers, and what readers see them called.
+      where: Takes the rows that are shown.
+    """
+    frame = where(folder.read(file))
+    shown = {key: label for key, label in numbers.items() if key in frame}
+    rows = [
+        [*(Cell(str(row[key])) for key in keys), *(_cell(folder, file, row, key) for key in shown)]
+        for _, row in frame.iterrows()
+    ]
+    columns = [(key.replace("_", " "), False) for key in keys]
+    return Table(caption, folder.link(file), [*columns, *((label, True) for label in shown.values())], rows)
+
+
+# Sections
+
+
+def _replication(folder: _Folder) -> dict[str, Any]:
+    """Returns what the page says of the replication."""
+    section: dict[str, Any] = {
+        "name": folder.manifest["experiment"],
+        "figure": _figure(folder, "figure", "The paper's figure, replicated."),
+        "figures": [_figure(folder, *one) for one in _REPLICATION_FIGURES.items()],
+        "learning": _table(
+            folder,
+            "learning.csv",
+            "After training: exact evaluation of the agents' greedy policies",
+            ["scenario"],
+            {
+                "score": "mean score",
+                "score_iqm": "score, interquartile mean",
+                "success": "success probability",
+                "optimal_share": "share of optimal agents",
+            },
+            lambda frame: frame[frame["step"] == frame["step"].max()],
+        ),
+    }
+    if "claims.csv" in folder:
+        section |= _claims(folder)
+    return section
+
+
+def _claims(folder: _Folder) -> dict[str, Any]:
+    """Returns the paper's claims, with what they depend on."""
+    claims = _with_ends(folder.read("claims.csv"), "value")
+    sensitivity = folder.read("sensitivity.csv")
+    rows = []
+    for _, row in claims.iterrows():
+        own = sensitivity[sensitivity["claim"] == row["claim"]]
+        others = own[own["verdict"] != row["verdict"]]
+        depends = "; ".join(
+            f"`{other['reading']}`: [{other['verdict']}](sensitivity.csv#row={int(str(i)) + 2})"
+            for i, other in others.iterrows()
+        )
+        rows.append(
+            {
+                "claim": row["claim"],
+                "says": row["says"],
+                "measure": row["measure"],
+                "because": row["because"],
+                "value": _cell(folder, "claims.csv", row, "value"),
+                "threshold": row["threshold"],
+                "verdict": row["verdict"],
+                "sign": _VERDICTS[row["verdict"]],
+                "depends": _marked(depends or "no reading changes it", folder),
+            }
+        )
+    counts = claims["verdict"].value_counts()
+    return {
+        "claims": rows,
+        "claims_source": folder.link("claims.csv"),
+        "counts": [(verdict, int(counts.get(verdict, 0))) for verdict in _VERDICTS],
+        "n_claims": len(claims),
+        "sensitivity": _figure(folder, "sensitivity", "Verdict on every claim under every reading."),
+    }
+
+
+def _comparison(folder: _Folder) -> dict[str, Any]:
+    """Returns what the page says of the comparison."""
+    who = ["algorithm", "observation"]
+    found = folder.read("findings.csv", embed=False)["text"].tolist()
+    folder.read("curves.csv")
+    return {
+        "name": folder.manifest["experiment"],
+        "headline": _marked(found[0], folder) if found else "",
+        "sentences": [_marked(one, folder) for one in found[1:]],
+        "aggregate": _aggregate(folder),
+        "summary": _table(
+            folder,
+            "summary.csv",
+            "Each scenario and learner, by its greedy policy after training",
+            ["scenario", *who],
+            {
+                "n": "runs",
+                "score_mean": "mean score",
+                "score_iqm": "score, interquartile mean",
+                "success": "success probability",
+                "steps": "steps",
+                "wrong_pings": "wrong PINGs",
+                "uncomfortable_steps": "uncomfortable steps",
+                "every_cell_success": "success from any cell",
+                "stochastic_success": "success, stochastic policy",
+            },
+        ),
+        "improvement": _table(
+            folder,
+            "improvement.csv",
+            "Probability that a run of x scores higher than one of y",
+            ["x", "y"],
+            {"probability": "probability"},
+            lambda frame: _with_ends(frame, "probability"),
+        ),
+        "threshold": _table(
+            folder,
+            "threshold.csv",
+            "Runs that score 0.95 at some time, and those that stay there; median environment step of each",
+            ["scenario", *who],
+            {
+                "reached_share": "share that reaches it",
+                "reached_step_median": "median step",
+                "stays_share": "share that stays",
+                "stays_step_median": "median step to stay",
+            },
+        ),
+        "region": _table(
+            folder,
+            "region.csv",
+            "Who knows the personal space: cells where an agent values PING, against the target region",
+            ["scenario", *who],
+            {
+                "cells_marked": "cells marked",
+                "precision": "precision",
+                "recall": "recall",
+                "overlap": "overlap",
+            },
+        ),
+        "cost": _table(
+            folder,
+            "cost.csv",
+            "What a run costs: medians over all runs, measured",
+            who,
+            {
+                "cpu_time_s": "CPU time (s)",
+                "steps_per_cpu_s": "steps per CPU second",
+                "updates": "updates",
+                "parameters": "learned numbers",
+                "peak_memory_mb": "peak memory (MB)",
+            },
+        ),
+        "figures": {
+            name: _figure(folder, name, caption)
+            for name, caption in _COMPARISON_FIGURES.items()
+            if f"{name}.png" in folder
+        },
+        "cpu_figure": _figure(folder, "curves_cpu", "Mean score against the CPU time spent on training."),
+    }
+
+
+def _aggregate(folder: _Folder) -> Table:
+    """Makes the table of aggregates, one row a learner: each number is a row of the file."""
+    frame = folder.read("aggregate.csv")
+    frame = _with_ends(frame[(frame["policy"] == "greedy") & (frame["evaluated_from"] == "start")], "value")
+    metrics = list(frame["metric"].unique())
+    rows = []
+    for learner, own in frame.groupby(["algorithm", "observation"], sort=False):
+        cells = [_cell(folder, "aggregate.csv", row, "value") for _, row in own.iterrows()]
+        rows.append([*(Cell(str(name)) for name in learner), *cells])
+    labels = {"iqm": "interquartile mean", "optimality_gap": "optimality gap"}
+    columns = [("algorithm", False), ("observation", False)]
+    columns += [(labels.get(metric, metric), True) for metric in metrics]
+    caption = "Score over all scenarios, by the greedy policy after training"
+    return Table(caption, folder.link("aggregate.csv"), columns, rows)
+
+
+def _figure(folder: _Folder, name: str, caption: str) -> Figure:
+    """Returns a figure small enough to stand in the page; the link leads to the drawing itself."""
+    with Image.open(folder.path / f"{name}.png") as image:
+        small = image.convert("RGB").quantize(_FIGURE_COLOURS, dither=Image.Dither.NONE).convert("RGB")
+    buffer = io.BytesIO()
+    small.save(buffer, "WEBP", lossless=True, method=4)
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    return Figure(name, caption, folder.link(f"{name}.svg"), data, *small.size)
+
+
+def _made(folder: _Folder) -> dict[str, Any]:
+    """Returns what made a folder of results."""
+    manifest = folder.manifest
+    return {
+        "name": manifest["experiment"],
+        "description": manifest["description"],
+        "command": manifest["command"],
+        "link": folder.link("manifest.json"),
+        "readme": folder.link("README.md"),
+        "commits": [commit or "unknown" for commit in manifest["commits"]],
+        "machines": manifest["machines"],
+        "versions": manifest["versions"],
+        "runs": manifest["runs"],
+        "digest": manifest["digest"],
+        "first": manifest["first_started_at"],
+        "last": manifest["last_started_at"],
+        "settings": {
+            name: {key: value for key, value in arm["settings"].items() if value is not None}
+            for name, arm in manifest["algorithms"].items()
+        },
+    }
+
+
+def _marked(text: str, folder: _Folder) -> Markup:
+    """Returns a sentence as HTML: `code`, and numbers with links to their rows."""
+    escaped = html.escape(text, quote=False)
+    escaped = LINK.sub(lambda m: f'<a class="n" href="{folder.prefix}{m[2]}#row={m[3]}">{m[1]}</a>', escaped)
+    parts = escaped.split("`")
+    return Markup("".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts)))
+
+
+# The explorer
+
+
+def _explorer(folder: _Folder) -> dict[str, Any]:
+    """Returns what the explorer shows; a map's values are in thousandths."""
+    agents = folder.read("agent.csv")
+    scenarios = {
+        name: compile_scenario(Scenario.model_validate_json(json.dumps(declared)))
+        for name, declared in folder.manifest["scenarios"].items()
+    }
+    curves_file = "curves.csv" if "curves.csv" in folder else "learning.csv"
+    curves = folder.read(curves_file)
+    maps = {name: folder.read(f"agent_{name}.csv", embed=False) for name in scenarios}
+    blocks = []
+    for key, own in agents.groupby(["scenario", "algorithm", "observation"], sort=False):
+        scenario, algorithm, observation = map(str, key)
+        n_cells = scenarios[scenario].n_observations
+        frame = maps[scenario]
+        frame = frame[(frame["algorithm"] == algorithm) & (frame["observation"] == observation)]
+        curve = curves[curves["scenario"] == scenario]
+        if "algorithm" in curve:
+            curve = curve[(curve["algorithm"] == algorithm) & (curve["observation"] == observation)]
+        mean = "score_mean" if "score_mean" in curve else "score"
+        blocks.append(
+            {
+                "scenario": scenario,
+                "algorithm": algorithm,
+                "observation": observation,
+                "kind": own["kind"].iloc[0],
+                "discount": float(own["discount"].iloc[0]),
+                "seed": int(own["seed"].iloc[0]),
+                "steps": own["step"].tolist(),
+                "score": own["score"].tolist(),
+                "success": own["success"].tolist(),
+                "agent_row": int(str(own.index[0])) + 2,
+                "values": _packed(frame[list(ACTIONS)].to_numpy()),
+                "greedy": _masks(frame["greedy"]),
+                "map_row": int(str(frame.index[0])) + 2,
+                "curve": {
+                    "row": int(str(curve.index[0])) + 2,
+                    "step": curve["step"].tolist(),
+                    **{end: _listed(curve[f"{mean}{end}"]) for end in ("", "_low", "_high")},
+                },
+            }
+            | ({} if len(frame) == len(own) * n_cells else {"damaged": True})
+        )
+        if "damaged" in blocks[-1]:
+            raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
+    best = folder.read("optimum.csv", embed=False)
+    optima = {
+        f"{scenario} {discount}": {
+            "row": int(str(own.index[0])) + 2,
+            "values": _packed(own[list(ACTIONS)].to_numpy()),
+            "optimal": _masks(own["optimal"]),
+        }
+        for (scenario, discount), own in best.groupby(["scenario", "discount"], sort=False)
+    }
+    return {
+        "prefix": folder.prefix,
+        "curves_file": curves_file,
+        "horizon": folder.manifest["horizon"],
+        "actions": list(ACTIONS),
+        "events": list(EVENTS),
+        "zones": list(ZONES),
+        "decimals": explorer.DECIMALS,
+        "no_number": _NO_NUMBER,
+        "colours": [to_hex(mpl.colormaps["cividis"](i / 32)) for i in range(33)],
+        "scenarios": {name: _scene(model) for name, model in scenarios.items()},
+        "blocks": blocks,
+        "optima": optima,
+    }
+
+
+def _listed(values: pd.Series) -> list[float | None]:
+    """Returns numbers for JSON, which has none that is not finite."""
+    return [None if math.isnan(value) else value for value in values.tolist()]
+
+
+def _packed(values: NDArray[np.float64]) -> str:
+    """Returns values in thousandths as 16-bit integers, little-endian, in base64."""
+    scaled = np.rint(values * 10**explorer.DECIMALS)
+    if np.nanmax(np.abs(scaled), initial=0) > _LARGEST:
+        scaled = np.clip(scaled, -_LARGEST, _LARGEST)  # a net on its way to diverging: off the scale anyway
+    packed = np.where(np.isnan(scaled), _NO_NUMBER, scaled).astype("<i2")
+    return base64.b64encode(packed.tobytes()).decode("ascii")
+
+
+def _masks(names: Iterable[str]) -> str:
+    """Returns sets of actions, `UP|PING`, as one byte each, in base64."""
+    bit = {action: 1 << i for i, action in enumerate(ACTIONS)}
+    masks = bytes(sum(bit[action] for action in one.split("|")) for one in names)
+    return base64.b64encode(masks).decode("ascii")
+
+
+def _scene(model: Model) -> dict[str, Any]:
+    """Returns a compiled scenario for the page: all that a walk looks up, (S * A) lists."""
+    scenario = model.scenario
+    return {
+        "description": scenario.description,
+        "rows": scenario.grid.rows,
+        "columns": scenario.grid.columns,
+        "start": model.start,
+        "issuer": list(scenario.issuer.position),
+        "radii": [scenario.regions.uncomfortable_radius, scenario.regions.target_radius],
+        "zone": model.zone_of_cell.tolist(),
+        "next": model.next_state.ravel().tolist(),
+        "terminated": model.terminated.ravel().astype(int).tolist(),
+        "event": model.event.ravel().tolist(),
+        "grid_reward": model.grid_reward.ravel().tolist(),
+        "issuer_reward": np.round(model.issuer_reward, 6).ravel().tolist(),
+        "issuer_noise": float(model.issuer_noise.max()),
+    }
+
+
+# The list of all results
+
+
+def _index(results: Path) -> str:
+    """Returns the page that says what all the folders of results are."""
+    lines = []
+    for path in sorted(results.iterdir()):
+        if not (path / "README.md").exists() or path.name.endswith(("_smoke", "_partial")):
+            continue
+        told = [line for line in (path / "README.md").read_text(encoding="utf-8").splitlines() if line]
+        paragraph = next((line for line in told if not line.startswith("#")), "")
+        lines.append(f"| [{path.name}]({path.name}/README.md) | {paragraph} |")
+    folders = "\n".join(lines)
+    return f"""# Results
+
+[index.html](index.html) shows all there is on one page: download it, or open it from a clone. It needs no
+server and no network; every number leads to the row of the CSV file that it comes from, and its explorer
+shows what one agent of every learner knows at any step of training, cell by cell, and lets it walk.
+
+| folder | what it holds |
+|---|---|
+{folders}
+
+A folder's own page says what each of its files is, what made it, and with what command. Tables are `.csv`
+(six digits, all columns), and for reading `.md` and `.tex`; figures `.png` and `.svg`. `manifest.json` holds
+versions, commit, machine and times. `runs.db`, which is not in the repository, holds every run made here.
+"""
