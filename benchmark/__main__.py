@@ -12,6 +12,7 @@ from envs import InputError
 if TYPE_CHECKING:
     from benchmark.experiment import Experiment
 
+_MOST_SEEDS = 1_000_000
 _EPILOG = """\
 examples:
   python -m benchmark list                         what there is, and what is done
@@ -22,6 +23,7 @@ examples:
   python -m benchmark run reproduce --seeds 0-9    ten agents only
   python -m benchmark run compare_deep --report    the table against DQN and PPO, a quarter of an hour
   python -m benchmark report compare_deep --partial  what there is of it so far, into compare_deep_partial
+  python -m benchmark watch --scenario S2 --algorithm dqn  see it learn
   python -m benchmark speed                        measure speed against the stock way
 
 Runs are kept in RESULTS/runs.db. A run that is there is never repeated: interrupt at any moment, and
@@ -112,6 +114,26 @@ def _parser() -> argparse.ArgumentParser:
         "--partial",
         action="store_true",
         help="of a comparison, draw what is there though runs are missing, into EXPERIMENT_partial",
+    )
+    watch = command("watch", _watch, "show an agent learn, in a window or in the terminal", experiment=False)
+    watch.add_argument("--scenario", default="S1", help="a scenario of the experiment (default: S1)")
+    watch.add_argument(
+        "--algorithm",
+        default="q_learning",
+        help="an algorithm of the experiment, as it names it (default: q_learning)",
+    )
+    watch.add_argument("--observation", help="what it observes (default: the first that the experiment has)")
+    watch.add_argument("--seed", default="0", metavar="N", help="the run's seed (default: 0)")
+    watch.add_argument(
+        "--experiment",
+        default="compare_deep",
+        help="whose settings it has; a run that is not done is done, and kept (default: compare_deep)",
+    )
+    watch.add_argument(
+        "--terminal", action="store_true", help="in the terminal, also where there could be a window"
+    )
+    watch.add_argument(
+        "--save", type=Path, metavar="FILE", help="write an animated .webp or .gif in place of showing it"
     )
     speed = command(
         "speed", _speed, "measure speed, each row against the stock way in the same run", experiment=False
@@ -240,6 +262,33 @@ def _report(options: argparse.Namespace) -> int:
     return 0
 
 
+def _watch(options: argparse.Namespace) -> int:
+    from benchmark.experiment import load_experiment
+    from benchmark.store import Store
+
+    experiment = load_experiment(options.experiment)
+    if not options.seed.isdecimal() or int(options.seed) >= _MOST_SEEDS:
+        raise InputError(f"--seed {options.seed}: accepted: a whole number below {_MOST_SEEDS:,}, as 7.")
+    if options.save is not None and options.save.suffix.lower() not in (".webp", ".gif"):
+        raise InputError(f"--save {options.save}: accepted: a name that ends in .webp or .gif.")
+    from rich.console import Console
+
+    from benchmark import watch
+
+    with Store(options.results / "runs.db") as store:
+        film = watch.load_film(
+            experiment, options.scenario, options.algorithm, options.observation, int(options.seed), store
+        )
+    if options.save is not None:
+        watch.to_file(film, options.save)
+        print(f"{film.title}: {options.save}")
+    elif watch.has_window() and not options.terminal:
+        watch.in_window(film)
+    else:
+        watch.in_terminal(film, Console())
+    return 0
+
+
 def _speed(options: argparse.Namespace) -> int:
     from benchmark import speed
 
@@ -257,8 +306,8 @@ def _seeds(text: str | None) -> range | None:
             f"--seeds {text}: accepted: A-B with A not above B, as in 0-29, or one seed, as in 7."
         )
     seeds = range(int(first), int(last if dash else first) + 1)
-    if seeds.stop > 1_000_000 or len(seeds) > 100_000:
-        raise InputError(f"--seeds {text}: accepted: seeds below 1,000,000, at most 100,000 of them.")
+    if seeds.stop > _MOST_SEEDS or len(seeds) > 100_000:
+        raise InputError(f"--seeds {text}: accepted: seeds below {_MOST_SEEDS:,}, at most 100,000 of them.")
     return seeds
 
 

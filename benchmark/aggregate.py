@@ -62,6 +62,13 @@ class Population:
         )
 
     @cached_property
+    def map_places(self) -> NDArray[np.int_]:
+        """(V,) which of the evaluation steps have a map."""
+        every = self.specification["map_every"] // self.specification["evaluation_every"]
+        last = len(self.evaluation_steps) - 1
+        return np.array([*range(0, last, every), last])
+
+    @cached_property
     def recorded_steps(self) -> NDArray[np.int_]:
         """(R,) budget units at which max Q was recorded."""
         return np.arange(self.arrays["max_q"].shape[1]) * int(self.specification["settings"]["record_every"])
@@ -132,15 +139,22 @@ def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[n
     return np.asarray((cells & in_target).sum(axis=-1) / (cells | in_target).sum(axis=-1))
 
 
-def load_population(runs: Sequence[RunSpecification], store: Store) -> Population:
+def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: int = 2) -> Population:
     """Reads the records of runs that differ by their seed alone.
+
+    Args:
+      runs: Of one cell of an experiment.
+      store: Where their records are.
+      fewest: Runs that are enough; of one there are no intervals.
 
     Raises:
       InputError: Some have no record, or failed; nothing is averaged over what happens to be there. Or
-        there is one run only, which has no spread.
+        there are fewer than are enough.
     """
-    if len(runs) < 2:
-        raise InputError(f"{len(runs)} run a scenario: accepted: at least 2, or there are no intervals.")
+    if len(runs) < fewest:
+        raise InputError(
+            f"{len(runs)} run a scenario: accepted: at least {fewest}, or there are no intervals."
+        )
     ended = store.ended()
     missing = [run.seed for run in runs if run.digest not in ended]
     if missing:

@@ -49,7 +49,7 @@ def agents(shown: Iterable[Shown]) -> pd.DataFrame:
     frames = []
     for one in shown:
         population = one.population
-        at = _map_places(population)
+        at = population.map_places
         columns: dict[str, Any] = {
             "scenario": population.scenario,
             "algorithm": one.algorithm,
@@ -71,7 +71,7 @@ def values(shown: Iterable[Shown]) -> pd.DataFrame:
     frames = []
     for one in shown:
         population = one.population
-        at = _map_places(population)
+        at = population.map_places
         own = np.round(population.arrays["values"][AGENT].astype(np.float64), DECIMALS)  # (V, O, A)
         greedy = _names(population.arrays["greedy"][AGENT, at])  # (V, O)
         steps = np.repeat(np.array(population.evaluation_steps)[at], own.shape[1])
@@ -117,14 +117,6 @@ def _names(masks: NDArray[np.uint8]) -> NDArray[np.object_]:
     """Returns the names of the actions in each mask, as `UP|PING`."""
     names = ["|".join(np.array(ACTIONS)[row]) for row in contains(masks.ravel())]
     return np.array(names, dtype=object).reshape(masks.shape)
-
-
-def _map_places(population: Population) -> NDArray[np.int_]:
-    """Returns which of the evaluation steps have a map, (V,)."""
-    specification = population.specification
-    every = specification["map_every"] // specification["evaluation_every"]
-    last = len(population.evaluation_steps) - 1
-    return np.array([*range(0, last, every), last])
 
 
 def _discount(population: Population) -> float:

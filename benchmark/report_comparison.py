@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from benchmark import comparison, explorer, figures_comparison, findings, tables
+from benchmark import animation, comparison, explorer, figures_comparison, findings, tables
 from benchmark.aggregate import RESAMPLES
 from benchmark.comparison import Grid, Learner
 from benchmark.experiment import Experiment
@@ -27,6 +27,7 @@ _FILES = (
     ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),
     ("maps_moves.png, .svg", "the same of the moves"),
     ("maps_probability.png, .svg", "probability of PING where the policy is stochastic"),
+    ("learning.webp", "learning as a moving picture: the agents of the first seed, table and net"),
     ("findings.csv", "the sentences above; every number in them is a link to the rows it comes from"),
     ("agent.csv", "score of the agent of the first seed, at every step of which there is a map"),
     ("agent_*.csv", "what that agent values and does in every cell over training, one file a scenario"),
@@ -69,6 +70,7 @@ def write(
     for name, frame in frames.items():
         tables.write_table(frame, directory / name, _shown(name, frame), note=_note(grid))
     explorer.write([explorer.Shown(*learner, population) for learner, _, population in grid.cells], directory)
+    _film(grid, directory)
     sentences = findings.sentences(grid, frames)
     tables.write_csv(
         pd.DataFrame({"finding": range(len(sentences)), "text": sentences}), directory / "findings.csv"
@@ -169,6 +171,18 @@ def _draw(
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
         write_figure(figure, directory / name)
     return set(drawn)
+
+
+def _film(grid: Grid, directory: Path) -> None:
+    """Writes the moving picture of learning: the first table and the first net, in every scenario."""
+    kinds = {learner: next(iter(own.values())).specification for learner, own in grid.learners.items()}
+    tables = [learner for learner, own in kinds.items() if own["algorithm"] == "q_learning"]
+    nets = [learner for learner in kinds if learner not in tables]
+    films = [
+        [animation.film_of(f"{scenario}: {learner}", own) for scenario, own in grid.learners[learner].items()]
+        for learner in [*tables[:1], *nets[:1]]
+    ]
+    animation.write(animation.learning(films), directory / "learning.webp")
 
 
 def _panels(experiment: Experiment, grid: Grid) -> dict[str, list[Learner]]:

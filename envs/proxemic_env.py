@@ -14,7 +14,7 @@ from envs import render
 from envs.inputs import InputError
 from envs.model import ACTIONS, EVENTS, ZONES, Model, compile_scenario, draw_issuer_reward
 from envs.observations import observation_space, observation_table
-from envs.scenario import load_scenario
+from envs.scenario import Scenario, load_scenario
 
 Observation = int | NDArray[np.float32]
 
@@ -55,7 +55,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Arguments
     `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8, 6]})`.
-    `scenario` is a name or the path of a TOML file; `overrides` replaces values of that file.
+    `scenario` is a name, the path of a TOML file, or a `Scenario`; `overrides` replaces values of it.
 
     ## References
     Millan-Arias, Fernandes and Cruz (2021), Learning Proxemic Behavior Using Reinforcement Learning
@@ -69,7 +69,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     def __init__(
         self,
-        scenario: str | Path = "S1",
+        scenario: str | Path | Scenario = "S1",
         observation: str = "index",
         overrides: Mapping[str, Any] | None = None,
         render_mode: str | None = None,

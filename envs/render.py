@@ -90,6 +90,20 @@ class Window:
         self._pygame.display.flip()
         self._clock.tick(frames_per_second)
 
+    def pressed(self) -> list[str]:
+        """Returns the keys pressed since the last call, by pygame's names: "space", "left", "q".
+
+        Escape and closing the window count as "q".
+        """
+        names = []
+        for event in self._pygame.event.get():
+            if event.type == self._pygame.QUIT:
+                names.append("q")
+            elif event.type == self._pygame.KEYDOWN:
+                name = self._pygame.key.name(event.key)
+                names.append("q" if name == "escape" else name)
+        return names
+
     def close(self) -> None:
         """Closes the window."""
         self._pygame.display.quit()
