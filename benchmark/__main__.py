@@ -282,10 +282,15 @@ def _watch(options: argparse.Namespace) -> int:
     if options.save is not None:
         watch.to_file(film, options.save)
         print(f"{film.title}: {options.save}")
-    elif watch.has_window() and not options.terminal:
-        watch.in_window(film)
-    else:
-        watch.in_terminal(film, Console())
+        return 0
+    if watch.has_window() and not options.terminal:
+        try:
+            watch.in_window(film)
+        except InputError as error:
+            print(f"{error} Here is the terminal's picture.", file=sys.stderr)
+        else:
+            return 0
+    watch.in_terminal(film, Console())
     return 0
 
 

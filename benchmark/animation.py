@@ -189,6 +189,8 @@ def _draw_map(draw: ImageDraw.ImageDraw, film: Film, place: int, unit: int, top:
         disc = tuple(colours[o, PING].tolist())
         if marks:
             draw.circle((x, y), 0.2 * unit, disc, (200, 200, 200), width=max(unit // 30, 1))
+        if greedy[o].all():  # where it never was, mostly: marks would say nothing
+            continue
         for a in np.flatnonzero(greedy[o]).tolist():
             if a == PING and (marks or greedy[o].sum() == 1):
                 draw.circle((x, y), 0.1 * unit, (255, 255, 255), (0, 0, 0), width=max(unit // 30, 1))

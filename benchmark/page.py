@@ -134,7 +134,9 @@ def write(results: Path, experiment: str | None = None) -> Path:
         raise InputError(
             f"{results}: there are no results to report; make reproduce and make compare-deep make them."
         )
-    texts = {target: _render(folders)}
+    is_measured = target.parent == results and (results / "speed" / "speed.csv").exists()
+    speed = _Folder(results / "speed", "speed/", {"command": "make speed"}) if is_measured else None
+    texts = {target: _render(folders, speed)}
     if target.parent == results:
         texts[results / "README.md"] = _index(results)
     try:
@@ -159,8 +161,8 @@ def _open(path: Path, prefix: str) -> _Folder:
     return _Folder(path, prefix, manifest)
 
 
-def _render(folders: Sequence[_Folder]) -> str:
-    """Returns the page."""
+def _render(folders: Sequence[_Folder], speed: _Folder | None) -> str:
+    """Returns the page, with the project's own speed if that was measured."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
@@ -171,21 +173,19 @@ def _render(folders: Sequence[_Folder]) -> str:
     )
     replication = next((one for one in folders if one.manifest["report"] == "replication"), None)
     compared = next((one for one in folders if one.manifest["report"] == "comparison"), None)
-    try:
-        content = {
-            "replication": _replication(replication) if replication else None,
-            "comparison": _comparison(compared) if compared else None,
-            "made": [_made(folder) for folder in folders],
-        }
-        explored = compared or replication
-        assert explored is not None
-        data = _explorer(explored)
-        data["csv"] = {name: text for folder in folders for name, text in folder.embedded.items()}
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(
-            f"{', '.join(str(one.path) for one in folders)}: files are missing or of another version "
-            f"({type(error).__name__}: {error}); make these results again."
-        ) from error
+    explored = compared or replication
+    assert explored is not None
+    content = {
+        "replication": _read(replication, _replication) if replication else None,
+        "comparison": _read(compared, _comparison) if compared else None,
+        "made": [_read(folder, _made) for folder in folders],
+        "speed": None,
+    }
+    if speed is not None:
+        folders = [*folders, speed]
+        content["speed"] = _read(speed, _speed)["table"]
+    data = _read(explored, _explorer)
+    data["csv"] = {name: text for folder in folders for name, text in folder.embedded.items()}
     return environment.get_template("page.html").render(
         **content,
         data=_packed_json(data),
@@ -195,6 +195,17 @@ def _render(folders: Sequence[_Folder]) -> str:
         js=(_TEMPLATES / "page.js").read_text(encoding="utf-8"),
         ramp=", ".join(data["colours"]),
     )
+
+
+def _read(folder: _Folder, section: Callable[[_Folder], dict[str, Any]]) -> dict[str, Any]:
+    """Returns what a section tells of a folder, or says that the folder is none of today's."""
+    try:
+        return section(folder)
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(
+            f"{folder.path}: files are missing or of another version ({type(error).__name__}: {error}); "
+            f"make these results again: {folder.manifest.get('command')}"
+        ) from error
 
 
 def _packed_json(data: object) -> str:
@@ -325,6 +336,7 @@ def _claims(folder: _Folder) -> dict[str, Any]:
         "claims_source": folder.link("claims.csv"),
         "counts": [(verdict, int(counts.get(verdict, 0))) for verdict in _VERDICTS],
         "n_claims": len(claims),
+        "readings": folder.manifest["readings"],
         "sensitivity": _figure(folder, "sensitivity", "Verdict on every claim under every reading."),
     }
 
@@ -336,6 +348,8 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
     folder.read("curves.csv")
     return {
         "name": folder.manifest["experiment"],
+        "note": folder.manifest["note"],
+        "readme": folder.link("README.md"),
         "headline": _marked(found[0], folder) if found else "",
         "sentences": [_marked(one, folder) for one in found[1:]],
         "aggregate": _aggregate(folder),
@@ -408,6 +422,13 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
         },
         "cpu_figure": _figure(folder, "curves_cpu", "Mean score against the CPU time spent on training."),
     }
+
+
+def _speed(folder: _Folder) -> dict[str, Any]:
+    """Returns the project's own speed."""
+    caption = "Speed of this project against the stock way, measured in one run"
+    numbers = {"per_second": "per second", "baseline": "stock way, per second", "ratio": "ratio"}
+    return {"table": _table(folder, "speed.csv", caption, ["name", "unit", "against"], numbers)}
 
 
 def _aggregate(folder: _Folder) -> Table:
@@ -590,9 +611,9 @@ def _index(results: Path) -> str:
     for path in sorted(results.iterdir()):
         if not (path / "README.md").exists() or path.name.endswith(("_smoke", "_partial")):
             continue
-        told = [line for line in (path / "README.md").read_text(encoding="utf-8").splitlines() if line]
-        paragraph = next((line for line in told if not line.startswith("#")), "")
-        lines.append(f"| [{path.name}]({path.name}/README.md) | {paragraph} |")
+        paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")
+        told = next((one for one in paragraphs if not one.startswith("#")), "").replace("\n", " ").strip()
+        lines.append(f"| [{path.name}]({path.name}/README.md) | {told} |")
     folders = "\n".join(lines)
     return f"""# Results
 

@@ -97,6 +97,11 @@ def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None)
             run.arm: {"algorithm": run.algorithm, "settings": run.settings.model_dump(mode="json")}
             for run in default
         },
+        "note": experiment.note.strip(),
+        "readings": {
+            name: {"question": reading.question, "answer": reading.answer}
+            for name, reading in experiment.readings.items()
+        },
         "runs": len(runs),
         "digest": _digest([run.digest for run in runs]),
         "commits": every("commit"),

@@ -68,7 +68,7 @@ class Window:
         """Opens a window of the image's size.
 
         Raises:
-          InputError: pygame-ce is not installed.
+          InputError: pygame-ce is not installed, or there is no screen.
         """
         try:
             import pygame
@@ -77,9 +77,12 @@ class Window:
                 'render_mode = "human" needs pygame-ce: install it, or use "ansi" or "rgb_array".'
             ) from error
         self._pygame: Any = pygame
-        pygame.display.init()
-        pygame.display.set_caption(title)
-        self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
+        try:
+            pygame.display.init()
+            pygame.display.set_caption(title)
+            self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
+        except pygame.error as error:
+            raise InputError(f"no window can be opened: {error}.") from error
         self._clock = pygame.time.Clock()
 
     def show(self, image: NDArray[np.uint8], frames_per_second: int) -> None:

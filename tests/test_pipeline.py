@@ -35,7 +35,8 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
 def contents(directory: Path, *, manifest: bool = False) -> dict[str, bytes]:
     files = {path.name: path.read_bytes() for path in directory.iterdir()}
     if not manifest:
-        del files["manifest.json"]  # times and machine
+        for name in ("manifest.json", "index.html"):  # times and machine
+            files.pop(name, None)
     return files
 
 
@@ -57,7 +58,8 @@ def test_everything_is_there(results: Path) -> None:
     figures = {
         f"{f}.{end}" for f in ("figure", "learning", "optimal", "sensitivity") for end in ("png", "svg")
     }
-    others = {"q_values.csv", "max_q.csv", "optimal_cells.csv", "README.md", "manifest.json"}
+    others = {"q_values.csv", "max_q.csv", "optimal_cells.csv", "README.md", "manifest.json", "index.html"}
+    others |= {"agent.csv", "agent_S1.csv", "agent_S2.csv", "agent_S3.csv", "optimum.csv"}
     assert names == tables | figures | others
 
 
@@ -343,9 +345,12 @@ def run_make(target: str, tmp_path: Path) -> str:
         assert not (tmp_path / "copy" / "results" / "runs.db").exists()
         assert (tmp_path / "copy" / "results" / "reproduce" / "claims.csv").exists()
     else:
+        if target == "report":
+            shutil.copytree(ROOT / "results" / "reproduce", tmp_path / "reproduce")
         miniature = {
             "help": [],
             "reproduce": ["EXPERIMENT=reproduce_smoke", f"RESULTS={tmp_path}"],
+            "report": [f"RESULTS={tmp_path}"],
             "compare-deep": ["EXPERIMENT=compare_deep_long_smoke", "SEEDS=2", f"RESULTS={tmp_path}"],
             "test": ["TESTS=tests/test_layering.py"],
             "check": ["CHECKED=envs/inputs.py"],
@@ -371,6 +376,8 @@ def test_every_make_target(target: str, tmp_path: Path) -> None:
             "q_learning_kernel", "q_learning_threads", "vector_env_1000", "evaluate", "sb3_dqn", "sb3_ppo",
             "vec_env_8", "vec_env_64", "map_all_cells",
         } <= set(speed["name"])  # fmt: skip
+    if target == "report":
+        assert {path.name for path in tmp_path.iterdir()} == {"README.md", "index.html", "reproduce"}
     if target == "compare-deep":
         summary = pd.read_csv(tmp_path / "compare_deep_long_smoke" / "summary.csv")
         assert set(summary["n"]) == {2}
@@ -382,22 +389,29 @@ def test_every_readme_command(tmp_path: Path) -> None:
         "cd": lambda words: len(words) == 2,
         "make": lambda words: words[1] in TARGETS and words[2:] in ([], ["SEEDS=30"]),
         ".venv/bin/python": lambda words: words[1:3] == ["-m", "benchmark"],
+        ".venv/bin/pip": lambda words: words[1:] == ["install", "tensorboard"],
+        ".venv/bin/tensorboard": lambda words: words[1] == "--logdir",
     }
     lines = [line.split(" #")[0].strip() for block in blocks("sh") for line in block.splitlines()]
     for line in filter(None, lines):
         words = line.split()
         assert known[words[0]](words), line
         if words[0] == ".venv/bin/python":
-            small = {"reproduce": "reproduce_smoke", "compare_deep": "compare_deep_smoke", "0-29": "0-1"}
+            small = {
+                "reproduce": "reproduce_smoke", "compare_deep": "compare_deep_smoke", "0-29": "0-1",
+                "100-101": "0-1", "film.webp": f"{tmp_path}/film.webp", "logs": f"{tmp_path}/logs",
+            }  # fmt: skip
             arguments = [small.get(word, word) for word in words[3:]]
             extra = ["--smoke"] if "speed" in arguments else []
+            if "watch" in arguments:
+                extra = ["--terminal", "--experiment", "compare_deep_smoke"]
             if "--help" not in arguments:
                 extra += ["--results", str(tmp_path)]
             done = command(*arguments, *extra)
             assert done.returncode == 0, f"{line}: {done.stderr}"
 
 
-@pytest.mark.parametrize("name", ["list", "run", "report", "speed"])
+@pytest.mark.parametrize("name", ["list", "run", "report", "speed", "watch"])
 def test_every_command_explains_itself(name: str) -> None:
     done = command(name, "--help")
     assert done.returncode == 0
@@ -407,7 +421,10 @@ def test_every_command_explains_itself(name: str) -> None:
 def test_ci_does_what_readme_says() -> None:
     lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
     commands = [line for line in lines if line and not line.startswith(("#", "set "))]
-    assert commands == ["make check", "make test"]
-    assert all(line in README for line in commands)
+    assert commands[-2:] == ["make check", "make test"]
+    assert all(line in README for line in commands[-2:])
+    # Before them, what README says of a browser, where there is none and it can be had.
+    assert [line.split()[0] for line in commands[:-2]] == ["if", "apt-get", "fi"]
+    assert "`apt-get install chromium`" in README
     workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
     assert ".ci/run" in workflow

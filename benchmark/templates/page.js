@@ -106,9 +106,10 @@
       shown = element("table", {}, element("tbody", {}, ...lines));
     } else {
       const line = (kind, cells) => element("tr", {}, ...cells.map((cell) => element(kind, {}, cell)));
-      shown = element("table", {}, element("thead", {}, line("th", head)), element("tbody", {}, ...found.map((row) => line("td", row))));
+      shown = element("table", { class: "many" }, element("thead", {}, line("th", head)), element("tbody", {}, ...found.map((row) => line("td", row))));
     }
-    byId("source-rows").replaceChildren(element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Rows of the file" }, shown));
+    const told = element("p", {}, `Shown as ${link.textContent}${found.length > 1 ? ", over these rows" : ""}.`);
+    byId("source-rows").replaceChildren(told, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Rows of the file" }, shown));
     byId("source-file").href = link.getAttribute("href");
     byId("source").showModal();
   });
@@ -346,7 +347,8 @@
         else if (kind === "ping") whole.setAttribute("fill", colour(valueAt(block, state.k, o, PING), range));
         else whole.setAttribute("fill", kind === "policy" ? ((greedy & ~optimal) === 0 ? AGREES : DIFFERS) : "#000");
         const [mark, dot] = this.marks[o];
-        const visible = (state.marks || kind === "policy") && !over;
+        const indifferent = greedy === 2 ** N_ACTIONS - 1; // where it never was, mostly: marks would say nothing
+        const visible = (state.marks || kind === "policy") && !over && !indifferent;
         const moves = members(greedy).filter((a) => a !== PING);
         const [x, y] = this.centre(o);
         const arrow = (a) => {
@@ -355,9 +357,9 @@
           return `M${at(6.5, 0)}L${at(13, 0)}M${at(10, 2.6)}L${at(13, 0)}L${at(10, -2.6)}`;
         };
         mark.setAttribute("d", visible ? moves.map(arrow).join("") : "");
-        mark.setAttribute("stroke", "#fff");
-        mark.setAttribute("stroke-width", "1.7");
-        mark.setAttribute("class", "mark");
+        // Black on what is bright, white on the rest.
+        const under = kind === "policy" ? ((greedy & ~optimal) === 0 ? AGREES : DIFFERS) : kind === "ping" ? whole.getAttribute("fill") : shapes[moves[0] ?? 0].getAttribute("fill");
+        mark.setAttribute("class", data.colours.indexOf(under) > data.colours.length * 0.6 || under === AGREES ? "mark on-bright" : "mark");
         dot.setAttribute("visibility", visible && (greedy >> PING) & 1 ? "visible" : "hidden");
       });
       this.legend(kind, range);
@@ -384,7 +386,7 @@
       const curve = block.curve;
       const at = curve.step.indexOf(block.steps[state.k]);
       const all = [sourced(data.curves_file, curve.row + at, show(curve[""][at])), ` [${show(curve._low[at])}, ${show(curve._high[at])}]`];
-      const what = block.kind === "q" ? `Q-values, discount ${block.discount}` : "probabilities of the stochastic policy";
+      const what = block.kind === "q" ? `Q-values, discount ${block.discount}` : "Probabilities of the stochastic policy";
       this.find(".told").replaceChildren(
         `${what}. This agent (seed ${block.seed}): score `, sourced("agent.csv", row, show(block.score[state.k])),
         ", success ", sourced("agent.csv", row, show(block.success[state.k])), ". Mean score of all runs: ", ...all, ".",
@@ -476,12 +478,12 @@
       const told = this.log.length
         ? `${this.log.length} step${this.log.length > 1 ? "s" : ""} from ${where(this.from)}: rewards of the grid ${show(total("grid"))}, of the issuer ${show(total("issuer"))}. ${this.over}`
         : `The agent stands at ${where(this.from)}.`;
-      const noise = this.scene.issuer_noise ? ` (mean; the issuer adds at random up to \u00b1${show(this.scene.issuer_noise)} at each PING)` : "";
-      const head = ["", "from", "action", "event", "grid", `issuer${noise}`].map((text) => element("th", { scope: "col" }, text));
+      const noise = this.scene.issuer_noise ? [element("p", { class: "note" }, `The issuer's reward is its mean; at each PING it adds at random up to \u00b1${show(this.scene.issuer_noise)}.`)] : [];
+      const head = ["", "from", "action", "event", "grid", "issuer"].map((text) => element("th", { scope: "col" }, text));
       const lines = [...this.log.entries()].reverse().map(([i, one]) =>
         element("tr", {}, ...[String(i + 1), where(one.o), data.actions[one.a] + (one.choice > 1 ? `, one of ${one.choice} as good` : ""), one.event.replaceAll("_", " "), show(one.grid), show(one.issuer)].map((text) => element("td", {}, text))));
       const table = this.log.length ? [element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...lines))] : [];
-      this.find(".walk").replaceChildren(element("p", { "aria-live": "polite" }, element("strong", {}, told)), ...table);
+      this.find(".walk").replaceChildren(element("p", { "aria-live": "polite" }, element("strong", {}, told)), ...table, ...(this.log.length ? noise : []));
     }
   }
 
@@ -559,7 +561,7 @@
     for (const panel of panels) panel.drawWalk();
     return going.some(Boolean);
   };
-  const stopWalking = play("walk", byId("walk-all"), ["Go on", "Pause"], walkOn, 250);
+  const stopWalking = play("walk", byId("walk-all"), ["Walk on", "Pause"], walkOn, 250);
   byId("walk-one").addEventListener("click", () => {
     stopWalking();
     walkOn();
