@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmark import explorer
-from benchmark.tables import LINK, show
+from benchmark.tables import LINK, link, show
 from envs import ACTIONS, EVENTS, ZONES, InputError, Model, Scenario, compile_scenario
 
 PUBLISHED: Final = ("reproduce", "compare_deep")  # the experiments of which `results/index.html` tells
@@ -189,7 +189,6 @@ def _render(folders: Sequence[_Folder], speed: _Folder | None) -> str:
     return environment.get_template("page.html").render(
         **content,
         data=_packed_json(data),
-        explored=explored.manifest["experiment"],
         maps_link=explored.link("maps.png" if explored is compared else "figure.png"),
         css=(_TEMPLATES / "page.css").read_text(encoding="utf-8"),
         js=(_TEMPLATES / "page.js").read_text(encoding="utf-8"),
@@ -212,12 +211,6 @@ def _packed_json(data: object) -> str:
     """Returns data as JSON, compressed to less than half, in base64."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
-
-
-def _unpacked_json(text: str) -> Any:
-    """Returns the data in a page's text."""
-    packed = text.partition('id="data">')[2].partition("<")[0]
-    return json.loads(gzip.decompress(base64.b64decode(packed)))
 
 
 # Tables
@@ -283,7 +276,6 @@ def _table(
 def _replication(folder: _Folder) -> dict[str, Any]:
     """Returns what the page says of the replication."""
     section: dict[str, Any] = {
-        "name": folder.manifest["experiment"],
         "figure": _figure(folder, "figure", "The paper's figure, replicated."),
         "figures": [_figure(folder, *one) for one in _REPLICATION_FIGURES.items()],
         "learning": _table(
@@ -314,8 +306,8 @@ def _claims(folder: _Folder) -> dict[str, Any]:
         own = sensitivity[sensitivity["claim"] == row["claim"]]
         others = own[own["verdict"] != row["verdict"]]
         depends = "; ".join(
-            f"`{other['reading']}`: [{other['verdict']}](sensitivity.csv#row={int(str(i)) + 2})"
-            for i, other in others.iterrows()
+            f"`{other['reading']}`: {link(other['verdict'], 'sensitivity', other)}"
+            for _, other in others.iterrows()
         )
         rows.append(
             {
@@ -347,7 +339,6 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
     found = folder.read("findings.csv", embed=False)["text"].tolist()
     folder.read("curves.csv")
     return {
-        "name": folder.manifest["experiment"],
         "note": folder.manifest["note"],
         "readme": folder.link("README.md"),
         "headline": _marked(found[0], folder) if found else "",
@@ -507,6 +498,8 @@ def _explorer(folder: _Folder) -> dict[str, Any]:
         n_cells = scenarios[scenario].n_observations
         frame = maps[scenario]
         frame = frame[(frame["algorithm"] == algorithm) & (frame["observation"] == observation)]
+        if len(frame) != len(own) * n_cells:
+            raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
         curve = curves[curves["scenario"] == scenario]
         if "algorithm" in curve:
             curve = curve[(curve["algorithm"] == algorithm) & (curve["observation"] == observation)]
@@ -532,10 +525,7 @@ def _explorer(folder: _Folder) -> dict[str, Any]:
                     **{end: _listed(curve[f"{mean}{end}"]) for end in ("", "_low", "_high")},
                 },
             }
-            | ({} if len(frame) == len(own) * n_cells else {"damaged": True})
         )
-        if "damaged" in blocks[-1]:
-            raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
     best = folder.read("optimum.csv", embed=False)
     optima = {
         f"{scenario} {discount}": {

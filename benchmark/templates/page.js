@@ -483,7 +483,8 @@
       const lines = [...this.log.entries()].reverse().map(([i, one]) =>
         element("tr", {}, ...[String(i + 1), where(one.o), data.actions[one.a] + (one.choice > 1 ? `, one of ${one.choice} as good` : ""), one.event.replaceAll("_", " "), show(one.grid), show(one.issuer)].map((text) => element("td", {}, text))));
       const table = this.log.length ? [element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...lines))] : [];
-      this.find(".walk").replaceChildren(element("p", { "aria-live": "polite" }, element("strong", {}, told)), ...table, ...(this.log.length ? noise : []));
+      this.find(".walked").textContent = told;
+      this.find(".walk").replaceChildren(...table, ...(this.log.length ? noise : []));
     }
   }
 
