@@ -21,7 +21,7 @@ examples:
   python -m benchmark report reproduce             draw results/reproduce from the runs
   python -m benchmark report                       make results/index.html from what is drawn
   python -m benchmark run reproduce --seeds 0-9    ten agents only
-  python -m benchmark run compare_deep --report    the table against DQN and PPO, a quarter of an hour
+  python -m benchmark run compare_deep --report    the table against DQN and PPO, about twelve minutes
   python -m benchmark report compare_deep --partial  what there is of it so far, into compare_deep_partial
   python -m benchmark watch --scenario S2 --algorithm dqn  see it learn
   python -m benchmark speed                        measure speed against the stock way
@@ -154,26 +154,26 @@ def _list(options: argparse.Namespace) -> int:
     print("scenarios")
     for name in scenario_names():
         try:
-            print(f"  {name:18} {load_scenario(name).description}")
+            print(f"  {name:24} {load_scenario(name).description}")
         except InputError as error:
-            print(f"  {name:18} not usable: {error}")
+            print(f"  {name:24} not usable: {error}")
     print("algorithms")
     for name, module in ALGORITHMS.items():
-        print(f"  {name:18} {module}")
+        print(f"  {name:24} {module}")
     print("experiments")
     database = options.results / "runs.db"
     for name in experiment_names():
         try:
             experiment = load_experiment(name)
         except InputError as error:
-            print(f"  {name:18} not usable: {error}")
+            print(f"  {name:24} not usable: {error}")
             continue
         runs = all_specifications(experiment)
         done = 0
         if database.exists():
             with Store(database, read_only=True) as store:
                 done = len(runs) - len(pending(runs, store))
-        print(f"  {name:18} {done} of {len(runs)} runs done. {experiment.description}")
+        print(f"  {name:24} {done} of {len(runs)} runs done. {experiment.description}")
     return 0
 
 
@@ -268,17 +268,20 @@ def _watch(options: argparse.Namespace) -> int:
 
     experiment = load_experiment(options.experiment)
     if not options.seed.isdecimal() or int(options.seed) >= _MOST_SEEDS:
-        raise InputError(f"--seed {options.seed}: accepted: a whole number below {_MOST_SEEDS:,}, as 7.")
+        raise InputError(f"--seed {options.seed}: accepted: a whole number from 0 to {_MOST_SEEDS - 1:,}.")
     if options.save is not None and options.save.suffix.lower() not in (".webp", ".gif"):
         raise InputError(f"--save {options.save}: accepted: a name that ends in .webp or .gif.")
+    if options.save is not None and not options.save.parent.is_dir():
+        raise InputError(f"--save {options.save}: there is no folder {options.save.parent}.")
     from rich.console import Console
 
     from benchmark import watch
 
+    run = watch.specification(
+        experiment, options.scenario, options.algorithm, options.observation, int(options.seed)
+    )
     with Store(options.results / "runs.db") as store:
-        film = watch.load_film(
-            experiment, options.scenario, options.algorithm, options.observation, int(options.seed), store
-        )
+        film = watch.load_film(run, store)
     if options.save is not None:
         watch.to_file(film, options.save)
         print(f"{film.title}: {options.save}")

@@ -26,7 +26,8 @@ from envs.model import PING
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
-_OPTIMAL: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
+OPTIMAL: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
+REACHED: Final = 0.95  # the score from which on a policy counts as good
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,12 @@ class Population:
         return evaluation_steps(
             self.specification["settings"]["budget"], self.specification["evaluation_every"]
         )
+
+    @property
+    def discount(self) -> float:
+        """The discount that the learner was told, by whichever name."""
+        settings = self.specification["settings"]
+        return float(settings.get("discount", settings.get("gamma")))
 
     @cached_property
     def map_places(self) -> NDArray[np.int_]:
@@ -243,7 +250,7 @@ def learning(populations: Sequence[Population]) -> pd.DataFrame:
         for name, values in (
             ("score", population.scores),
             ("success", population.arrays["success"]),
-            ("optimal_share", (population.scores >= 1 - _OPTIMAL).astype(np.float64)),
+            ("optimal_share", (population.scores >= 1 - OPTIMAL).astype(np.float64)),
             ("return", population.arrays["grid_return"]),
             ("scenario_return", population.arrays["scenario_return"]),
         ):
@@ -267,7 +274,7 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
             regret = mean_with_interval("regret", samples[:, None])
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned.mean()}
             row |= {f"{name}_{key}": value[0] for key, value in regret.items()}
-        row["optimal_share"] = (scores >= 1 - _OPTIMAL).mean()
+        row["optimal_share"] = (scores >= 1 - OPTIMAL).mean()
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[population.model.start]
         row["start_value_learned"] = largest_values(population)[population.model.start]
         walkable = np.flatnonzero(~population.model.terminated[: population.model.n_observations].all(axis=1))
@@ -289,7 +296,7 @@ def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
     frame["q_optimal"] = np.concatenate([optimal_values(p).ravel() for p in populations])
     frame["difference"] = frame["q_learned"] - frame["q_optimal"]
     frame["is_optimal"] = np.concatenate(
-        [contains(greedy_masks(optimal_values(p), _OPTIMAL)).ravel() for p in populations]
+        [contains(greedy_masks(optimal_values(p), OPTIMAL)).ravel() for p in populations]
     )
     frame["largest_learned"] = np.concatenate([largest_values(p).repeat(len(ACTIONS)) for p in populations])
     frame["differs"] = np.concatenate([differing(p).repeat(len(ACTIONS)) for p in populations])
@@ -297,9 +304,9 @@ def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
 
 
 def optimal_values(population: Population) -> NDArray[np.float64]:
-    """Returns Q* of every cell with no wrong PING so far, (O, A)."""
-    discount = population.specification["settings"]["discount"]
-    return solve(population.model, discount).q[: population.model.n_observations]
+    """Returns Q* of every cell with no wrong PING so far, (O, A); undiscounted, that under the time limit."""
+    horizon = None if population.discount < 1 else int(population.specification["horizon"])
+    return solve(population.model, population.discount, horizon).q[: population.model.n_observations]
 
 
 def largest_values(population: Population) -> NDArray[np.float64]:
@@ -312,7 +319,7 @@ def differing(population: Population) -> NDArray[np.float64]:
 
     An agent with several best actions, which it draws from, counts by the share that is not optimal.
     """
-    best = contains(greedy_masks(optimal_values(population), _OPTIMAL))  # (O, A)
+    best = contains(greedy_masks(optimal_values(population), OPTIMAL))  # (O, A)
     greedy = contains(population.arrays["greedy"][:, -1])  # (N, O, A)
     wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
     return np.asarray(wrong.mean(axis=0))

@@ -26,9 +26,15 @@ _SCALE: Final = 2  # drawn so many times too large, and made smaller: smooth edg
 _CORNERS: Final = np.array(
     [[(-1, -1), (1, -1)], [(-1, 1), (1, 1)], [(-1, -1), (-1, 1)], [(1, -1), (1, 1)]]
 )  # of a move's triangle, (x, y) from the cell's centre; the third is the centre
+SAID: Final = {
+    "target_ping": "success",
+    "issuer_reached": "ran into the issuer",
+    "last_wrong_ping": "too many wrong PINGs",
+}  # of the events that end an episode
 _INK: Final = (30, 30, 30)
 _WAY: Final = (213, 94, 0)
-_LONGEST_WAY: Final = 40  # steps of a walk that are shown: one that bumps a wall goes on for ever
+_LARGEST: Final = 1_500_000  # pixels of an image's cells: large scenes have smaller ones
+_WIDEST: Final = 8000  # pixels of its side
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +55,10 @@ class Film:
             return 0.0, 1.0
         low, high = np.nanpercentile(self.values, [1, 99])
         return float(low), float(max(high, low + 1e-9))
+
+    def place_at(self, step: int) -> int:
+        """Returns which map the agent has at a step: the last one not later."""
+        return int(np.searchsorted(self.steps, step, side="right")) - 1
 
 
 def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
@@ -77,10 +87,12 @@ def walk(model: Model, greedy: NDArray[np.uint8], seed: int = 0) -> tuple[list[i
     """
     env = ProxemicEnv(model.scenario)
     cell, info = env.reset(seed=seed)
+    grid = model.scenario.grid
+    longest = max(40, 2 * (grid.rows + grid.columns))  # a walk that bumps a wall goes on for ever
     members = contains(greedy)
     rng = np.random.default_rng(seed)
     way = [int(cell)]
-    while len(way) <= _LONGEST_WAY:
+    while len(way) <= longest:
         action = int(rng.choice(np.flatnonzero(members[way[-1]])))
         cell, _, terminated, _, info = env.step(action)
         way.append(int(cell))
@@ -104,15 +116,20 @@ def picture(
         PING is the only one.
     """
     grid = film.model.scenario.grid
-    unit = cell * _SCALE
-    top = int(1.5 * unit)
-    image = Image.new("RGB", (grid.columns * unit, top + grid.rows * unit), COLOURS["outside"])
+    unit = _fitting(cell, grid.rows, grid.columns) * _SCALE
+    line = int(0.7 * cell * _SCALE)
+    top = 2 * line + line // 8
+    diverged = "diverged, " if np.isnan(film.values[place]).any() else ""
+    score = f"step {film.steps[place]:,}   {diverged}score {film.scores[place]:.2f}"
+    lines = (film.title, f"{score}   {SAID.get(event, '')}")
+    font = _font(int(0.75 * line))
+    # The same for all moments, or a window would change its size.
+    longest = f"step {film.steps[-1]:,}   score -0.00   {max(SAID.values(), key=len)}"
+    width = max(grid.columns * unit, int(max(map(font.getlength, (film.title, longest)))) + line // 2)
+    image = Image.new("RGB", (width, top + grid.rows * unit), COLOURS["outside"])
     draw = ImageDraw.Draw(image)
-    said = {"target_ping": "success", "issuer_reached": "ran into the issuer", "last_wrong_ping": "sent away"}
-    score = f"step {film.steps[place]:,}   score {film.scores[place]:.2f}"
-    draw.text((0.1 * unit, 0.08 * unit), film.title, _INK, font=_font(int(0.56 * unit)))
-    told = f"{score}   {said.get(event, '')}"
-    draw.text((0.1 * unit, 0.78 * unit), told, _INK, font=_font(int(0.5 * unit)))
+    for i, one in enumerate(lines):
+        draw.text((line // 8, i * line + line // 16), one, _INK, font=font)
     _draw_map(draw, film, place, unit, top, marks=marks)
     _draw_scene(draw, film.model, unit, top)
     centres = [_centre(one, grid.columns, unit, top) for one in way]
@@ -125,20 +142,34 @@ def picture(
 
 
 def learning(films: Sequence[Sequence[Film]], cell: int = 21) -> list[Image.Image]:
-    """Draws all moments of several agents side by side.
+    """Draws several agents side by side at every step at which one of them has a map.
 
     Args:
-      films: Rows of columns, all with the same steps.
+      films: Rows of columns.
       cell: Pixels of a cell's side.
     """
+    columns = max(sum(one.model.scenario.grid.columns for one in row) for row in films)
+    rows = sum(max(one.model.scenario.grid.rows for one in row) for row in films)
+    cell = _fitting(cell, rows, columns)
     frames = []
-    for place in range(len(films[0][0].steps)):
-        panels = [
-            [picture(one, place, *walk(one.model, one.greedy[place]), cell, marks=False) for one in row]
-            for row in films
-        ]
+    for step in sorted({step for row in films for one in row for step in one.steps}):
+        panels = []
+        for row in films:
+            places = [one.place_at(step) for one in row]
+            ways = [walk(one.model, one.greedy[place]) for one, place in zip(row, places, strict=True)]
+            panels.append(
+                [
+                    picture(one, place, *way, cell, marks=False)
+                    for one, place, way in zip(row, places, ways, strict=True)
+                ]
+            )
         frames.append(_beside(panels, cell // 2))
     return frames
+
+
+def _fitting(cell: int, rows: int, columns: int) -> int:
+    """Returns how many pixels a cell's side can have, at most those wished for."""
+    return max(min(cell, _WIDEST // max(rows, columns), int((_LARGEST / (rows * columns)) ** 0.5)), 1)
 
 
 def write(frames: Sequence[Image.Image], path: Path, frame_ms: int = 350, last_ms: int = 2500) -> None:
@@ -158,14 +189,14 @@ def write(frames: Sequence[Image.Image], path: Path, frame_ms: int = 350, last_m
 
 
 def _beside(panels: Sequence[Sequence[Image.Image]], gap: int) -> Image.Image:
-    """Puts images of one size side by side and one below the other."""
-    width, height = panels[0][0].size
-    columns = max(map(len, panels))
-    size = columns * (width + gap) - gap, len(panels) * (height + gap) - gap
+    """Puts rows of images one below the other, in columns as wide as the widest of their images."""
+    widths = [max(row[j].width for row in panels if j < len(row)) for j in range(max(map(len, panels)))]
+    heights = [max(panel.height for panel in row) for row in panels]
+    size = sum(widths) + gap * (len(widths) - 1), sum(heights) + gap * (len(heights) - 1)
     whole = Image.new("RGB", size, COLOURS["outside"])
     for i, row in enumerate(panels):
         for j, panel in enumerate(row):
-            whole.paste(panel, (j * (width + gap), i * (height + gap)))
+            whole.paste(panel, (sum(widths[:j]) + j * gap, sum(heights[:i]) + i * gap))
     return whole
 
 
@@ -175,6 +206,7 @@ def _draw_map(draw: ImageDraw.ImageDraw, film: Film, place: int, unit: int, top:
     values = film.values[place]
     share = np.clip((np.nan_to_num(values, nan=low) - low) / (high - low), 0, 1)
     colours = (mpl.colormaps["cividis"](share)[..., :3] * 255).astype(int)
+    colours[np.isnan(values)] = COLOURS["outside"]  # the net has diverged
     over = np.all(film.model.terminated[: len(values)], axis=1)
     greedy = contains(film.greedy[place])
     half = unit / 2

@@ -19,6 +19,7 @@ from scipy import stats
 
 from benchmark.aggregate import (
     BOOTSTRAP_SEED,
+    REACHED,
     RESAMPLES,
     Population,
     interquartile_mean,
@@ -32,7 +33,6 @@ from envs import ACTIONS, ZONES, InputError
 
 Scores = NDArray[np.float64]  # (R, M) runs x scenarios
 
-REACHED: Final = 0.95  # the score from which on a policy counts as good
 PROFILE: Final = np.round(np.linspace(0, 1, 51), 2)  # scores at which performance profiles are told
 METRICS: Final = ("iqm", "median", "mean", "optimality_gap")
 _LISTED: Final = 4  # cells that a sentence on missing runs names

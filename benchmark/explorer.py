@@ -12,15 +12,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from agents.dynamic_programming import solve
 from agents.policy import contains, greedy_masks
 from benchmark import tables
-from benchmark.aggregate import Population
+from benchmark.aggregate import OPTIMAL, Population, optimal_values
 from envs import ACTIONS, Model
 
 AGENT: Final = 0  # which of a population's agents is shown
 DECIMALS: Final = 3  # of its values: what a map can show
-_TIE: Final = 1e-9  # how far below the best an optimal action may lie: rounding, nothing more
 
 
 class Shown(NamedTuple):
@@ -56,7 +54,7 @@ def agents(shown: Iterable[Shown]) -> pd.DataFrame:
             "observation": one.observation,
             "seed": population.seeds[AGENT],
             "kind": "probability" if population.arrays["stochastic"].shape[1] else "q",
-            "discount": _discount(population),
+            "discount": population.discount,
             "step": np.array(population.evaluation_steps)[at],
             "score": population.scores[AGENT, at],
         }
@@ -90,16 +88,14 @@ def values(shown: Iterable[Shown]) -> pd.DataFrame:
 def optimum(shown: Iterable[Shown]) -> pd.DataFrame:
     """Tabulates optimal values and actions, of an agent that knows its state, with no wrong PING so far."""
     frames = []
-    wanted = {(one.population.scenario, _discount(one.population)): one.population for one in shown}
+    wanted = {(one.population.scenario, one.population.discount): one.population for one in shown}
     for (scenario, discount), population in wanted.items():
-        model = population.model
-        horizon = None if discount < 1 else int(population.specification["horizon"])
-        q = solve(model, discount, horizon).q[: model.n_observations]
+        q = optimal_values(population)
         columns = {
             "scenario": scenario,
             "discount": discount,
-            **_cells(model, 1),
-            "optimal": _names(greedy_masks(q, _TIE)),
+            **_cells(population.model, 1),
+            "optimal": _names(greedy_masks(q, OPTIMAL)),
             **dict(zip(ACTIONS, np.round(q, DECIMALS).T, strict=True)),
         }
         frames.append(pd.DataFrame(columns))
@@ -117,9 +113,3 @@ def _names(masks: NDArray[np.uint8]) -> NDArray[np.object_]:
     """Returns the names of the actions in each mask, as `UP|PING`."""
     names = ["|".join(np.array(ACTIONS)[row]) for row in contains(masks.ravel())]
     return np.array(names, dtype=object).reshape(masks.shape)
-
-
-def _discount(population: Population) -> float:
-    """Returns the discount that the learner was told."""
-    settings = population.specification["settings"]
-    return float(settings.get("discount", settings.get("gamma")))

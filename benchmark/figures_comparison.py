@@ -15,7 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from benchmark.comparison import METRICS, REACHED
+from benchmark.aggregate import REACHED
+from benchmark.comparison import METRICS
 from benchmark.figures import COLOURS, colour_bar, figure_of, heat, region_legend, triangles
 from envs import Model
 

@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from benchmark.comparison import REACHED, Grid, Learner
+from benchmark.aggregate import REACHED
+from benchmark.comparison import Grid, Learner
 from benchmark.tables import link
 
 Frames = Mapping[str, pd.DataFrame]  # the tables of `benchmark.comparison`, by name
@@ -56,7 +57,8 @@ def _headline(grid: Grid, frames: Frames, table: Learner, best_net: Learner, net
         f"`{table.algorithm}`, which has a mean score of {_score(frames, table)}. The net with the highest "
         f"mean score, `{best_net}`, has {_score(frames, best_net)}, "
         f"{_verdict(frames, best_net, table)}, and takes "
-        f"{link(_times(dear['cpu_time_s'] / cheap['cpu_time_s']), 'cost', dear, cheap)} the CPU time."
+        f"{link(_times(dear['cpu_time_s'] / cheap['cpu_time_s']), 'cost', dear, cheap)} the CPU time of that "
+        "table."
     )
 
 

@@ -11,6 +11,8 @@ import html
 import io
 import json
 import math
+import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,14 +28,15 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmark import explorer
+from benchmark.aggregate import REACHED
 from benchmark.tables import LINK, link, show
 from envs import ACTIONS, EVENTS, ZONES, InputError, Model, Scenario, compile_scenario
 
 PUBLISHED: Final = ("reproduce", "compare_deep")  # the experiments of which `results/index.html` tells
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more cannot be told from these
-_NO_NUMBER: Final = -(2**15)  # among a map's 16-bit values
-_LARGEST: Final = 2**15 - 1
+_NO_NUMBER: Final = -(2**31)  # among a map's values
+_OF_ANOTHER_FORM: Final = (OSError, ValueError, LookupError, TypeError, AttributeError)
 
 _VERDICTS: Final = {"holds": "✓", "holds in part": "(✓)", "does not hold": "✗"}
 _REPLICATION_FIGURES: Final = {
@@ -45,7 +48,7 @@ _COMPARISON_FIGURES: Final = {
     "aggregate": "Aggregates over all scenarios, with their 95 % intervals.",
     "improvement": "Probability that a run of one learner scores higher than one of another.",
     "profile": "Performance profiles: the share of runs that score above a number.",
-    "threshold": "How many runs reach a score of 0.95, and when.",
+    "threshold": f"How many runs reach a score of {REACHED:g}, and when.",
     "disagreements": "The issuer's disagreements per 1,000 steps while agents learn.",
     "region": "How well the cells where an agent values PING match the target region.",
     "maps": "Mean final Q of PING, of tables and nets.",
@@ -97,12 +100,12 @@ class _Folder:
     def __contains__(self, name: str) -> bool:
         return (self.path / name).exists()
 
-    def read(self, name: str, *, embed: bool = True) -> pd.DataFrame:
-        """Reads a CSV file, as it stands."""
+    def read(self, name: str, *, embed: bool = True, as_text: str = "") -> pd.DataFrame:
+        """Reads a CSV file, as it stands; one column may be left as it is written."""
         text = (self.path / name).read_text(encoding="utf-8")
         if embed:
             self.embedded[self.link(name)] = text
-        return pd.read_csv(io.StringIO(text))
+        return pd.read_csv(io.StringIO(text), dtype={as_text: str} if as_text else None)
 
     def link(self, name: str, row: int | None = None) -> str:
         """Returns the link to a file, or to the row of a data frame's index in it."""
@@ -131,22 +134,31 @@ def write(results: Path, experiment: str | None = None) -> Path:
         folders = [_open(results / experiment, "")]
         target = results / experiment / "index.html"
     if not folders:
+        others = ", ".join(sorted(path.parent.name for path in results.glob("*/manifest.json")))
+        told = f"; of {others} there is a page in the folder" if others else ""
         raise InputError(
-            f"{results}: there are no results to report; make reproduce and make compare-deep make them."
+            f"{results}: there are no results of {' or '.join(PUBLISHED)} to report; make reproduce and make "
+            f"compare-deep make them{told}."
         )
     is_measured = target.parent == results and (results / "speed" / "speed.csv").exists()
     speed = _Folder(results / "speed", "speed/", {"command": "make speed"}) if is_measured else None
-    texts = {target: _render(folders, speed)}
-    if target.parent == results:
-        texts[results / "README.md"] = _index(results)
-    try:
-        for path, text in texts.items():
-            aside = path.with_name(f".{path.name}")
-            aside.write_text(text, encoding="utf-8")
-            aside.replace(path)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}.") from error
+    _write(target, _render(folders, speed))
+    _write(results / "README.md", _index(results))
     return target
+
+
+def _write(path: Path, text: str) -> None:
+    """Writes a file, whole or not at all."""
+    aside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        aside.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written: {error.strerror or error}; choose another folder with --results."
+        ) from error
+    finally:
+        aside.unlink(missing_ok=True)
 
 
 def _open(path: Path, prefix: str) -> _Folder:
@@ -154,9 +166,10 @@ def _open(path: Path, prefix: str) -> _Folder:
     try:
         manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
         manifest["report"], manifest["scenarios"]
-    except (OSError, ValueError, KeyError) as error:
+    except _OF_ANOTHER_FORM as error:
         raise InputError(
-            f"{path / 'manifest.json'}: cannot be read as what made the results there; make them again."
+            f"{path / 'manifest.json'}: is damaged, or was made by another version of this project; make the "
+            f"results of {path.name} again: python -m benchmark run {path.name} --report"
         ) from error
     return _Folder(path, prefix, manifest)
 
@@ -180,6 +193,10 @@ def _render(folders: Sequence[_Folder], speed: _Folder | None) -> str:
         "comparison": _read(compared, _comparison) if compared else None,
         "made": [_read(folder, _made) for folder in folders],
         "speed": None,
+        "partial": [note for note in (folder.manifest.get("partial") for folder in folders) if note],
+        "scenarios": {
+            name: declared["description"] for name, declared in explored.manifest["scenarios"].items()
+        },
     }
     if speed is not None:
         folders = [*folders, speed]
@@ -189,6 +206,7 @@ def _render(folders: Sequence[_Folder], speed: _Folder | None) -> str:
     return environment.get_template("page.html").render(
         **content,
         data=_packed_json(data),
+        horizon=explored.manifest["horizon"],
         maps_link=explored.link("maps.png" if explored is compared else "figure.png"),
         css=(_TEMPLATES / "page.css").read_text(encoding="utf-8"),
         js=(_TEMPLATES / "page.js").read_text(encoding="utf-8"),
@@ -200,10 +218,14 @@ def _read(folder: _Folder, section: Callable[[_Folder], dict[str, Any]]) -> dict
     """Returns what a section tells of a folder, or says that the folder is none of today's."""
     try:
         return section(folder)
-    except (OSError, KeyError, ValueError) as error:
+    except _OF_ANOTHER_FORM as error:
+        if isinstance(error, FileNotFoundError):
+            told = f"{Path(error.filename).name} is missing"
+        else:
+            told = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise InputError(
-            f"{folder.path}: files are missing or of another version ({type(error).__name__}: {error}); "
-            f"make these results again: {folder.manifest.get('command')}"
+            f"{folder.path}: damaged, or made by another version of this project ({told}); make these "
+            f"results again: {folder.manifest.get('command')}"
         ) from error
 
 
@@ -224,6 +246,8 @@ def _number(value: float, low: float | None = None, high: float | None = None) -
     """
     if math.isnan(value):
         return "-"
+    if math.isinf(value):
+        return "never"  # of steps until something happens
     text = show(value) + ("" if low is None or high is None else f" [{show(low)}, {show(high)}]")
     return text.replace("-", "−")
 
@@ -276,7 +300,10 @@ def _table(
 def _replication(folder: _Folder) -> dict[str, Any]:
     """Returns what the page says of the replication."""
     section: dict[str, Any] = {
-        "figure": _figure(folder, "figure", "The paper's figure, replicated."),
+        "description": folder.manifest["description"],
+        "figure": _figure(
+            folder, "figure", "The paper's figure: maximum Q over training, final Q of the moves and of PING."
+        ),
         "figures": [_figure(folder, *one) for one in _REPLICATION_FIGURES.items()],
         "learning": _table(
             folder,
@@ -322,15 +349,31 @@ def _claims(folder: _Folder) -> dict[str, Any]:
                 "depends": _marked(depends or "no reading changes it", folder),
             }
         )
-    counts = claims["verdict"].value_counts()
+    counts = []
+    for verdict in _VERDICTS:
+        own = claims[claims["verdict"] == verdict]
+        counts.append((verdict, len(own), _href(link("", "claims", own), folder) if len(own) else ""))
     return {
         "claims": rows,
         "claims_source": folder.link("claims.csv"),
-        "counts": [(verdict, int(counts.get(verdict, 0))) for verdict in _VERDICTS],
+        "counts": counts,
+        "shaky": _marked(_shaky(claims, sensitivity), folder),
         "n_claims": len(claims),
         "readings": folder.manifest["readings"],
         "sensitivity": _figure(folder, "sensitivity", "Verdict on every claim under every reading."),
     }
+
+
+def _shaky(claims: pd.DataFrame, sensitivity: pd.DataFrame) -> str:
+    """Says which of the claims that hold do not under another reading or a control; empty if none."""
+    holding = claims.loc[claims["verdict"] == "holds", "claim"]
+    fallen = sensitivity[sensitivity["claim"].isin(holding) & (sensitivity["verdict"] == "does not hold")]
+    parts = []
+    for reading, own in fallen.groupby("reading", sort=False):
+        names = ", ".join(f"`{claim}`" for claim in own["claim"])
+        verb = "fails" if len(own) == 1 else "fail"
+        parts.append(f"{link(str(len(own)), 'sensitivity', own)} ({names}) {verb} under `{reading}`")
+    return "; ".join(parts)
 
 
 def _comparison(folder: _Folder) -> dict[str, Any]:
@@ -339,6 +382,7 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
     found = folder.read("findings.csv", embed=False)["text"].tolist()
     folder.read("curves.csv")
     return {
+        "description": folder.manifest["description"],
         "note": folder.manifest["note"],
         "readme": folder.link("README.md"),
         "headline": _marked(found[0], folder) if found else "",
@@ -372,7 +416,7 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
         "threshold": _table(
             folder,
             "threshold.csv",
-            "Runs that score 0.95 at some time, and those that stay there; median environment step of each",
+            f"Runs that score {REACHED:g} at some time, and those that stay there; median step of each",
             ["scenario", *who],
             {
                 "reached_share": "share that reaches it",
@@ -471,10 +515,15 @@ def _made(folder: _Folder) -> dict[str, Any]:
     }
 
 
+def _href(text: str, folder: _Folder) -> str:
+    """Returns where a link of `benchmark.tables` leads on the page."""
+    return LINK.sub(rf"{folder.prefix}\2#row=\3", text)
+
+
 def _marked(text: str, folder: _Folder) -> Markup:
     """Returns a sentence as HTML: `code`, and numbers with links to their rows."""
-    escaped = html.escape(text, quote=False)
-    escaped = LINK.sub(lambda m: f'<a class="n" href="{folder.prefix}{m[2]}#row={m[3]}">{m[1]}</a>', escaped)
+    escaped = re.sub(r"(?<![\w-])-(?=\d)", "−", html.escape(text, quote=False))
+    escaped = LINK.sub(lambda m: f'<a class="n" href="{_href(m[0], folder)}">{m[1]}</a>', escaped)
     parts = escaped.split("`")
     return Markup("".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts)))
 
@@ -484,7 +533,9 @@ def _marked(text: str, folder: _Folder) -> Markup:
 
 def _explorer(folder: _Folder) -> dict[str, Any]:
     """Returns what the explorer shows; a map's values are in thousandths."""
-    agents = folder.read("agent.csv")
+    agents = folder.read("agent.csv", as_text="discount")
+    if agents.empty:
+        raise ValueError("agent.csv is empty")
     scenarios = {
         name: compile_scenario(Scenario.model_validate_json(json.dumps(declared)))
         for name, declared in folder.manifest["scenarios"].items()
@@ -492,6 +543,8 @@ def _explorer(folder: _Folder) -> dict[str, Any]:
     curves_file = "curves.csv" if "curves.csv" in folder else "learning.csv"
     curves = folder.read(curves_file)
     maps = {name: folder.read(f"agent_{name}.csv", embed=False) for name in scenarios}
+    best = folder.read("optimum.csv", embed=False, as_text="discount")
+    settings = {arm: one["settings"] for arm, one in folder.manifest["algorithms"].items()}
     blocks = []
     for key, own in agents.groupby(["scenario", "algorithm", "observation"], sort=False):
         scenario, algorithm, observation = map(str, key)
@@ -500,6 +553,8 @@ def _explorer(folder: _Folder) -> dict[str, Any]:
         frame = frame[(frame["algorithm"] == algorithm) & (frame["observation"] == observation)]
         if len(frame) != len(own) * n_cells:
             raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
+        if not ((best["scenario"] == scenario) & (best["discount"] == own["discount"].iloc[0])).any():
+            raise ValueError(f"optimum.csv has no {scenario} with discount {own['discount'].iloc[0]}")
         curve = curves[curves["scenario"] == scenario]
         if "algorithm" in curve:
             curve = curve[(curve["algorithm"] == algorithm) & (curve["observation"] == observation)]
@@ -510,11 +565,12 @@ def _explorer(folder: _Folder) -> dict[str, Any]:
                 "algorithm": algorithm,
                 "observation": observation,
                 "kind": own["kind"].iloc[0],
-                "discount": float(own["discount"].iloc[0]),
+                "discount": own["discount"].iloc[0],
                 "seed": int(own["seed"].iloc[0]),
+                "unit": settings[algorithm].get("budget_unit", "steps"),
                 "steps": own["step"].tolist(),
-                "score": own["score"].tolist(),
-                "success": own["success"].tolist(),
+                "score": _listed(own["score"]),
+                "success": _listed(own["success"]),
                 "agent_row": int(str(own.index[0])) + 2,
                 "values": _packed(frame[list(ACTIONS)].to_numpy()),
                 "greedy": _masks(frame["greedy"]),
@@ -526,7 +582,6 @@ def _explorer(folder: _Folder) -> dict[str, Any]:
                 },
             }
         )
-    best = folder.read("optimum.csv", embed=False)
     optima = {
         f"{scenario} {discount}": {
             "row": int(str(own.index[0])) + 2,
@@ -557,12 +612,11 @@ def _listed(values: pd.Series) -> list[float | None]:
 
 
 def _packed(values: NDArray[np.float64]) -> str:
-    """Returns values in thousandths as 16-bit integers, little-endian, in base64."""
+    """Returns values in thousandths as 32-bit integers, little-endian, in base64."""
     scaled = np.rint(values * 10**explorer.DECIMALS)
-    if np.nanmax(np.abs(scaled), initial=0) > _LARGEST:
-        scaled = np.clip(scaled, -_LARGEST, _LARGEST)  # a net on its way to diverging: off the scale anyway
-    packed = np.where(np.isnan(scaled), _NO_NUMBER, scaled).astype("<i2")
-    return base64.b64encode(packed.tobytes()).decode("ascii")
+    # Beyond two million there are only nets on their way to diverging, whose every digit is noise.
+    packed = np.where(np.isnan(scaled), _NO_NUMBER, np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1))
+    return base64.b64encode(packed.astype("<i4").tobytes()).decode("ascii")
 
 
 def _masks(names: Iterable[str]) -> str:
@@ -576,7 +630,6 @@ def _scene(model: Model) -> dict[str, Any]:
     """Returns a compiled scenario for the page: all that a walk looks up, (S * A) lists."""
     scenario = model.scenario
     return {
-        "description": scenario.description,
         "rows": scenario.grid.rows,
         "columns": scenario.grid.columns,
         "start": model.start,
@@ -599,18 +652,28 @@ def _index(results: Path) -> str:
     """Returns the page that says what all the folders of results are."""
     lines = []
     for path in sorted(results.iterdir()):
-        if not (path / "README.md").exists() or path.name.endswith(("_smoke", "_partial")):
+        if path.name.startswith(".") or path.name.endswith(("_smoke", "_partial")):
+            continue
+        if not (path / "README.md").exists():
             continue
         paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")
-        told = next((one for one in paragraphs if not one.startswith("#")), "").replace("\n", " ").strip()
+        told = (
+            next((one for one in paragraphs if not one.startswith("#")), "")
+            .replace("\n", " ")
+            .replace("|", r"\|")
+            .strip()
+        )
+        if (path / "index.html").exists():
+            told += f" On a page of its own: [index.html]({path.name}/index.html)."
         lines.append(f"| [{path.name}]({path.name}/README.md) | {told} |")
     folders = "\n".join(lines)
+    page = """
+[index.html](index.html) shows it on one page: download it, or open it from a clone. It needs no server and no
+network; every number leads to the row of the CSV file that it comes from, and its explorer shows what one
+agent of every learner knows over training, cell by cell, and lets it walk.
+"""
     return f"""# Results
-
-[index.html](index.html) shows all there is on one page: download it, or open it from a clone. It needs no
-server and no network; every number leads to the row of the CSV file that it comes from, and its explorer
-shows what one agent of every learner knows at any step of training, cell by cell, and lets it walk.
-
+{page if (results / "index.html").exists() else ""}
 | folder | what it holds |
 |---|---|
 {folders}

@@ -61,7 +61,7 @@ class Display:
         self._started_s = self._told_s = time.monotonic()
         self._bar = Progress(
             TextColumn("{task.fields[runs]} of " + f"{len(self._place):,} runs,"),
-            BarColumn(),
+            *([BarColumn()] if self._console.width >= 90 else []),
             TextColumn("{task.fields[speed]} steps/s,"),
             TimeElapsedColumn(),
             TextColumn("gone,"),
@@ -82,10 +82,11 @@ class Display:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._running.clear()  # after an interrupt, nothing is
         if self._console.is_terminal:
             self._live.stop()
         else:
-            self._console.print(self.line())
+            self._console.print(self.line(), markup=False, soft_wrap=True)
 
     def start(self, job: Job) -> None:
         """Notes that a job has begun, in whatever thread."""
@@ -104,7 +105,7 @@ class Display:
             self._bar.update(self._task, advance=1, runs=f"{sum(self._done.values()):,}", speed=speed)
             if not self._console.is_terminal and time.monotonic() - self._told_s > _LINE_EVERY_S:
                 self._told_s = time.monotonic()
-                self._console.print(self.line())
+                self._console.print(self.line(), markup=False, soft_wrap=True)
 
     def line(self) -> str:
         """Returns how far it is, in a line."""
@@ -120,12 +121,14 @@ class Display:
     def _render(self) -> Group:
         """Returns the grid and the bar."""
         with self._lock:
-            table = Table(title=self._title, title_justify="left", box=None, header_style="", pad_edge=False)
+            table = Table(
+                title=Text(self._title), title_justify="left", box=None, header_style="", pad_edge=False
+            )
             table.add_column("", no_wrap=True)
             for column in self._columns:
-                table.add_column(column, justify="right", min_width=16, no_wrap=True)
+                table.add_column(Text(column), justify="right", min_width=16, no_wrap=True)
             for row in self._rows:
-                table.add_row(row, *(self._cell((row, column)) for column in self._columns))
+                table.add_row(Text(row), *(self._cell((row, column)) for column in self._columns))
         note = Text("done/all, > running, ! failed and to be tried again", style="dim")
         return Group(table, note, self._bar)
 

@@ -51,8 +51,8 @@ def draw(
     except OSError as error:
         raise _unwritable(directory, error) from error
     try:
-        report.write(experiment, store, aside, seeds, partial=partial)
-        manifest = _manifest(experiment, store, seeds)
+        note = report.write(experiment, store, aside, seeds, partial=partial)
+        manifest = _manifest(experiment, store, seeds, note)
         (aside / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         directory.mkdir(exist_ok=True)
         for path in aside.iterdir():
@@ -70,8 +70,17 @@ def _unwritable(directory: Path, error: OSError) -> InputError:
     )
 
 
-def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None) -> dict[str, object]:
-    """Returns what made the runs, from their records alone: drawing again gives the same."""
+def _manifest(
+    experiment: Experiment, store: Store, seeds: Sequence[int] | None, note: str
+) -> dict[str, object]:
+    """Returns what was run, and from the records what ran it: drawing again gives the same.
+
+    Args:
+      experiment: As loaded.
+      store: Where its records are.
+      seeds: Other seeds than the declared ones.
+      note: What is missing; empty if nothing is.
+    """
     ended = store.ended()
     runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
     default = [
@@ -83,13 +92,16 @@ def _manifest(experiment: Experiment, store: Store, seeds: Sequence[int] | None)
     records = store.get([run.digest for run in runs], arrays=False)
     provenance = [record.provenance for record in records]
 
+    chosen = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
+
     def every(key: str) -> list[object]:
         return [json.loads(text) for text in sorted({json.dumps(p[key], sort_keys=True) for p in provenance})]
 
     return {
         "experiment": experiment.name,
         "description": experiment.description,
-        "command": f"python -m benchmark run {experiment.argument} --report",
+        "command": f"python -m benchmark run {experiment.argument}{chosen} --report",
+        "partial": note,
         "report": experiment.report,
         "horizon": experiment.horizon,
         "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in default},

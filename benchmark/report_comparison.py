@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmark import animation, comparison, explorer, figures_comparison, findings, tables
-from benchmark.aggregate import RESAMPLES
+from benchmark.aggregate import REACHED, RESAMPLES
 from benchmark.comparison import Grid, Learner
 from benchmark.experiment import Experiment
 from benchmark.figures import write_figure
@@ -21,7 +21,7 @@ _FILES = (
     ("curves", "score, success and disagreements over training, against environment steps"),
     ("curves_cpu", "score over training against seconds of one CPU"),
     ("disagreements.png, .svg", "the issuer's disagreements per 1,000 steps while agents learn"),
-    ("threshold", f"when, and in how many runs, the greedy policy scores {comparison.REACHED:g}"),
+    ("threshold", f"when, and in how many runs, the greedy policy scores {REACHED:g}"),
     ("region", "how well the cells where an agent values PING match the target region"),
     ("cost", "what a run costs: CPU seconds, updates, parameters, peak memory of the process it runs in"),
     ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),
@@ -40,7 +40,7 @@ _KEYS = ["scenario", "algorithm", "observation"]
 
 def write(
     experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, *, partial: bool
-) -> None:
+) -> str:
     """Writes every table and figure into a folder.
 
     Args:
@@ -49,6 +49,9 @@ def write(
       directory: An empty folder.
       seeds: Other seeds than the declared ones.
       partial: Whether to draw what is there where runs are missing, marked as partial.
+
+    Returns:
+      What is missing, as a sentence; empty if nothing is.
 
     Raises:
       InputError: A run is missing.
@@ -78,6 +81,7 @@ def write(
     drawn = _draw(experiment, grid, frames, directory)
     page = _readme(experiment, grid, frames, drawn, [tables.plain(one) for one in sentences])
     (directory / "README.md").write_text(page, encoding="utf-8")
+    return _note(grid)
 
 
 def _note(grid: Grid) -> str:

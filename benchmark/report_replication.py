@@ -34,7 +34,7 @@ _SHOWN = {
 
 def write(
     experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, *, partial: bool
-) -> None:
+) -> str:
     """Writes every table and figure into a folder.
 
     Args:
@@ -43,6 +43,9 @@ def write(
       directory: An empty folder.
       seeds: Other seeds than the declared ones.
       partial: Refused: claims are judged of all runs or not at all.
+
+    Returns:
+      What is missing, as a sentence; empty if nothing is.
 
     Raises:
       InputError: A run is missing.
@@ -59,11 +62,17 @@ def write(
             for scenario in experiment.scenarios
         ]
         populations[reading] = {population.scenario: population for population in cells}
-    _write(experiment, populations, directory)
+    agents = len(next(iter(populations[DEFAULT_READING].values())).scores)
+    note = "" if agents == declared.seeds else f"Partial: {agents} of the {declared.seeds} agents declared."
+    _write(experiment, populations, directory, note)
+    return note
 
 
 def _write(
-    experiment: Experiment, populations: Mapping[str, Mapping[str, aggregate.Population]], directory: Path
+    experiment: Experiment,
+    populations: Mapping[str, Mapping[str, aggregate.Population]],
+    directory: Path,
+    note: str,
 ) -> None:
     """Writes everything but the manifest."""
     default = populations[DEFAULT_READING]
@@ -94,7 +103,7 @@ def _write(
     verdicts = None
     if set(claims.SCENARIOS) <= set(default):
         verdicts = _write_claims(experiment, populations, directory)
-    (directory / "README.md").write_text(_readme(experiment, populations, verdicts), encoding="utf-8")
+    (directory / "README.md").write_text(_readme(experiment, populations, verdicts, note), encoding="utf-8")
 
 
 def _write_claims(
@@ -129,12 +138,12 @@ def _readme(
     experiment: Experiment,
     populations: Mapping[str, Mapping[str, aggregate.Population]],
     verdicts: pd.DataFrame | None,
+    note: str,
 ) -> str:
     """Returns the page that says what each file is."""
     default = populations[DEFAULT_READING]
-    declared = next(iter(experiment.algorithms.values())).seeds
     agents = len(next(iter(default.values())).scores)
-    partial = "" if agents == declared else f"\n**Partial: {agents} of the {declared} agents declared.**\n"
+    partial = f"\n**{note}**\n" if note else ""
     files_written = [file for file in _FILES if verdicts is not None or file[0] not in _OF_CLAIMS]
     lines = []
     for name, reading in experiment.readings.items():

@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +20,7 @@ from agents.policy import contains
 from benchmark import animation, runner
 from benchmark.aggregate import load_population
 from benchmark.animation import Film
-from benchmark.experiment import DEFAULT_READING, Experiment, specifications
+from benchmark.experiment import DEFAULT_READING, Experiment, RunSpecification, specifications
 from benchmark.store import Store
 from envs import ZONES, InputError
 from envs.inputs import unknown_name
@@ -31,7 +32,7 @@ _REST: Final = 6  # frames that the last moment of a walk is shown
 _ARROWS: Final = "↑↓←→"
 _BRACKETS: Final = {"outside": "  ", "target": "[]", "uncomfortable": "{}", "issuer": "  "}
 _SIGNS: Final = """\
-↑↓←→ greedy move   P greedy PING   + several
+↑↓←→ greedy move   P greedy PING   + several   . all alike
 [ ] target region   { } uncomfortable region
 * issuer            @ agent"""
 
@@ -45,10 +46,10 @@ class Moment:
     event: str
 
 
-def load_film(
-    experiment: Experiment, scenario: str, arm: str, observation: str | None, seed: int, store: Store
-) -> Film:
-    """Returns a run's film, from its record, or trains it first and keeps it.
+def specification(
+    experiment: Experiment, scenario: str, arm: str, observation: str | None, seed: int
+) -> RunSpecification:
+    """Returns the run that is to be watched.
 
     Args:
       experiment: Of the run.
@@ -56,10 +57,9 @@ def load_film(
       arm: One of its algorithms.
       observation: One of the arm's; its first by default.
       seed: Any, also one that the experiment does not declare.
-      store: Where records are.
 
     Raises:
-      InputError: The experiment has no such run, or training failed.
+      InputError: The experiment has no such run.
     """
     if arm not in experiment.algorithms:
         unknown_name(experiment.name, "algorithm", arm, experiment.algorithms)
@@ -71,14 +71,22 @@ def load_film(
     names = {Path(one).stem: one for one in experiment.scenarios}
     if scenario not in names:
         unknown_name(experiment.name, "scenario", scenario, names)
-    runs = specifications(experiment, DEFAULT_READING, names[scenario], arm, observation, [seed])
-    if runner.pending(runs, store):
-        print(f"training {arm}, {observation}, in {scenario}, seed {seed} ...", file=sys.stderr)
-        errors = runner.run(runs, store, jobs=1)
+    return specifications(experiment, DEFAULT_READING, names[scenario], arm, observation, [seed])[0]
+
+
+def load_film(run: RunSpecification, store: Store) -> Film:
+    """Returns a run's film, from its record, or trains it first and keeps it.
+
+    Raises:
+      InputError: Training failed.
+    """
+    title = f"{run.scenario.name}: {run.arm}, {run.observation}, seed {run.seed}"
+    if runner.pending([run], store):
+        print(f"training {title} ...", file=sys.stderr)
+        errors = runner.run([run], store, jobs=1)
         if errors:
-            raise InputError(f"{arm} in {scenario}, seed {seed}: training failed: {errors[0]}")
-    population = load_population(runs, store, fewest=1)
-    return animation.film_of(f"{scenario}: {arm}, {observation}, seed {seed}", population)
+            raise InputError(f"{title}: training failed: {errors[0]}")
+    return animation.film_of(title, load_population([run], store, fewest=1))
 
 
 def moments(film: Film) -> Iterator[Moment]:
@@ -131,7 +139,8 @@ def in_terminal(film: Film, console: Console) -> None:
         for moment in last.values():
             console.print(to_text(film, moment))
         return
-    with Live(console=console, auto_refresh=False) as live:
+    console.print("Ctrl-C ends it.", style="dim")
+    with suppress(KeyboardInterrupt), Live(console=console, auto_refresh=False) as live:
         for moment in moments(film):
             live.update(to_text(film, moment), refresh=True)
             time.sleep(1 / FRAMES_PER_SECOND)
@@ -160,14 +169,23 @@ def to_text(film: Film, moment: Moment) -> Text:
     values = film.values[moment.place]
     best = np.nan_to_num(values, nan=low).max(axis=1)
     colours = (mpl.colormaps["cividis"](np.clip((best - low) / (high - low), 0, 1))[:, :3] * 255).astype(int)
+    colours[np.isnan(values).any(axis=1)] = 255  # the net has diverged
     greedy = contains(film.greedy[moment.place])
     over = np.all(film.model.terminated[: len(values)], axis=1)
     text = Text(f"{film.title}\n")
     text.append(f"step {film.steps[moment.place]:,}, score {film.scores[moment.place]:.2f}  ")
-    text.append(f"{moment.event.replace('_', ' ')}\n")
+    text.append(f"{animation.SAID.get(moment.event, '')}\n")
     for o in range(len(values)):
         members = np.flatnonzero(greedy[o])
-        sign = "+" if len(members) > 1 else "P" if members[0] == PING else _ARROWS[members[0]]
+        sign = (
+            "."
+            if greedy[o].all()
+            else "+"
+            if len(members) > 1
+            else "P"
+            if members[0] == PING
+            else _ARROWS[members[0]]
+        )
         if over[o]:
             sign = "*"
         if o == moment.way[-1]:

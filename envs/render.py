@@ -83,6 +83,9 @@ class Window:
             self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
         except pygame.error as error:
             raise InputError(f"no window can be opened: {error}.") from error
+        if pygame.display.get_driver() == "offscreen":  # what SDL falls back to where there is no screen
+            pygame.display.quit()
+            raise InputError("no window can be opened: there is no screen.")
         self._clock = pygame.time.Clock()
 
     def show(self, image: NDArray[np.uint8], frames_per_second: int) -> None:

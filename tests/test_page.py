@@ -14,9 +14,11 @@ from typing import Any
 import pandas as pd
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from benchmark import page
+from benchmark.__main__ import main
 from benchmark.tables import show
 from envs import ACTIONS, InputError
 
@@ -143,7 +145,7 @@ def test_every_number_is_in_the_row_that_it_links_to(results: Path, text: str) -
             assert shown in row
         elif match := re.fullmatch(r"([−\d.,]+|inf) \[([−\d.,]+), ([−\d.,]+)\]", shown):
             assert {one.replace("−", "-") for one in match.groups()} <= numbers_in(row, "")
-        elif re.fullmatch(r"[-−\d.,]+|inf", shown):
+        elif re.fullmatch(r"[-−\d.,]+", shown):
             number = shown.replace("−", "-").replace(",", "")
             assert {number, f"{float(number):,.0f}"} & numbers_in(row, number), (shown, target)
         else:
@@ -170,7 +172,9 @@ def test_page_of_the_replication_alone(results: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_to_tell(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there are no results to report; make reproduce and make compare"):
+    with pytest.raises(
+        InputError, match="there are no results of reproduce or compare_deep to report; make reproduce and"
+    ):
         page.write(tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -178,9 +182,9 @@ def test_nothing_to_tell(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "content", "expected"),
     [
-        ("manifest.json", "{}", "cannot be read as what made the results there"),
-        ("claims.csv", "claim,value\nx,1\n", "files are missing or of another version"),
-        ("agent_S2.csv", None, "files are missing or of another version"),
+        ("manifest.json", "{}", "is damaged, or was made by another version"),
+        ("claims.csv", "claim,value\nx,1\n", "damaged, or made by another version of this project"),
+        ("agent_S2.csv", None, "damaged, or made by another version of this project"),
     ],
 )
 def test_damaged_results_get_a_sentence(
@@ -326,11 +330,28 @@ def test_slider_shows_learning_and_the_address_keeps_it(
     assert len(set(fills(opened))) > 8
     assert opened.page.locator("#step-told").inner_text() == "4,000 of 10,000"
     opened.page.locator("#shown").select_option("difference")
+    opened.page.wait_for_function("location.hash.endsWith('difference')")
     fragment = opened.page.evaluate("location.hash")
     again = Opened(browser, results, fragment)
     assert fills(again) == fills(opened)
     assert again.page.locator("#shown").input_value() == "difference"
     again.page.close()
+
+
+@pytest.mark.parametrize("fragment", ["%", "nowhere.%E0.x~~nothing~7~~", "S2.dqn~.~-3~"])
+def test_mistyped_address_is_taken_as_far_as_it_goes(browser: Browser, results: Path, fragment: str) -> None:
+    one = Opened(browser, results, f"#explorer={fragment}")
+    assert one.said == []
+    assert "Row 0, column 0" in one.panel("left").locator(".readout").inner_text()
+    one.page.close()
+
+
+def test_another_address_is_followed_on_the_open_page(opened: Opened) -> None:
+    opened.page.evaluate("location.hash = '#explorer=S3.ppo.coordinates~S2.dqn.one_hot~2000~ping'")
+    opened.page.wait_for_function("document.getElementById('step').value === '5'")
+    assert opened.panel("left").locator("select[name=scenario]").input_value() == "S3"
+    assert opened.panel("right").locator("select[name=algorithm]").input_value() == "dqn"
+    assert opened.page.locator("#shown").input_value() == "ping"
 
 
 def test_explorer_by_keyboard_alone(opened: Opened) -> None:
@@ -386,10 +407,104 @@ def test_without_javascript_all_but_the_explorer_is_there(browser: Browser, resu
     one.page.close()
 
 
+def test_number_is_marked_in_the_dialog(opened: Opened) -> None:
+    opened.page.locator(".lead a.n", has_text="0.99").first.click()
+    assert "0.99" in opened.page.locator("dialog p").first.inner_text()
+    marked = opened.page.locator("dialog th.cited").all_inner_texts()
+    assert "value" in marked
+    opened.page.keyboard.press("Escape")
+    opened.page.locator("li a.n[href*='curves.csv#row=']", has_text="124").first.click()
+    told = opened.page.locator("dialog").inner_text()
+    assert "Shown as 124, the mean of disagreements over these lines." in told
+
+
+def test_walk_that_goes_in_circles_says_so(opened: Opened, results: Path) -> None:
+    agents = pd.read_csv(results / "compare_deep" / "agent.csv")
+    stuck = agents.query("algorithm == 'dqn_default' and step == 10000 and success == 0").iloc[0]
+    opened.choose("left", stuck["scenario"], "dqn_default", stuck["observation"])
+    for _ in range(60):
+        opened.page.locator("#walk-one").click()
+    told = opened.panel("left").locator(".walked").inner_text()
+    assert "and would until the limit of 200 steps" in told
+
+
+OWN = """
+description = "Two <b>scenes</b> | of different size."
+report = "comparison"
+scenarios = ["room.toml", "S2"]
+horizon = 100
+evaluation_every = 100
+map_every = 200
+settings = { time_limit = 50 }
+[algorithms."a [table].b"]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 2
+settings = { budget = 1000, discount = 1.0 }
+[algorithms.dqn]
+algorithm = "dqn"
+observations = ["coordinates"]
+seeds = 2
+settings = { budget = 300, learning_starts = 50, learning_rate = 1e38 }
+"""
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of an experiment of one's own: other scenes, budgets and rewards, and a net that diverges."""
+    folder = tmp_path_factory.mktemp("own")
+    scene = (ROOT / "envs" / "scenarios" / "S1.toml").read_text(encoding="utf-8")
+    for key, value in (("rows", 5), ("columns", 7), ("position", [3, 5]), ("target_ping", 100.0)):
+        scene, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", scene)
+        assert count == 1
+    (folder / "room.toml").write_text(scene, encoding="utf-8")
+    text = OWN.replace('"room.toml"', json.dumps(str(folder / "room.toml")))
+    (folder / "mine.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(folder / "mine.toml"), "--report", "--results", str(folder)]) == 0
+    return folder / "mine"
+
+
+def test_page_of_an_experiment_of_ones_own(own: Path, browser: Browser) -> None:
+    text = (own / "index.html").read_text(encoding="utf-8")
+    assert "Two &lt;b&gt;scenes&lt;/b&gt; | of different size." in text
+    index = (own.parent / "README.md").read_text(encoding="utf-8")
+    assert r"Two <b>scenes</b> \| of different size." in index
+    one = Opened(browser, own)
+    assert one.page.locator("#step-told").inner_text() == "1,000 of 1,000"
+    one.choose("left", "room", "a [table].b", "index")
+    one.choose("right", "room", "dqn", "coordinates")
+    assert (
+        one.panel("right").locator(".told").inner_text().startswith("At step 300: Q-values, discount 0.99.")
+    )
+    assert "This net has diverged" in one.panel("right").locator(".told").inner_text()
+    # What a right PING pays is far beyond the paper's rewards.
+    optimum = pd.read_csv(own / "optimum.csv").query("scenario == 'room' and discount == 1")
+    shown = one.panel("left").locator(".readout tbody tr").first.locator("td").nth(1).inner_text()
+    assert number(shown) == pytest.approx(optimum["UP"].iloc[0])
+    assert number(shown) > 90
+    one.panel("left").locator(".readout a.n").nth(1).click()
+    row = rows_of(own / "optimum.csv")[1]
+    told = [line.split("\t") for line in one.page.locator("dialog tbody").inner_text().splitlines()]
+    assert [value for _, value in told] == row
+    one.page.keyboard.press("Escape")
+    one.page.wait_for_function("location.hash.includes('%2E')")
+    again = Opened(browser, own, one.page.evaluate("location.hash"))
+    assert again.panel("left").locator("select[name=algorithm]").input_value() == "a [table].b"
+    assert one.said == again.said == []
+
+
+def test_film_of_scenes_and_budgets_that_differ(own: Path) -> None:
+    with Image.open(own / "learning.webp") as film:
+        assert getattr(film, "n_frames", 1) == 7  # steps 0, 200, ... 1000, and 300
+        # Each column is as wide as its widest scene, of 7 and 12 cells.
+        assert film.width >= (7 + 12) * 21 + 10
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_accessibility(browser: Browser, results: Path, scheme: str, width: int) -> None:
-    one = Opened(browser, results, color_scheme=scheme, viewport={"width": width, "height": 844})
+    fragment = "#explorer=S2.ppo.one_hot~S3.q_learning.index~4000~values"
+    one = Opened(browser, results, fragment, color_scheme=scheme, viewport={"width": width, "height": 844})
     assert one.page.evaluate("document.documentElement.scrollWidth") == width  # nothing sticks out
     one.page.locator("details").evaluate_all("all => all.forEach((one) => { one.open = true })")
     one.page.locator("#walk-one").click()

@@ -40,14 +40,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def film(folder: Path) -> Film:
     """A table in S1, trained by being watched."""
     with Store(folder / "runs.db") as store:
-        return watch.load_film(COMPARED, "S1", "q_learning", None, 0, store)
+        return watch.load_film(watch.specification(COMPARED, "S1", "q_learning", None, 0), store)
 
 
 def test_watched_run_is_the_run_of_the_experiment_and_is_kept(film: Film, folder: Path) -> None:
     with Store(folder / "runs.db") as store:
         record = store.get(list(store.ended()))[0]
         assert len(store.ended()) == 1
-        again = watch.load_film(COMPARED, "S1", "q_learning", "index", 0, store)
+        again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store)
     assert record.digest == all_specifications(COMPARED)[0].digest
     assert (again.values == film.values).all()
     assert (film.values[-1].astype(np.float32) == record.arrays["q"].astype(np.float32)).all()
@@ -114,7 +114,7 @@ def test_film_is_written_with_a_frame_a_map(film: Film, tmp_path: Path, name: st
     watch.to_file(film, tmp_path / name)
     with Image.open(tmp_path / name) as image:
         assert getattr(image, "n_frames", 1) == 26
-        assert image.size == (384, 368)
+        assert image.size == (421, 366)
         image.seek(1)
         image.load()
         assert image.info["duration"] == 350
@@ -122,7 +122,7 @@ def test_film_is_written_with_a_frame_a_map(film: Film, tmp_path: Path, name: st
 
 def test_text_shows_the_greedy_actions_and_the_agent(film: Film) -> None:
     text = watch.to_text(film, list(watch.moments(film))[-1]).plain.splitlines()
-    assert text[1] == "step 10,000, score 1.00  target ping"
+    assert text[1] == "step 10,000, score 1.00  success"
     rows = text[2:12]
     assert {len(row) for row in rows} == {36}
     agent = film_end(film)
@@ -131,7 +131,7 @@ def test_text_shows_the_greedy_actions_and_the_agent(film: Film) -> None:
     assert rows[4][6 * 3] == "["
     signs = {1 << a: sign for a, sign in enumerate("↑↓←→P")}
     for o in (13, 40, 50, 111):
-        assert rows[o // 12][o % 12 * 3 + 1] == signs.get(int(film.greedy[-1, o]), "+")
+        assert rows[o // 12][o % 12 * 3 + 1] == (signs | {31: "."}).get(int(film.greedy[-1, o]), "+")
 
 
 def film_end(film: Film) -> int:
@@ -211,7 +211,7 @@ def test_watch_command(folder: Path) -> None:
         cwd=ROOT, capture_output=True, text=True, env=environment,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "step 10,000, score 1.00  target ping" in done.stdout
+    assert "step 10,000, score 1.00  success" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -220,7 +220,7 @@ def test_watch_command(folder: Path) -> None:
         (["--scenario", "S9"], "compare_deep: unknown scenario S9; accepted: S1, S2, S3."),
         (["--algorithm", "dqm"], "unknown algorithm dqm (did you mean dqn?)"),
         (["--algorithm", "dqn", "--observation", "index"], "unknown observation index"),
-        (["--seed", "-1"], "--seed -1: accepted: a whole number below 1,000,000, as 7."),
+        (["--seed", "-1"], "--seed -1: accepted: a whole number from 0 to 999,999."),
         (["--save", "film.mp4"], "--save film.mp4: accepted: a name that ends in .webp or .gif."),
     ],
 )

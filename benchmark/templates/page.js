@@ -99,20 +99,36 @@
     if (!selection || !(file in data.csv || file.includes("agent_") || file.endsWith("optimum.csv"))) return;
     event.preventDefault();
     const [head, found] = wanted(file, selection);
-    byId("source-title").textContent = `${file}, row${found.length > 1 ? "s" : ""} ${selection.replaceAll(";", ", ")}`;
+    byId("source-title").textContent = `${file}, line${found.length > 1 ? "s" : ""} ${selection.replaceAll(";", ", ")}`;
+    const meant = cited(link.textContent, head, found);
+    const mark = (i) => (meant.includes(i) ? { class: "cited" } : {});
     let shown;
     if (found.length === 1) {
-      const lines = head.map((name, i) => element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, found[0][i])));
+      const lines = head.map((name, i) => element("tr", {}, element("th", { scope: "row", ...mark(i) }, name), element("td", mark(i), found[0][i])));
       shown = element("table", {}, element("tbody", {}, ...lines));
     } else {
-      const line = (kind, cells) => element("tr", {}, ...cells.map((cell) => element(kind, {}, cell)));
+      const line = (kind, cells) => element("tr", {}, ...cells.map((cell, i) => element(kind, mark(i), cell)));
       shown = element("table", { class: "many" }, element("thead", {}, line("th", head)), element("tbody", {}, ...found.map((row) => line("td", row))));
     }
-    const told = element("p", {}, `Shown as ${link.textContent}${found.length > 1 ? ", over these rows" : ""}.`);
+    const over = found.length === 1 ? "" : meant.length ? `, the mean of ${head[meant[0]]} over these lines` : ", from these lines";
+    const told = element("p", {}, `Shown as ${link.textContent}${over}.`);
     byId("source-rows").replaceChildren(told, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Rows of the file" }, shown));
     byId("source-file").href = link.getAttribute("href");
     byId("source").showModal();
+    byId("source").querySelector("td.cited")?.scrollIntoView({ block: "nearest", inline: "center" });
   });
+  // The columns that hold the number, or whose mean it is.
+  function cited(text, head, found) {
+    const [number] = text.replaceAll("\u2212", "-").replaceAll(",", "").split(" ");
+    const decimals = number.replace("%", "").split(".")[1]?.length ?? 0;
+    const same = (value) => [value.toFixed(decimals), String(+value.toPrecision(3)), `${Math.round(100 * value)}%`].includes(number);
+    return head.map((_, i) => i).filter((i) => {
+      const cells = found.map((row) => row[i]).filter((cell) => cell !== "");
+      return cells.length && (cells.every((cell) => !Number.isNaN(Number(cell)))
+        ? same(cells.reduce((sum, cell) => sum + Number(cell), 0) / cells.length)
+        : found.length === 1 && cells[0] === text);
+    });
+  }
 
   // What the explorer shows.
 
@@ -122,12 +138,10 @@
   const MARGIN = 20;
   function unpacked(text) {
     const view = new DataView(bytes(text).buffer);
-    const out = new Float32Array(view.byteLength / 2);
-    for (let i = 0; i < out.length; i++) {
-      const value = view.getInt16(2 * i, true);
-      out[i] = value === data.no_number ? NaN : value / 10 ** data.decimals;
-    }
-    return out;
+    return Float64Array.from({ length: view.byteLength / 4 }, (_, i) => {
+      const value = view.getInt32(4 * i, true);
+      return value === data.no_number ? NaN : value / 10 ** data.decimals;
+    });
   }
   for (const block of data.blocks) {
     block.values = unpacked(block.values);
@@ -139,7 +153,7 @@
   }
   const members = (mask) => data.actions.map((_, a) => a).filter((a) => (mask >> a) & 1);
   const names = (mask) => members(mask).map((a) => data.actions[a]).join("|");
-  const optimumOf = (block) => data.optima[Object.keys(data.optima).find((key) => key.split(" ")[0] === block.scenario && Number(key.split(" ")[1]) === block.discount)];
+  const optimumOf = (block) => data.optima[`${block.scenario} ${block.discount}`];
   const cellsOf = (block) => data.scenarios[block.scenario].zone.length;
   const best = (block, o) => {
     const mask = optimumOf(block).optimal[o];
@@ -163,14 +177,14 @@
         return [scenario, discount, Math.floor(o / columns), o % columns, names(optimum.optimal[o]), ...data.actions.map((_, a) => filed(optimum.values[o * N_ACTIONS + a]))].map(String);
       }
     }
-    const block = data.blocks.find((one) => file.endsWith(`agent_${one.scenario}.csv`) && place >= one.map_row && place < one.map_row + one.greedy.length);
+    const block = data.blocks.find((one) => file === `${data.prefix}agent_${one.scenario}.csv` && place >= one.map_row && place < one.map_row + one.greedy.length);
     const [k, o] = [Math.floor((place - block.map_row) / cellsOf(block)), (place - block.map_row) % cellsOf(block)];
     const { columns } = data.scenarios[block.scenario];
     return [block.algorithm, block.observation, block.steps[k], Math.floor(o / columns), o % columns, names(block.greedy[k * cellsOf(block) + o]), ...data.actions.map((_, a) => filed(valueAt(block, k, o, a)))].map(String);
   }
 
   function colour(value, [low, high]) {
-    if (value === null || Number.isNaN(value)) return "#8a8a8a";
+    if (value === null || Number.isNaN(value)) return NO_NUMBER;
     const share = high > low ? Math.min(Math.max((value - low) / (high - low), 0), 1) : 0.5;
     return data.colours[Math.round(share * (data.colours.length - 1))];
   }
@@ -183,9 +197,10 @@
     };
   }
 
-  const state = { k: 0, shown: "values", marks: true };
+  const state = { step: 0, shown: "values", marks: true };
   const AGREES = "#ffe945"; // the ends of the scale
   const DIFFERS = "#00224e";
+  const NO_NUMBER = "#ffffff"; // nowhere on the scale
   const sourced = (file, row, text) => element("a", { class: "n", href: `${data.prefix}${file}#row=${row}` }, text);
 
   class Panel {
@@ -226,12 +241,16 @@
       this.from = this.scene.start;
       this.build();
     }
+    // The last map that is not later than the step that is looked at.
+    get k() {
+      return Math.max(this.block.steps.findLastIndex((step) => step <= state.step), 0);
+    }
     centre(o) {
       return [MARGIN + UNIT * ((o % this.scene.columns) + 0.5), UNIT * (Math.floor(o / this.scene.columns) + 0.5)];
     }
     build() {
       const { rows: nRows, columns, issuer, radii } = this.scene;
-      const image = drawn("svg", { viewBox: `0 0 ${MARGIN + UNIT * columns + 2} ${UNIT * nRows + MARGIN}`, "aria-hidden": "true" });
+      const image = drawn("svg", { viewBox: `0 0 ${MARGIN + UNIT * columns + 2} ${UNIT * nRows + MARGIN}`, "aria-hidden": "true", style: `min-width:${12 * columns}px` });
       this.shapes = [];
       this.marks = [];
       const h = UNIT / 2;
@@ -333,18 +352,18 @@
       if (block.kind === "probability" && kind !== "difference") range = [0, 1];
       this.shapes.forEach((shapes, o) => {
         const over = isOver(block, o);
-        const greedy = block.greedy[state.k * cellsOf(block) + o];
+        const greedy = block.greedy[this.k * cellsOf(block) + o];
         const optimal = optimumOf(block).optimal[o];
         const whole = shapes[N_ACTIONS];
         const split = kind === "values" || kind === "difference";
         const base = best(block, o);
         shapes.slice(0, N_ACTIONS).forEach((shape, a) => {
-          const value = valueAt(block, state.k, o, a) - (kind === "difference" ? base[a] : 0);
+          const value = valueAt(block, this.k, o, a) - (kind === "difference" ? base[a] : 0);
           shape.setAttribute("visibility", split && !over ? "visible" : "hidden");
           if (split) shape.setAttribute("fill", colour(value, range));
         });
         if (over) whole.setAttribute("fill", "#8a8a8a");
-        else if (kind === "ping") whole.setAttribute("fill", colour(valueAt(block, state.k, o, PING), range));
+        else if (kind === "ping") whole.setAttribute("fill", colour(valueAt(block, this.k, o, PING), range));
         else whole.setAttribute("fill", kind === "policy" ? ((greedy & ~optimal) === 0 ? AGREES : DIFFERS) : "#000");
         const [mark, dot] = this.marks[o];
         const indifferent = greedy === 2 ** N_ACTIONS - 1; // where it never was, mostly: marks would say nothing
@@ -372,7 +391,7 @@
       ramp.hidden = kind === "policy";
       if (kind === "policy") {
         low.replaceChildren(element("span", { class: "swatch", style: `display:inline-block;vertical-align:-3px;background:${AGREES}` }), " every greedy action is optimal");
-        high.replaceChildren(element("span", { class: "swatch", style: `display:inline-block;vertical-align:-3px;background:${DIFFERS}` }), " some is not");
+        high.replaceChildren(element("span", { class: "swatch", style: `display:inline-block;vertical-align:-3px;background:${DIFFERS}` }), " some greedy action is not");
         return;
       }
       low.textContent = (range[2] ? "\u2264 " : "") + show(range[0], 2);
@@ -382,16 +401,18 @@
     }
     tell() {
       const { block } = this;
-      const row = block.agent_row + state.k;
+      const row = block.agent_row + this.k;
       const curve = block.curve;
-      const at = curve.step.indexOf(block.steps[state.k]);
+      const at = curve.step.indexOf(block.steps[this.k]);
       const all = [sourced(data.curves_file, curve.row + at, show(curve[""][at])), ` [${show(curve._low[at])}, ${show(curve._high[at])}]`];
       const what = block.kind === "q" ? `Q-values, discount ${block.discount}` : "Probabilities of the stochastic policy";
+      const late = block.steps[this.k] === state.step ? "" : `At ${block.unit === "episodes" ? "episode" : "step"} ${grouped(block.steps[this.k])}: `;
+      const diverged = Number.isNaN(valueAt(block, this.k, this.scene.start, 0)) ? " This net has diverged: it counts as the random policy, and has no values." : "";
       this.find(".told").replaceChildren(
-        `${what}. This agent (seed ${block.seed}): score `, sourced("agent.csv", row, show(block.score[state.k])),
-        ", success ", sourced("agent.csv", row, show(block.success[state.k])), ". Mean score of all runs: ", ...all, ".",
+        `${late}${what}.${diverged} This agent (seed ${block.seed}): score `, sourced("agent.csv", row, show(block.score[this.k])),
+        ", success ", sourced("agent.csv", row, show(block.success[this.k])), ". Mean score of all runs: ", ...all, ".",
       );
-      this.map.setAttribute("aria-label", `Map of ${block.algorithm}, ${block.observation}, in ${block.scenario}, step ${block.steps[state.k]}. Arrow keys choose a cell, Enter starts the walk there.`);
+      this.map.setAttribute("aria-label", `Map of ${block.algorithm}, ${block.observation}, in ${block.scenario}, ${block.unit} so far: ${block.steps[this.k]}. Arrow keys choose a cell, Enter starts the walk there.`);
       this.drawCurve();
     }
     drawCurve() {
@@ -410,9 +431,9 @@
       if (floor < -0.7) image.append(drawn("text", { x: left - 5, y: y(floor) + 4, "text-anchor": "end" }, show(floor, 1)));
       image.append(drawn("polygon", { class: "band", points: [...line(block.curve._low), ...line(block.curve._high).reverse()].join(" ") }));
       image.append(drawn("polyline", { class: "mean", points: line(block.curve[""]).join(" ") }));
-      block.score.forEach((score, k) => image.append(drawn("circle", { class: "own", cx: x(block.steps[k]), cy: y(score), r: k === state.k ? 4 : 2 })));
-      image.append(drawn("line", { class: "now", x1: x(block.steps[state.k]), x2: x(block.steps[state.k]), y1: top, y2: height - bottom }));
-      image.append(drawn("text", { x: left, y: height - 6 }, "score: line, mean of all runs; rings, this agent"));
+      block.score.forEach((score, k) => image.append(drawn("circle", { class: "own", cx: x(block.steps[k]), cy: y(score), r: k === this.k ? 4 : 2 })));
+      image.append(drawn("line", { class: "now", x1: x(block.steps[this.k]), x2: x(block.steps[this.k]), y1: top, y2: height - bottom }));
+      image.append(drawn("text", { x: left, y: height - 6 }, "score. Line: mean of all runs. Rings: this agent."));
       this.find(".curve").replaceChildren(image);
     }
     read() {
@@ -423,13 +444,13 @@
       const zone = { outside: "outside the regions", target: "in the target region", uncomfortable: "in the uncomfortable region", issuer: "where the issuer stands" }[data.zones[scene.zone[cursor]]];
       const title = element("p", {}, element("strong", {}, `Row ${Math.floor(cursor / scene.columns)}, column ${cursor % scene.columns}`), `, ${zone}`);
       if (isOver(block, cursor)) return this.find(".readout").replaceChildren(title, element("p", {}, "Whoever gets here has ended the episode: there is nothing to choose."));
-      const greedy = block.greedy[state.k * cellsOf(block) + cursor];
+      const greedy = block.greedy[this.k * cellsOf(block) + cursor];
       const optimum = optimumOf(block);
       const base = best(block, cursor);
       const lines = data.actions.map((action, a) => {
-        const value = valueAt(block, state.k, cursor, a);
+        const value = valueAt(block, this.k, cursor, a);
         const cells = [
-          element("td", { class: "number" }, sourced(`agent_${block.scenario}.csv`, placeOf(block, state.k, cursor), show(value))),
+          element("td", { class: "number" }, sourced(`agent_${block.scenario}.csv`, placeOf(block, this.k, cursor), show(value))),
           element("td", { class: "number" }, sourced("optimum.csv", optimum.row + cursor, show(base[a]))),
           element("td", { class: "number" }, show(value - base[a])),
           element("td", {}, [(greedy >> a) & 1 ? "greedy" : "", (optimum.optimal[cursor] >> a) & 1 ? "optimal" : ""].filter(Boolean).join(", ")),
@@ -448,14 +469,17 @@
       this.path = [o];
       this.log = [];
       this.over = "";
+      this.seen = new Map(); // when it was where, since it last had a choice
       this.random = generator(2021);
     }
     step() {
       if (this.over) return false;
       const n = cellsOf(this.block);
       const o = this.state % n; // states are numbered cell by cell, once for each count of wrong PINGs
-      const choice = members(this.block.greedy[state.k * n + o]);
+      const choice = members(this.block.greedy[this.k * n + o]);
       const a = choice[Math.floor(this.random() * choice.length)];
+      if (choice.length > 1) this.seen.clear();
+      else this.seen.set(this.state, this.log.length);
       const taken = this.state * N_ACTIONS + a;
       const { scene } = this;
       this.log.push({ o, a, choice: choice.length, event: data.events[scene.event[taken]], grid: scene.grid_reward[taken], issuer: scene.issuer_reward[taken] });
@@ -463,6 +487,9 @@
       this.path.push(this.state % n);
       if (scene.terminated[taken]) {
         this.over = { target_ping: "PING in the target region: success.", issuer_reached: "The agent has run into the issuer: the episode is over.", last_wrong_ping: "One wrong PING too many: the episode is over." }[data.events[scene.event[taken]]];
+      } else if (this.seen.has(this.state)) {
+        const length = this.log.length - this.seen.get(this.state);
+        this.over = `${length > 1 ? `It goes in circles of ${length} steps` : "It does not get on"}, and would until the limit of ${data.horizon} steps.`;
       } else if (this.log.length >= data.horizon) this.over = `Stopped at the limit of ${data.horizon} steps.`;
       return !this.over;
     }
@@ -516,46 +543,72 @@
     });
     return stop;
   }
+  // All steps at which one of the two has a map.
   function steps() {
-    return panels[0].block.steps;
+    return [...new Set(panels.flatMap((panel) => panel.block.steps))].sort((a, b) => a - b);
   }
-  function toStep(k) {
-    state.k = k;
+  function toPlace(place) {
+    state.step = steps()[place];
     for (const panel of panels) panel.restart();
     refresh();
   }
   function refresh() {
-    const last = Math.min(...panels.map((panel) => panel.block.steps.length)) - 1;
-    state.k = Math.min(state.k, last);
-    slider.max = last;
-    slider.value = state.k;
-    const text = `${grouped(steps()[state.k])} of ${grouped(steps()[last])}`;
+    const all = steps();
+    const place = Math.max(all.findLastIndex((step) => step <= state.step), 0);
+    state.step = all[place];
+    slider.max = all.length - 1;
+    slider.value = place;
+    const text = `${grouped(state.step)} of ${grouped(all.at(-1))}`;
     byId("step-told").textContent = text;
-    slider.setAttribute("aria-valuetext", `step ${text}`);
+    byId("step-label").textContent = panels[0].block.unit === "episodes" ? "Training episode" : "Training step";
+    slider.setAttribute("aria-valuetext", text);
     for (const panel of panels) panel.draw();
-    const named = panels.map(({ block }) => [block.scenario, block.algorithm, block.observation].join("."));
-    state.hash = `#explorer=${[...named, steps()[state.k], state.shown].join("~")}`;
-    if (state.live) history.replaceState(null, "", state.hash);
+    const named = panels.map(({ block }) => [block.scenario, block.algorithm, block.observation].map(escaped).join("."));
+    state.hash = `#explorer=${[...named, state.step, state.shown].join("~")}`;
+    clearTimeout(timers.address);
+    if (state.live) timers.address = setTimeout(() => history.replaceState(null, "", state.hash), 150); // browsers allow few a second
   }
-  const wishOf = (text = "") => Object.fromEntries(["scenario", "algorithm", "observation"].map((key, i) => [key, text.split(".")[i]]));
+  const escaped = (text) => encodeURIComponent(text).replaceAll(".", "%2E").replaceAll("~", "%7E");
+  function unescaped(text) {
+    try {
+      return decodeURIComponent(text);
+    } catch {
+      return ""; // an address that somebody has mistyped asks for nothing
+    }
+  }
+  const wishOf = (text = "") => Object.fromEntries(["scenario", "algorithm", "observation"].map((key, i) => [key, unescaped(text.split(".")[i] ?? "")]));
   function fromHash() {
-    const [left, right, step, shown] = (location.hash.startsWith("#explorer=") ? decodeURIComponent(location.hash.slice(10)) : "").split("~");
+    const [left, right, step, shown] = (location.hash.startsWith("#explorer=") ? location.hash.slice(10) : "").split("~");
     return { left, right, step: Number(step), shown };
+  }
+  // Takes what an address asks for, as far as there is such a thing.
+  function follow(asked) {
+    panels[0].choose(wishOf(asked.left));
+    panels[1].choose(wishOf(asked.right));
+    state.step = asked.step >= 0 ? asked.step : steps().at(-1);
+    if ([...shownSelect.options].some((option) => option.value === asked.shown)) state.shown = asked.shown;
+    shownSelect.value = state.shown;
   }
   const asked = fromHash();
   const first = data.blocks[0];
   const net = data.blocks.find((one) => one.algorithm === "dqn") ?? data.blocks.at(-1);
   const panels = [];
-  panels.push(new Panel(document.querySelector('[data-side="left"]'), asked.left ? wishOf(asked.left) : first));
-  panels.push(new Panel(document.querySelector('[data-side="right"]'), asked.right ? wishOf(asked.right) : { ...net, scenario: first.scenario }));
-  state.k = asked.left && steps().includes(asked.step) ? steps().indexOf(asked.step) : steps().length - 1;
-  if ([...shownSelect.options].some((option) => option.value === asked.shown)) state.shown = asked.shown;
-  shownSelect.value = state.shown;
+  panels.push(new Panel(document.querySelector('[data-side="left"]'), first));
+  panels.push(new Panel(document.querySelector('[data-side="right"]'), { ...net, scenario: first.scenario }));
+  state.step = steps().at(-1);
+  if (asked.left) follow(asked);
+  addEventListener("hashchange", () => {
+    if (!location.hash.startsWith("#explorer=")) return;
+    stopLearning();
+    stopWalking();
+    follow(fromHash());
+    refresh();
+    byId("explorer").scrollIntoView();
+  });
 
   const stopLearning = play("learn", byId("learn"), ["Play training", "Pause"], () => {
-    if (state.k >= Number(slider.max)) toStep(0);
-    else toStep(state.k + 1);
-    return state.k < Number(slider.max);
+    toPlace(Number(slider.value) >= Number(slider.max) ? 0 : Number(slider.value) + 1);
+    return Number(slider.value) < Number(slider.max);
   }, 450);
   const walkOn = () => {
     const going = panels.map((panel) => panel.step());
@@ -577,7 +630,7 @@
   slider.addEventListener("input", () => {
     stopLearning();
     stopWalking();
-    toStep(Number(slider.value));
+    toPlace(Number(slider.value));
   });
   shownSelect.addEventListener("change", () => {
     state.shown = shownSelect.value;
@@ -600,6 +653,7 @@
     [[drawn("circle", { cx: 12, cy: 12, r: 8, fill: "#d55e00", stroke: "#fff", "stroke-width": 2 })], "agent and its way"],
     [[drawn("rect", { x: 3, y: 3, width: 18, height: 18, class: "cursor" })], "cell whose numbers are shown"],
   ];
+  if (data.blocks.some((block) => block.values.some(Number.isNaN))) key.push([[drawn("rect", { x: 3, y: 3, width: 18, height: 18, fill: NO_NUMBER, stroke: "#000" })], "no number: the net has diverged"]);
   byId("key").replaceChildren(...key.map(([shapes, text]) => element("li", {}, sign(...shapes), text)));
   refresh();
   byId("wait").remove();
