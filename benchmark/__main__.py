@@ -298,9 +298,11 @@ def _watch(options: argparse.Namespace) -> int:
 
 
 def _speed(options: argparse.Namespace) -> int:
-    from benchmark import speed
+    from benchmark import page, speed
 
     speed.measure(options.results / ("speed_smoke" if options.smoke else "speed"), smoke=options.smoke)
+    if not options.smoke and page.published(options.results):
+        print(f"the page is {page.write(options.results)}.")
     return 0
 
 

@@ -112,6 +112,11 @@ class _Folder:
         return f"{self.prefix}{name}" + ("" if row is None else f"#row={row + 2}")
 
 
+def published(results: Path) -> list[str]:
+    """Lists the published experiments whose results are there."""
+    return [name for name in PUBLISHED if (results / name / "manifest.json").exists()]
+
+
 def write(results: Path, experiment: str | None = None) -> Path:
     """Writes the page of the published experiments, or of another one, and the list of all results.
 
@@ -127,8 +132,7 @@ def write(results: Path, experiment: str | None = None) -> Path:
       InputError: There is nothing to tell of, or the page cannot be written.
     """
     if experiment is None or experiment in PUBLISHED:
-        names = [name for name in PUBLISHED if (results / name / "manifest.json").exists()]
-        folders = [_open(results / name, f"{name}/") for name in names]
+        folders = [_open(results / name, f"{name}/") for name in published(results)]
         target = results / "index.html"
     else:
         folders = [_open(results / experiment, "")]
