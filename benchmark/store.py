@@ -206,6 +206,8 @@ class Store:
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         """Writes all that follows, or none of it."""
+        if self._connection.in_transaction:  # an interrupt came between a statement and what was to follow
+            self._connection.execute("ROLLBACK")
         self._connection.execute("BEGIN IMMEDIATE")
         try:
             yield

@@ -243,6 +243,45 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
         assert pending(runs, store) == []
 
 
+class Interrupted:
+    """A connection whose user presses Ctrl-C once, just before or after a statement."""
+
+    def __init__(self, connection: sqlite3.Connection, statement: str, *, before: bool) -> None:
+        self._connection = connection
+        self._statement = statement
+        self._before = before
+
+    def execute(self, statement: str, *arguments: Any) -> Any:
+        strikes = statement == self._statement
+        if strikes:
+            self._statement = ""
+        if strikes and self._before:
+            raise KeyboardInterrupt
+        result = self._connection.execute(statement, *arguments)
+        if strikes:
+            raise KeyboardInterrupt
+        return result
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._connection, name)
+
+
+@pytest.mark.parametrize("before", [True, False])
+@pytest.mark.parametrize("statement", ["BEGIN IMMEDIATE", "COMMIT"])
+def test_interrupt_around_a_transaction_leaves_the_store_usable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: str, before: bool
+) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        interrupted = Interrupted(store._connection, statement, before=before)
+        monkeypatch.setattr(store, "_connection", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            store.add([record("x")])
+        store.add([record("x")])  # as the runner does with what had ended by then
+        store.add([record("y")])
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert store.statuses() == {"x": "done", "y": "done"}
+
+
 def test_long_runs_are_jobs_of_their_own() -> None:
     changes = {"algorithms.q_learning.seeds": 30, "algorithms.q_learning.settings.budget": 4_000_000}
     data = override(read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml"), changes, "test")
