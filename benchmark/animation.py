@@ -23,9 +23,6 @@ from envs.model import MOVES, PING
 from envs.render import COLOURS
 
 _SCALE: Final = 2  # drawn so many times too large, and made smaller: smooth edges
-_CORNERS: Final = np.array(
-    [[(-1, -1), (1, -1)], [(-1, 1), (1, 1)], [(-1, -1), (-1, 1)], [(1, -1), (1, 1)]]
-)  # of a move's triangle, (x, y) from the cell's centre; the third is the centre
 SAID: Final = {
     "target_ping": "success",
     "issuer_reached": "ran into the issuer",
@@ -216,7 +213,11 @@ def _draw_map(draw: ImageDraw.ImageDraw, film: Film, place: int, unit: int, top:
             draw.rectangle((x - half, y - half, x + half, y + half), (138, 138, 138))
             continue
         for a in range(PING):
-            corners = [(x + half * dx, y + half * dy) for dx, dy in _CORNERS[a].tolist()]
+            dy, dx = MOVES[a].tolist()  # a move's triangle stands on the side that it leads to
+            corners = [
+                (x + half * (dx + dy), y + half * (dy + dx)),
+                (x + half * (dx - dy), y + half * (dy - dx)),
+            ]
             draw.polygon([*corners, (x, y)], tuple(colours[o, a].tolist()))
         disc = tuple(colours[o, PING].tolist())
         if marks:
