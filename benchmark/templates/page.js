@@ -591,10 +591,11 @@
   }
   const asked = fromHash();
   const first = data.blocks[0];
-  const net = data.blocks.find((one) => one.algorithm === "dqn") ?? data.blocks.at(-1);
+  const net = data.blocks.find((one) => one.algorithm === "dqn");
+  const second = net ? { ...net, scenario: first.scenario } : data.blocks.at(-1); // something else, if there is
   const panels = [];
   panels.push(new Panel(document.querySelector('[data-side="left"]'), first));
-  panels.push(new Panel(document.querySelector('[data-side="right"]'), { ...net, scenario: first.scenario }));
+  panels.push(new Panel(document.querySelector('[data-side="right"]'), second));
   state.step = steps().at(-1);
   if (asked.left) follow(asked);
   addEventListener("hashchange", () => {
