@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from envs.inputs import Table, unknown_name
 
 ALGORITHMS: Final = {
-    "dqn": "agents.deep:DQN",
-    "ppo": "agents.deep:PPO",
-    "q_learning": "agents.q_learning:Q_LEARNING",
+    "dqn": "agents.sb3.settings:DQN",
+    "ppo": "agents.sb3.settings:PPO",
+    "q_learning": "agents.tabular.learner:Q_LEARNING",
 }
 
 

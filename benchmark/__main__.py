@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from envs import InputError
 
 if TYPE_CHECKING:
-    from benchmark.experiment import Experiment
+    from benchmark.experiments.specification import Experiment
 
 _MOST_SEEDS = 1_000_000
 _EPILOG = """\
@@ -146,9 +146,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _list(options: argparse.Namespace) -> int:
     from agents import ALGORITHMS
-    from benchmark.experiment import all_specifications, experiment_names, load_experiment
-    from benchmark.runner import pending
-    from benchmark.store import Store
+    from benchmark.execution.driver import pending
+    from benchmark.execution.store import Store
+    from benchmark.experiments.specification import all_specifications, experiment_names, load_experiment
     from envs import load_scenario, scenario_names
 
     print("scenarios")
@@ -178,10 +178,10 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from benchmark import runner
-    from benchmark.experiment import all_specifications, load_experiment
-    from benchmark.progress import Display
-    from benchmark.store import Record, Store
+    from benchmark.execution import driver as runner
+    from benchmark.execution.progress import Display
+    from benchmark.execution.store import Record, Store
+    from benchmark.experiments.specification import all_specifications, load_experiment
 
     if options.jobs < 1:
         raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
@@ -243,9 +243,10 @@ def _check_logs(experiment: "Experiment", directory: Path) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from benchmark import page, report
-    from benchmark.experiment import load_experiment
-    from benchmark.store import Store
+    from benchmark.execution.store import Store
+    from benchmark.experiments.specification import load_experiment
+    from benchmark.page import build as page
+    from benchmark.reports import draw as report
 
     partial = getattr(options, "partial", False)  # 'run --report' has no such option
     if options.experiment is None:
@@ -263,8 +264,8 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _watch(options: argparse.Namespace) -> int:
-    from benchmark.experiment import load_experiment
-    from benchmark.store import Store
+    from benchmark.execution.store import Store
+    from benchmark.experiments.specification import load_experiment
 
     experiment = load_experiment(options.experiment)
     if not options.seed.isdecimal() or int(options.seed) >= _MOST_SEEDS:
@@ -275,7 +276,7 @@ def _watch(options: argparse.Namespace) -> int:
         raise InputError(f"--save {options.save}: there is no folder {options.save.parent}.")
     from rich.console import Console
 
-    from benchmark import watch
+    from benchmark.commands import watch
 
     run = watch.specification(
         experiment, options.scenario, options.algorithm, options.observation, int(options.seed)
@@ -298,7 +299,8 @@ def _watch(options: argparse.Namespace) -> int:
 
 
 def _speed(options: argparse.Namespace) -> int:
-    from benchmark import page, speed
+    from benchmark.page import build as page
+    from benchmark.reports import speed
 
     speed.measure(options.results / ("speed_smoke" if options.smoke else "speed"), smoke=options.smoke)
     if not options.smoke and page.published(options.results):

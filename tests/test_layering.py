@@ -38,17 +38,18 @@ def test_results_hold_no_code() -> None:
 
 def test_only_the_deep_learners_load_torch() -> None:
     loading = {
-        path.name
+        str(path.relative_to(ROOT))
         for layer in LAYERS[:3]
         for path in (ROOT / layer).rglob("*.py")
         if imported(path) & {"torch", "stable_baselines3"}
     }
-    assert loading == {"sb3_training.py", "sb3_vec_env.py", "speed.py"}
+    assert loading == {"agents/sb3/training.py", "agents/sb3/vec_env.py", "benchmark/reports/speed.py"}
 
 
 def test_torch_is_loaded_only_when_somebody_trains_a_net() -> None:
     code = (
-        "import sys; from benchmark.experiment import *; from benchmark import runner, report\n"
+        "import sys; from benchmark.experiments.specification import *; "
+        "from benchmark.execution import driver; from benchmark.reports import draw\n"
         "all_specifications(load_experiment('compare_deep'))\n"
         "assert not {'torch', 'stable_baselines3', 'rliable'} & set(sys.modules)"
     )

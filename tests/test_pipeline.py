@@ -265,9 +265,9 @@ def test_failed_drawing_leaves_the_old_results(results: Path, tmp_path: Path) ->
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
     before = contents(folder, manifest=True)
     code = (
-        "import sys; from benchmark import figures, __main__ as m\n"
+        "import sys; from benchmark import __main__ as m; from benchmark.reports.replication import report\n"
         "def broken(*_): raise OSError('disk full')\n"
-        "figures.write_figure = broken\n"
+        "report.write_figure = broken\n"
         f"sys.exit(m.main(['report', 'reproduce_smoke', '--results', {str(tmp_path)!r}]))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)

@@ -1,0 +1,1 @@
+"""Populations of agents, intervals and snapshots."""

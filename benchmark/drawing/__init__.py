@@ -1,0 +1,1 @@
+"""Figures, maps, moving pictures and tables."""

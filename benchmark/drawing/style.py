@@ -1,0 +1,53 @@
+"""What all figures share: style, colours, and how they are written."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import pandas as pd
+import seaborn as sns
+from matplotlib import pyplot as plt
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+COLOURS: Final = sns.color_palette("colorblind")
+_RC: Final = {
+    **sns.axes_style("ticks"),
+    **sns.plotting_context("paper", font_scale=1.1),
+    "svg.hashsalt": "proxemic",  # else every drawing gets identifiers of its own
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": "medium",
+    "font.sans-serif": ["DejaVu Sans"],
+}
+
+
+def write_figure(figure: Figure, stem: Path) -> None:
+    """Writes a figure as `stem.png` and `stem.svg`, the same bytes for the same figure."""
+    with plt.rc_context(_RC):
+        figure.savefig(stem.with_suffix(".png"), dpi=160, metadata={"Software": None})
+        figure.set_layout_engine("none")  # the layout stands; computing it again takes seconds
+        figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
+    plt.close(figure)
+
+
+@contextmanager
+def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
+    """Makes a figure in the project's style; axes are (rows, columns)."""
+    with plt.rc_context(_RC):
+        figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
+        yield figure, axes
+        for axis in axes.flat:
+            if axis.get_aspect() != "auto":
+                axis.label_outer()  # maps of a figure share their rows and columns
+
+
+def norm_of(values: pd.Series) -> Normalize:
+    """Returns one colour scale for all these values."""
+    return Normalize(float(values.min()), float(values.max()))

@@ -1,0 +1,1 @@
+"""Experiments: declared sets of runs."""

@@ -1,0 +1,1 @@
+"""The comparison of tabular and deep learners."""

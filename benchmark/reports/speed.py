@@ -1,0 +1,348 @@
+"""Measures speed, each row against the stock way of doing the same in the same run.
+
+Machines are noisy, so all rows take turns, and in each row its two sides, for many rounds; the best of
+each side is compared.
+"""
+
+import os
+import platform
+import random
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import pandas as pd
+from numpy.random import SeedSequence
+from rich.console import Console
+from rich.progress import track
+
+from agents.dynamic_programming import evaluate
+from agents.policy import uniform_policy
+from agents.tabular import learner as q_learning
+from benchmark.drawing import tables
+from benchmark.execution.driver import Workers
+from benchmark.experiments.specification import (
+    DEFAULT_READING,
+    RunSpecification,
+    load_experiment,
+    specifications,
+)
+from envs import InputError, Model, ProxemicVectorEnv, compile_scenario, load_scenario
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+
+_ENV = "envs:Proxemic/S1-v0"
+
+
+class Row(NamedTuple):
+    """Two ways to do the same; each callable does its work once and returns how much that was."""
+
+    name: str
+    unit: str
+    ours: Callable[[], float]
+    stock: Callable[[], float]
+    against: str
+
+
+def measure(directory: Path, *, smoke: bool) -> None:
+    """Measures every row, prints the table, and writes `speed.csv`, `.md`, `.tex` and a README.
+
+    Args:
+      directory: Where to write.
+      smoke: Whether to do very little, to try the code; the figures then mean nothing.
+
+    Raises:
+      InputError: The folder cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        (directory / "speed.csv").touch()
+    except OSError as error:
+        raise InputError(
+            f"{directory}: cannot be written: {error.strerror}; choose another folder with --results."
+        ) from error
+    rows = []
+    workers = Workers()
+    try:
+        compared = [*_rows(smoke), *_deep_rows(smoke, workers)]
+        rates = _compare(compared, rounds=1 if smoke else 15)
+    finally:
+        workers.stop()
+    for row, (ours, stock) in zip(compared, rates, strict=True):
+        rows.append(
+            {
+                "name": row.name,
+                "per_second": ours,
+                "baseline": stock,
+                "ratio": ours / stock,
+                "unit": row.unit,
+                "against": row.against,
+            }
+        )
+        print(f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.3g} times {row.against}")
+    frame = pd.DataFrame(rows)
+    tables.write_table(frame, directory / "speed")
+    (directory / "README.md").write_text(_readme(frame), encoding="utf-8")
+    print(f"written to {directory}")
+
+
+def _readme(frame: pd.DataFrame) -> str:
+    """Returns the page that says what was measured."""
+    return f"""# speed
+
+Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
+project's rate, `baseline` that of the stock way, both the best of many rounds, in which all rows take turns,
+in the same run; machines differ and are noisy, `ratio` less so.
+
+{tables.to_markdown(frame)}"""
+
+
+def _compare(rows: list[Row], rounds: int) -> list[tuple[float, float]]:
+    """Returns the best rates of both sides of every row, per second."""
+    best = [[0.0, 0.0] for _ in rows]
+    for row in rows:  # compile, import, fill caches
+        row.ours()
+        row.stock()
+    for _ in track(range(rounds), "measuring", console=Console(stderr=True)):
+        for row, rates in zip(rows, best, strict=True):
+            for i, side in enumerate((row.ours, row.stock)):
+                started = time.perf_counter()
+                done = side()
+                rates[i] = max(rates[i], done / (time.perf_counter() - started))
+    return [(ours, stock) for ours, stock in best]
+
+
+def _rows(smoke: bool) -> list[Row]:
+    """Returns what is compared, on S1 with the paper's constants."""
+    size = 0.01 if smoke else 1.0
+    model = compile_scenario(load_scenario("S1"))
+
+    def kernel() -> float:
+        return _kernel(model, 200, round(20_000 * size), threads=1)
+
+    return [
+        Row(
+            "q_learning_kernel",
+            "updates",
+            kernel,
+            lambda: _numpy_q_learning(round(25_000 * size)),
+            "a plain Python loop over gymnasium.make, Q in NumPy",
+        ),
+        Row(
+            "q_learning_kernel_lists",
+            "updates",
+            kernel,
+            lambda: _list_q_learning(round(100_000 * size)),
+            "the same loop tuned: Q in lists, Python's own random numbers",
+        ),
+        Row(
+            "q_learning_threads",
+            "updates",
+            lambda: _kernel(model, 200, round(100_000 * size), threads=2, record_every=10),
+            lambda: _kernel(model, 200, round(100_000 * size), threads=1, record_every=10),
+            "one thread, by two",
+        ),
+        Row(
+            "vector_env_1000",
+            "steps",
+            lambda: _vector_env("vector_entry_point", max(round(500 * size), 5)),
+            lambda: _vector_env("sync", max(round(10 * size), 1)),
+            "gymnasium.vector.SyncVectorEnv",
+        ),
+        Row(
+            "evaluate",
+            "policies",
+            lambda: _exact(model, max(round(100 * size), 1)),
+            lambda: _simulated(model, round(1000 * size), 1000),
+            "1,000 simulated episodes, uniform random policy",
+        ),
+    ]
+
+
+def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
+    """Returns what is compared of deep learning, with the settings of `compare_deep`, one-hot, S1."""
+    size = 0.01 if smoke else 1.0
+    try:
+        import torch
+        from stable_baselines3.common.monitor import Monitor
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
+        from agents.sb3.training import CLASSES, make_agent, policy_table, sb3_arguments
+        from agents.sb3.vec_env import SB3VecEnv
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"speed: needs the package {error.name}, which is not installed; make speed installs it."
+        ) from error
+    cores = os.cpu_count() or 1
+    slots = ThreadPoolExecutor(cores)
+    declared = load_experiment("compare_deep")
+    limit = declared.settings["time_limit"]
+
+    def make_env() -> gymnasium.Env[Any, Any]:
+        return gymnasium.make(_ENV, observation="one_hot", max_episode_steps=limit)
+
+    def runs(name: str) -> list[RunSpecification]:
+        budget = {"budget": round(2000 * size) // 200 * 200 or 200}
+        short = declared.model_copy(update={"settings": declared.settings | budget})
+        return specifications(short, DEFAULT_READING, "S1", name, "one_hot", range(cores))
+
+    def ours(name: str) -> float:
+        for future in [slots.submit(workers.execute, [run], {}) for run in runs(name)]:
+            assert future.result()[0].error is None
+        return sum(run.settings.budget for run in runs(name))  # type: ignore[attr-defined]
+
+    def stock(name: str) -> float:
+        settings: Any = runs(name)[0].settings
+        env = DummyVecEnv([lambda: Monitor(make_env())] * settings.n_envs)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
+            CLASSES[name]("MlpPolicy", env, **sb3_arguments(settings)).learn(settings.budget)
+        return float(settings.budget)
+
+    def native(n_envs: int) -> SB3VecEnv:
+        return SB3VecEnv(
+            ProxemicVectorEnv(n_envs, "S1", "one_hot", max_episode_steps=limit, autoreset_mode="SameStep")
+        )
+
+    def steps(env: "VecEnv", n_steps: int) -> float:
+        actions = np.random.default_rng(0).integers(0, 5, (n_steps, env.num_envs))
+        env.reset()
+        for action in actions:
+            env.step(action)
+        return n_steps * env.num_envs
+
+    agent = make_agent("dqn", runs("dqn")[0].settings, native(1))  # type: ignore[arg-type]
+    table = np.eye(120, dtype=np.float32)
+    cells = torch.as_tensor(table)
+
+    def maps(times: int) -> float:
+        for _ in range(times):
+            policy_table(agent, cells)
+        return times
+
+    def single_maps(times: int) -> float:
+        for _ in range(times):
+            for observation in table:
+                agent.predict(observation, deterministic=True)
+        return times
+
+    pool = f"the same over DummyVecEnv([Monitor(env)]), one process of {torch.get_num_threads()} threads"
+    rows = [Row(f"sb3_{name}", "steps", partial(ours, name), partial(stock, name), pool) for name in CLASSES]
+    for n_envs, n_steps in ((8, 1000), (64, 300)):
+        mine, theirs = native(n_envs), DummyVecEnv([make_env] * n_envs)
+        n_mine, n_theirs = max(round(n_steps * size), 5), max(round(n_steps * size / 4), 5)
+        rows.append(
+            Row(
+                f"vec_env_{n_envs}",
+                "steps",
+                partial(steps, mine, n_mine),
+                partial(steps, theirs, n_theirs),
+                "stable_baselines3's DummyVecEnv",
+            )
+        )
+    many, few = max(round(500 * size), 1), max(round(10 * size), 1)
+    rows.append(
+        Row("map_all_cells", "maps", partial(maps, many), partial(single_maps, few), "120 single predicts")
+    )
+    return rows
+
+
+def _kernel(model: Model, agents: int, steps: int, threads: int, record_every: int = 1) -> float:
+    """Trains agents with the kernel, the visited max Q recorded."""
+    settings = q_learning.Settings(budget=steps, record_every=record_every)
+    seeds = [SeedSequence([0, i]) for i in range(agents)]
+    q_learning.train(model, settings, seeds, threads=threads)
+    return agents * steps
+
+
+def _numpy_q_learning(steps: int) -> float:
+    """Q-learning as it is usually written."""
+    env = gymnasium.make(_ENV)
+    rng = np.random.default_rng(0)
+    q = np.zeros((120, 5))
+    visited_max = np.empty(steps)
+    observation, _ = env.reset(seed=0)
+    for t in range(steps):
+        best = q[observation].max()
+        visited_max[t] = best
+        if rng.random() < 0.6:
+            action = rng.integers(5)
+        else:
+            candidates = np.flatnonzero(q[observation] == best)
+            action = candidates[rng.integers(len(candidates))]
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else 0.9 * q[following].max())
+        q[observation, action] += 0.6 * (target - q[observation, action])
+        observation = env.reset()[0] if terminated or truncated else following
+    return steps
+
+
+def _list_q_learning(steps: int) -> float:
+    """The same without NumPy, whose calls cost more than the few numbers they handle."""
+    env = gymnasium.make(_ENV)
+    rng = random.Random(0)
+    q = [[0.0] * 5 for _ in range(120)]
+    visited_max = []
+    observation, _ = env.reset(seed=0)
+    for _ in range(steps):
+        row = q[observation]
+        best = max(row)
+        visited_max.append(best)
+        if rng.random() < 0.6:
+            action = rng.randrange(5)
+        else:
+            action = rng.choice([a for a in range(5) if row[a] == best])
+        following, reward, terminated, truncated, _ = env.step(action)
+        target = float(reward) + (0.0 if terminated else 0.9 * max(q[following]))
+        row[action] += 0.6 * (target - row[action])
+        observation = env.reset()[0] if terminated or truncated else following
+    return steps
+
+
+def _vector_env(mode: str, steps: int) -> float:
+    """Steps 1,000 envs with random actions; making them is not counted, as `_ENVS` keeps them."""
+    if mode not in _ENVS:
+        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode)
+        _ENVS[mode].reset(seed=0)
+    env = _ENVS[mode]
+    actions = np.random.default_rng(0).integers(0, 5, (50, 1000))
+    for t in range(steps):
+        env.step(actions[t % 50])
+    return steps * 1000
+
+
+_ENVS: dict[str, gymnasium.vector.VectorEnv] = {}
+
+
+def _exact(model: Model, times: int) -> float:
+    """Evaluates the random policy exactly, the policy with the most states to visit."""
+    policy = uniform_policy(model)
+    for _ in range(times):
+        evaluate(model, policy, 200)
+    return times
+
+
+def _simulated(model: Model, episodes: int, per_evaluation: int) -> float:
+    """Simulates episodes of the same policy; returns how many evaluations they make."""
+    env = gymnasium.make(_ENV, max_episode_steps=200)
+    rng = random.Random(0)
+    weights = [list(row) for row in uniform_policy(model).cumsum(axis=1)]
+    actions = range(5)
+    total = 0.0
+    env.reset(seed=0)
+    for _ in range(episodes):
+        observation, _ = env.reset()
+        over = False
+        while not over:
+            action = rng.choices(actions, cum_weights=weights[observation])[0]
+            observation, reward, terminated, truncated, _ = env.step(action)
+            total += float(reward)
+            over = terminated or truncated
+    return episodes / per_evaluation

@@ -1,0 +1,481 @@
+"""Stable-Baselines3's learners: the adapter, the settings, and training that repeats to the last bit."""
+
+import inspect
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from agents import load_algorithm
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import ALL_ACTIONS, contains, mask_policy
+from agents.sb3 import training as sb3_training
+from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
+from agents.sb3.training import DeepTraining, make_agent, policy_table, sb3_arguments, train
+from agents.sb3.vec_env import SB3VecEnv
+from envs import InputError, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs.model import PING
+from envs.observations import observation_table
+
+S1 = compile_scenario(load_scenario("S1"))
+DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
+PPO = PpoSettings(budget=400, time_limit=50, n_steps=50, n_envs=2, batch_size=32, n_epochs=2)
+SETTINGS: dict[str, DqnSettings | PpoSettings] = {"dqn": DQN, "ppo": PPO}
+
+
+def vec_env(n: int, scenario: str = "S1", observation: str = "coordinates", limit: int = 7) -> SB3VecEnv:
+    env = ProxemicVectorEnv(n, scenario, observation, max_episode_steps=limit, autoreset_mode="SameStep")
+    return SB3VecEnv(env)
+
+
+# The adapter
+
+
+@pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
+@pytest.mark.parametrize(("scenario", "n"), [("S1", 1), ("S1", 5), ("S3", 4), ("S2", 1)])
+def test_vec_env_steps_as_stable_baselines3s_own_does(scenario: str, n: int, observation: str) -> None:
+    ours = vec_env(n, scenario, observation)
+    theirs = DummyVecEnv(
+        [lambda: gymnasium.make(f"envs:Proxemic/{scenario}-v0", observation=observation, max_episode_steps=7)]
+        * n
+    )
+    ours.seed(3)
+    theirs.seed(3)
+    assert np.array_equal(ours.reset(), theirs.reset())  # type: ignore[arg-type]
+    actions = np.random.default_rng(0).choice(5, size=(400, n), p=[0.1, 0.1, 0.1, 0.1, 0.6])
+    truncated = terminated = 0
+    for action in actions:
+        one, other = ours.step(action), theirs.step(action)
+        for mine, its in zip(one[:3], other[:3], strict=True):
+            assert np.array_equal(mine, its)  # type: ignore[arg-type]
+            assert mine.dtype == its.dtype  # type: ignore[union-attr]
+        for info, expected in zip(one[3], other[3], strict=True):
+            assert info.get("TimeLimit.truncated", False) is expected["TimeLimit.truncated"]
+            assert ("terminal_observation" in info) == ("terminal_observation" in expected)
+            if "terminal_observation" in info:
+                assert np.array_equal(info["terminal_observation"], expected["terminal_observation"])
+                truncated += int(expected["TimeLimit.truncated"])
+                terminated += not expected["TimeLimit.truncated"]
+    assert truncated > 5
+    assert terminated > 5
+
+
+def test_vec_env_gives_copies() -> None:
+    env: Any = vec_env(2, limit=1)
+    first = env.reset()
+    observations, _, _, infos = env.step(np.array([1, 3]))
+    ended, began = infos[0]["terminal_observation"].copy(), observations.copy()
+    first[:] = observations[:] = 9
+    assert np.array_equal(infos[0]["terminal_observation"], ended)
+    again, _, _, others = env.step(np.array([1, 3]))
+    assert np.array_equal(again, began)
+    assert np.array_equal(others[0]["terminal_observation"], ended)
+
+
+def test_no_two_envs_of_any_run_share_draws() -> None:
+    draws = []
+    for seed in range(5):  # neighbours, which SB3's seed + i would make share
+        env = vec_env(4, "S2")
+        env.seed(seed)
+        env.reset()
+        draws += [env.step(np.full(4, PING))[1] for _ in range(100)]
+    assert len(np.unique(np.concatenate(draws))) == 5 * 4 * 100
+
+
+def test_vec_env_counts_disagreements() -> None:
+    env, plain = vec_env(3, "S3", limit=20), gymnasium.make("envs:Proxemic/S3-v0", max_episode_steps=20)
+    actions = np.random.default_rng(1).integers(0, 5, (300, 3))
+    env.reset()
+    expected = 0
+    for i in range(3):
+        plain.reset()
+        for action in actions[:, i]:
+            _, _, terminated, truncated, info = plain.step(action)
+            expected += info["event"] in ("wrong_ping", "last_wrong_ping")
+            if terminated or truncated:
+                plain.reset()
+    for action in actions:
+        env.step(action)
+    assert env.disagreements == expected > 50
+
+
+def test_vec_env_refuses_what_a_batch_cannot_do() -> None:
+    with pytest.raises(ValueError, match="SameStep"):
+        SB3VecEnv(ProxemicVectorEnv(2))
+    env = vec_env(3)
+    assert env.get_attr("num_envs") == [3, 3, 3]
+    assert env.get_attr("num_envs", [0]) == [3]
+    assert env.env_is_wrapped(Monitor) == [False] * 3
+    with pytest.raises(NotImplementedError, match="set_attr"):
+        env.set_attr("x", 1)
+    with pytest.raises(NotImplementedError, match="env_method"):
+        env.env_method("reset")
+
+
+# Settings
+
+
+@pytest.mark.parametrize(("name", "settings"), [("dqn", DqnSettings), ("ppo", PpoSettings)])
+def test_settings_bear_sb3s_names_and_values(name: str, settings: type[DqnSettings | PpoSettings]) -> None:
+    parameters = inspect.signature(getattr(stable_baselines3, name.upper()).__init__).parameters
+    ours = {"budget", "time_limit", "n_envs", "policy_kwargs"}
+    for key, field in settings.model_fields.items():
+        if key not in ours:
+            assert field.default == parameters[key].default, key
+    left_out = set(parameters) - set(settings.model_fields)
+    assert left_out <= {
+        "self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "stats_window_size",
+        "_init_setup_model", "replay_buffer_class", "replay_buffer_kwargs", "optimize_memory_usage",
+        "rollout_buffer_class", "rollout_buffer_kwargs", "use_sde", "sde_sample_freq",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_default_net_is_sb3s(name: str) -> None:
+    settings = load_algorithm(name).settings.model_validate({"budget": 2048})
+    ours = make_agent(name, settings, vec_env(1))  # type: ignore[arg-type]
+    theirs = getattr(stable_baselines3, name.upper())("MlpPolicy", vec_env(1))
+    assert str(ours.policy) == str(theirs.policy)
+    groups = [
+        {key: value for key, value in agent.policy.optimizer.param_groups[0].items() if key != "params"}
+        for agent in (ours, theirs)
+    ]
+    assert groups[0] | {"fused": None} == groups[1]
+    assert type(ours.policy.optimizer) is type(theirs.policy.optimizer)
+
+
+def test_replay_buffer_is_as_large_as_the_budget() -> None:
+    assert sb3_arguments(DqnSettings(budget=400))["buffer_size"] == 400
+    assert sb3_arguments(DqnSettings(budget=400, buffer_size=50))["buffer_size"] == 50
+    agent: Any = make_agent("dqn", DqnSettings(budget=400, n_envs=4, train_freq=1), vec_env(4))
+    assert agent.replay_buffer.observations.nbytes == 400 * 2 * 4
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "expected"),
+    [
+        (
+            "ppo",
+            {},
+            "budget = 10000 is not a whole number of rollouts of 2048 steps; acc.* 8192 or 10240",
+        ),
+        ("ppo", {"n_steps": 2000, "n_envs": 8}, "rollouts of 16000 steps; accepted with this rollout: 16000"),
+        ("dqn", {"train_freq": 3}, "rollouts of 3 steps; accepted with this rollout: 9999 or 10002"),
+        ("ppo", {"n_steps": 1}, "at least 2"),
+        ("dqn", {"exploration_fraction": 0.0}, "greater than 0"),
+        ("dqn", {"policy_kwargs": {"net_arch": [0]}}, "greater than or equal to 1"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(name: str, values: dict[str, Any], expected: str) -> None:
+    from envs.inputs import parse
+
+    with pytest.raises(InputError, match=expected):
+        parse(load_algorithm(name).settings, values, "mine.toml")
+
+
+# Training
+
+
+def trained(
+    name: str, seed: int = 0, points: list[int] | None = None, observation: str = "one_hot", **changes: Any
+) -> DeepTraining:
+    settings = SETTINGS[name].model_copy(update=changes)
+    points = [0, 200, 400] if points is None else points
+    return train(name, S1, settings, observation, [SeedSequence([4, seed])], points)
+
+
+@pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_same_seed_gives_the_same_weights(name: str, observation: str) -> None:
+    alone = trained(name, 0, observation=observation)
+    torch.rand(3)
+    np.random.rand(3)  # noqa: NPY002
+    seeds = [SeedSequence([4, 1]), SeedSequence([4, 0])]
+    together = train(name, S1, SETTINGS[name], observation, seeds, [0, 200, 400])
+    for key, values in vars(alone).items():
+        if key != "cpu_time_s":
+            assert values[0].tobytes() == getattr(together, key)[1].tobytes(), key
+    assert (together.weights[0] != together.weights[1]).any()
+
+
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_looking_does_not_disturb(name: str) -> None:
+    often = trained(name, points=list(range(0, 401, 10)))
+    never = trained(name, points=[])
+    assert (often.weights == never.weights).all()
+    assert never.greedy.shape == (1, 0, 120)
+
+
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_maps_are_the_values_at_their_steps(name: str) -> None:
+    points, map_steps = list(range(0, 401, 100)), [0, 200, 400]
+    training = train(
+        name,
+        S1,
+        SETTINGS[name],
+        "one_hot",
+        [SeedSequence([4, 0])],
+        evaluation_steps=points,
+        map_steps=map_steps,
+    )
+    assert training.values.shape == (1, 3, 120, 5)
+    # SB3 takes the first of several best actions.
+    assert (1 << training.values[0].argmax(axis=-1) == training.greedy[0, ::2]).all()
+    last = training.stochastic[0, -1] if name == "ppo" else training.q[0]
+    assert (training.values[0, -1] == last.astype(np.float32)).all()
+    with pytest.raises(ValueError, match="map_steps: must be among the evaluation steps"):
+        train(name, S1, SETTINGS[name], "one_hot", [SeedSequence(0)], points, [150])
+
+
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_logs_tell_and_change_nothing(name: str, tmp_path: Path) -> None:
+    seeds = [SeedSequence([4, 0]), SeedSequence([4, 1])]
+    folders = [tmp_path / "0", tmp_path / "1"]
+    logged = train(name, S1, SETTINGS[name], "one_hot", seeds, [0, 200, 400], logs=folders)
+    for i in range(2):
+        assert (logged.weights[i] == trained(name, i).weights[0]).all()
+        events = EventAccumulator(str(folders[i])).Reload()
+        assert {"rollout/ep_rew_mean", "proxemic/disagreements", "train/loss"} <= set(
+            events.Tags()["scalars"]
+        )
+        last = events.Scalars("proxemic/disagreements")[-1]
+        assert (last.step, last.value) == (400, logged.disagreements[i, -1])
+
+
+def test_training_leaves_the_global_generators_and_threads_alone() -> None:
+    torch.manual_seed(1)
+    np.random.seed(1)  # noqa: NPY002
+    expected = torch.rand(2), np.random.rand(2)  # noqa: NPY002
+    torch.manual_seed(1)
+    np.random.seed(1)  # noqa: NPY002
+    threads = torch.get_num_threads()
+    trained("dqn", points=[])
+    assert torch.get_num_threads() == threads
+    assert (torch.rand(2) == expected[0]).all()
+    assert (np.random.rand(2) == expected[1]).all()  # noqa: NPY002
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [("dqn", {}), ("dqn", {"n_envs": 4, "train_freq": 1}), ("ppo", {}), ("ppo", {"n_envs": 1})],
+)
+def test_exactly_the_declared_steps(
+    name: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = []
+    step_wait = SB3VecEnv.step_wait
+    threads = []
+
+    def counted(self: SB3VecEnv) -> Any:
+        steps.append(self.num_envs)
+        threads.append(torch.get_num_threads())
+        return step_wait(self)
+
+    monkeypatch.setattr(SB3VecEnv, "step_wait", counted)
+    trained(name, **changes)
+    assert sum(steps) == 400
+    assert set(threads) == {1}
+
+
+def test_updates_and_parameters_by_hand() -> None:
+    dqn = trained("dqn", observation="coordinates")
+    assert dqn.updates[0] == (400 - 100) / 2
+    assert dqn.parameters[0] == (2 * 64 + 64) + (64 * 64 + 64) + (64 * 5 + 5)
+    linear = trained("dqn", policy_kwargs=PolicyArguments(net_arch=()))
+    assert linear.parameters[0] == 120 * 5 + 5
+    ppo = trained("ppo", observation="coordinates")
+    assert ppo.updates[0] == 2 * math.ceil(100 / 32) * 4
+    body = (2 * 64 + 64) + (64 * 64 + 64)
+    assert ppo.parameters[0] == 2 * body + (64 * 5 + 5) + (64 + 1)
+
+
+def test_policy_changes_between_rollouts_alone() -> None:
+    probabilities = trained("ppo", points=list(range(0, 401, 50))).stochastic[0]
+    assert (probabilities[0:8:2] == probabilities[1:8:2]).all()  # rollouts are of 100 steps
+    for before, after in ((0, 2), (2, 4), (4, 6), (6, 8)):
+        assert (probabilities[before] != probabilities[after]).any()
+
+
+def test_last_snapshot_is_the_final_net_and_the_first_the_untrained() -> None:
+    training = trained("dqn")
+    assert (1 << training.q[0].argmax(axis=1) == training.greedy[0, -1]).all()
+    assert (trained("dqn", points=[0], budget=200).greedy[0, 0] == training.greedy[0, 0]).all()
+    assert (training.greedy[0, 0] != training.greedy[0, -1]).any()
+
+
+def test_counts_and_seconds_rise() -> None:
+    for name in SETTINGS:
+        training = trained(name)
+        assert training.disagreements[0, 0] == 0
+        assert (np.diff(training.disagreements[0]) > 0).all()
+        assert (np.diff(training.cpu_time_s[0]) > 0).all()
+
+
+def test_seconds_include_the_update_that_made_the_policy() -> None:
+    points = [0, 99, 100, 199, 200, 399, 400]
+    seconds = trained("ppo", points=points, n_steps=100, n_envs=1, n_epochs=30).cpu_time_s[0]
+    for before, after in ((1, 2), (3, 4), (5, 6)):  # an update of 120 steps of gradient lies between
+        assert seconds[after] - seconds[before] > 5 * (seconds[1] / 99)
+
+
+def test_evaluation_steps_must_rise() -> None:
+    for points in ([5, 5], [-1], [401], [9, 3]):
+        with pytest.raises(ValueError, match="must rise"):
+            trained("dqn", points=points)
+    with pytest.raises(ValueError, match="at least one"):
+        train("dqn", S1, DQN, "one_hot", [], [])
+
+
+@pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_table_of_all_cells_says_what_the_agent_does(name: str, observation: str) -> None:
+    agent = make_agent(name, SETTINGS[name], vec_env(SETTINGS[name].n_envs, observation=observation))
+    agent.learn(400)
+    observations = observation_table(S1, observation)
+    table = policy_table(agent, torch.as_tensor(observations))
+    for cell, own in enumerate(observations):
+        action, _ = agent.predict(own, deterministic=True)
+        assert table[cell].argmax() == action
+    if name == "ppo":
+        assert table.sum(axis=1) == pytest.approx(1)
+        np.random.seed(0)  # noqa: NPY002
+        torch.manual_seed(0)
+        many = np.repeat(observations[:1], 20_000, axis=0)
+        shares = np.bincount(agent.predict(many)[0], minlength=5) / 20_000
+        assert shares == pytest.approx(table[0], abs=0.015)
+
+
+def test_time_limits_are_bootstrapped_through() -> None:
+    agent: Any = make_agent("dqn", DQN, vec_env(1, observation="coordinates", limit=3))
+    agent.learn(300)
+    buffer = agent.replay_buffer
+    n = buffer.pos
+    dones, timeouts = buffer.dones[:n, 0] > 0, buffer.timeouts[:n, 0] > 0
+    assert timeouts.sum() > 50
+    assert (dones[timeouts]).all()  # SB3 bootstraps where done * (1 - timeout) is 0
+    assert not timeouts[~dones].any()
+    start = buffer.observations[0, 0]
+    went_on = buffer.next_observations[:n, 0][timeouts]
+    assert (went_on != start).any(axis=1).any()  # where the episode ended, not where the next one begins
+    assert (buffer.observations[1:n, 0][dones[: n - 1]] == start).all()
+
+
+def test_ppo_bootstraps_through_time_limits() -> None:
+    """SB3 adds the discounted value of where a truncated episode ended to its last reward."""
+    settings = PpoSettings(budget=60, n_steps=60, batch_size=30, learning_rate=1e-30, gamma=0.9)
+    env: Any = vec_env(1, limit=3)
+    steps = []
+    step_wait = env.step_wait
+
+    def kept() -> Any:
+        result = step_wait()
+        steps.append((result[1].copy(), *result[2:]))  # SB3 adds to the rewards in place
+        return result
+
+    env.step_wait = kept
+    agent: Any = make_agent("ppo", settings, env)
+    agent.learn(60)
+    seen = []
+    for reward, (raw, dones, infos) in zip(agent.rollout_buffer.rewards[:, 0], steps, strict=True):
+        expected = raw[0]
+        if dones[0] and infos[0]["TimeLimit.truncated"]:
+            ended = torch.as_tensor(infos[0]["terminal_observation"])[None]
+            expected += 0.9 * agent.policy.predict_values(ended).item()
+            seen.append(expected)
+        assert reward == pytest.approx(expected, abs=1e-6)
+    assert len(seen) > 10
+
+
+SMALL = compile_scenario(
+    load_scenario(
+        "S1",
+        {
+            "grid.rows": 5,
+            "grid.columns": 6,
+            "issuer.position": [2, 4],
+            "regions.target_radius": 2,
+            "regions.uncomfortable_radius": 1,
+        },
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("dqn", DqnSettings(budget=2000, time_limit=50, train_freq=2, learning_rate=3e-3, gamma=0.9,
+                            batch_size=64, target_update_interval=50, exploration_fraction=0.8)),
+        ("ppo", PpoSettings(budget=4000, time_limit=50, n_envs=4, n_steps=25, learning_rate=1e-3, gamma=0.9,
+                            batch_size=50, gae_lambda=0.8, ent_coef=0.03)),
+    ],
+)  # fmt: skip
+def test_both_solve_a_small_scene(name: str, settings: DqnSettings | PpoSettings) -> None:
+    training = train(name, SMALL, settings, "one_hot", [SeedSequence(1)], [settings.budget])
+    optimum = solve(SMALL, 1.0, 50).value[SMALL.start]
+    reached = evaluate(SMALL, mask_policy(training.greedy), 50).grid_return[0, 0]
+    assert reached == pytest.approx(optimum, abs=1e-9)
+
+
+def test_linear_layer_over_one_hot_learns_the_optimal_values() -> None:
+    settings = DqnSettings(
+        budget=6000, time_limit=50, train_freq=2, learning_rate=1e-2, gamma=0.9, batch_size=128,
+        target_update_interval=50, exploration_fraction=1.0, exploration_final_eps=1.0,
+        policy_kwargs=PolicyArguments(net_arch=()),
+    )  # fmt: skip
+    q = train("dqn", SMALL, settings, "one_hot", [SeedSequence(1)], []).q[0]
+    expected = solve(SMALL, 0.9).q[SMALL.start]  # with no wrong PING so far, and the moves alone
+    assert q[SMALL.start, :PING] == pytest.approx(expected[:PING], abs=0.1)
+
+
+@pytest.mark.parametrize("name", ["dqn", "ppo"])
+def test_divergence_is_told_and_counts_as_random(name: str) -> None:
+    points = list(range(0, 401, 100))
+    training = trained(name, points=points, learning_rate=1e38)
+    at = int(training.diverged_at[0])
+    assert at in points[1:]
+    after = training.greedy[0, points.index(at) :]
+    assert (after == ALL_ACTIONS).all()
+    assert not (training.greedy[0, 0] == ALL_ACTIONS).any()
+    assert contains(training.greedy[0, 0]).sum(axis=1).max() == 1
+    if name == "ppo":
+        assert (training.stochastic[0, points.index(at) :] == 0.2).all()
+    else:
+        assert np.isnan(training.q[0]).all()
+
+
+def test_maps_of_a_diverged_net_hold_no_number() -> None:
+    points = list(range(0, 401, 100))
+    settings = DQN.model_copy(update={"learning_rate": 1e38})
+    training = train("dqn", S1, settings, "one_hot", [SeedSequence([4, 0])], points, points)
+    lost = points.index(int(training.diverged_at[0]))
+    assert np.isfinite(training.values[0, :lost]).all()
+    assert np.isnan(training.values[0, lost:]).all()
+
+
+def test_errors_of_torch_are_no_divergence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any) -> NDArray[Any]:
+        raise ValueError("something else")
+
+    monkeypatch.setattr(SB3VecEnv, "step_wait", broken)
+    with pytest.raises(ValueError, match="something else"):
+        trained("ppo")
+
+
+def test_without_torch_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "agents.sb3.training")
+    monkeypatch.delattr("agents.sb3.training", raising=False)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(InputError, match="dqn: needs the package torch, which is not installed; make"):
+        load_algorithm("dqn").train(S1, DQN, "one_hot", [SeedSequence(0)], [], [], [])
+    assert sb3_training  # the one imported above goes on
