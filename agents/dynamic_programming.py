@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policy import Policy
-from envs.model import EVENTS, ZONES, Model
+from envs.model import EVENTS, Model
+from envs.regions import ZONES
 
 VERSION: Final = 2  # part of every run's identity: raise it when a change alters an evaluation
 

@@ -12,9 +12,10 @@ id more for every TOML file added to `envs/scenarios`.
 import gymnasium
 
 from envs.inputs import InputError
-from envs.model import ACTIONS, EVENTS, ZONES, Model, compile_scenario
+from envs.model import ACTIONS, EVENTS, Model, compile_scenario
 from envs.observations import OBSERVATIONS
 from envs.proxemic_env import ProxemicEnv
+from envs.regions import ZONES
 from envs.scenario import Scenario, is_name, load_scenario, scenario_names
 from envs.vector_env import ProxemicVectorEnv
 

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple, TypeVar, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
+from envs.regions import ZONES, zones
 from envs.scenario import DistanceFeedback, NoFeedback, Scenario, UniformFeedback
 
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters how a scene moves
@@ -23,7 +24,6 @@ VERSION: Final = 1  # part of every run's identity: raise it when a change alter
 ACTIONS: Final = ("UP", "DOWN", "LEFT", "RIGHT", "PING")
 PING: Final = ACTIONS.index("PING")
 MOVES: Final = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])  # (row, column) steps of actions 0 to 3
-ZONES: Final = ("outside", "target", "uncomfortable", "issuer")
 EVENTS: Final = (
     "none",  # nothing happened: a reset, or an action in a cell where the episode is over
     "move",
@@ -76,10 +76,26 @@ class Model:
         """O, the number of cells."""
         return self.scenario.grid.rows * self.scenario.grid.columns
 
+    @cached_property
+    def fresh_state(self) -> NDArray[np.int32]:
+        """(O,) the state of each observation with no wrong PING so far."""
+        _, first = np.unique(self.observation, return_index=True)  # pings rise with the state's number
+        return first.astype(np.int32)
+
+    @cached_property
+    def position(self) -> NDArray[np.int_]:
+        """(O, 2) row and column of each cell."""
+        return np.stack(np.divmod(np.arange(self.n_observations), self.scenario.grid.columns), axis=1)
+
     @property
     def zone_of_cell(self) -> NDArray[np.int8]:
-        """(O,) index into ZONES; cells come first among the states, with no wrong PING yet."""
-        return self.zone[: self.n_observations]
+        """(O,) index into ZONES."""
+        return self.zone[self.fresh_state]
+
+    @cached_property
+    def is_over(self) -> NDArray[np.bool_]:
+        """(S,) whether the episode is over in a state, so that nothing can be done there."""
+        return np.asarray(self.terminated.all(axis=1))
 
     @cached_property
     def is_wrong_ping(self) -> NDArray[np.bool_]:
@@ -140,7 +156,7 @@ def compile_scenario(scenario: Scenario) -> Model:
     pings, cell = np.divmod(np.arange(n_pings * n_cells), n_cells)  # (S,) each
     position = np.stack(np.divmod(cell, columns), axis=1)  # (S, 2) row, column
     offset = np.abs(position - scenario.issuer.position)  # (S, 2)
-    zone = _zone(scenario, offset.max(axis=1))
+    zone = zones(scenario)[cell]
 
     moved = np.clip(position[:, None] + MOVES, 0, (rows - 1, columns - 1))  # (S, 4, 2)
     next_cell = np.column_stack([moved @ (columns, 1), cell])  # (S, A)
@@ -204,14 +220,6 @@ def compile_scenario(scenario: Scenario) -> Model:
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
     return model
-
-
-def _zone(scenario: Scenario, chebyshev: NDArray[np.int_]) -> NDArray[np.int8]:
-    """Returns the zone at each Chebyshev distance from the issuer, in the shape of `chebyshev`."""
-    radii = scenario.regions.target_radius, scenario.regions.uncomfortable_radius
-    inside = [chebyshev == 0, chebyshev <= radii[1], chebyshev <= radii[0]]
-    names = "issuer", "uncomfortable", "target"
-    return np.select(inside, [ZONES.index(name) for name in names], ZONES.index("outside")).astype(np.int8)
 
 
 def _issuer_feedback(

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from envs import render
 from envs.inputs import InputError
-from envs.model import ACTIONS, EVENTS, ZONES, Model, compile_scenario, draw_issuer_reward
+from envs.model import ACTIONS, EVENTS, Model, compile_scenario, draw_issuer_reward
 from envs.observations import observation_space, observation_table
+from envs.regions import ZONES
 from envs.scenario import Scenario, load_scenario
 
 Observation = int | NDArray[np.float32]

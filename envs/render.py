@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
-from envs.model import ZONES, Model
+from envs.model import Model
+from envs.regions import ZONES
 
 MODES: Final = ("ansi", "rgb_array", "human")
 CELL_PIXELS: Final = 40

@@ -11,8 +11,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
-from envs.model import ACTIONS, EVENTS, ZONES, compile_scenario, draw_issuer_reward
+from envs.model import ACTIONS, EVENTS, compile_scenario, draw_issuer_reward
 from envs.observations import observation_space, observation_table
+from envs.regions import ZONES
 from envs.scenario import Scenario, load_scenario
 
 _EVENT_NAMES = np.array(EVENTS, dtype=object)

@@ -5,14 +5,14 @@ not imported here but by `agents.sb3.training`, when somebody trains.
 """
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from numpy.random import SeedSequence
 from pydantic import Field, model_validator
 
-from agents import Algorithm, Training
+from agents.contract import LearnerSettings, Schedule, Training
 from envs import InputError, Model
 from envs.inputs import Table
 
@@ -30,14 +30,17 @@ class PolicyArguments(Table):
     net_arch: Annotated[tuple[_Whole, ...], Field(max_length=8)] = (64, 64)  # hidden layers; none: linear
 
 
-class _Settings(Table):
+class _Settings(LearnerSettings):
     """What both have in common. Keys are SB3's argument names, but for the first three."""
 
-    budget: _Whole = 10_000  # environment steps, of all envs together
-    time_limit: _Whole | None = None  # steps until an episode is truncated
     n_envs: Annotated[int, Field(ge=1, le=4096)] = 1  # envs stepped at once
     gamma: _Share = 0.99
     policy_kwargs: PolicyArguments = PolicyArguments()
+
+    @property
+    def discount_factor(self) -> float:
+        """SB3's gamma."""
+        return self.gamma
 
     @property
     def rollout(self) -> int:
@@ -108,38 +111,53 @@ class PpoSettings(_Settings):
         return self
 
 
-def _train(
-    name: str,
-    model: Model,
-    settings: Any,
-    observation: str,
-    seeds: Sequence[SeedSequence],
-    evaluation_steps: Sequence[int],
-    map_steps: Sequence[int],
-    logs: Sequence[Path],
-) -> Training:
-    """Trains by `agents.sb3.training.train`, or says what is not installed."""
-    try:
-        from agents.sb3 import training as sb3_training
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{name}: needs the package {error.name}, which is not installed; make compare-deep installs it."
-        ) from error
-    return sb3_training.train(name, model, settings, observation, seeds, evaluation_steps, map_steps, logs)
+@dataclass(frozen=True)
+class Sb3Algorithm:
+    """One of SB3's algorithms, see `agents.contract.Algorithm`."""
+
+    name: str
+    settings: type[_Settings]
+    version: int = VERSION
+    family: Literal["tabular", "deep"] = "deep"
+    observations: tuple[str, ...] = OBSERVATIONS
+    packages: tuple[str, ...] = ("stable_baselines3", "torch")
+    batch_size: int = 1
+    placement: Literal["thread", "process"] = "process"
+    depends_on_batch: bool = False
+    writes_logs: bool = True
+
+    def train(
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
+        logs: Sequence[Path] = (),
+    ) -> Training:
+        """Trains by `agents.sb3.training.train`.
+
+        Raises:
+          InputError: A package is not installed.
+        """
+        try:
+            from agents.sb3 import training
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"{self.name}: needs the package {error.name}, which is not installed; make compare-deep "
+                "installs it."
+            ) from error
+        return training.train(
+            self.name,
+            model,
+            settings,
+            observation,
+            seeds,
+            schedule.evaluation_steps,
+            schedule.map_steps,
+            logs,
+        )
 
 
-def _algorithm(name: str, settings: type[Table]) -> Algorithm:
-    """Declares one of SB3's algorithms."""
-    return Algorithm(
-        version=VERSION,
-        settings=settings,
-        observations=OBSERVATIONS,
-        packages=("stable_baselines3", "torch"),
-        train=partial(_train, name),
-        trains_together=False,
-        writes_logs=True,
-    )
-
-
-DQN: Final = _algorithm("dqn", DqnSettings)
-PPO: Final = _algorithm("ppo", PpoSettings)
+DQN: Final = Sb3Algorithm("dqn", DqnSettings)
+PPO: Final = Sb3Algorithm("ppo", PpoSettings)

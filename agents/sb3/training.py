@@ -25,7 +25,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from agents import Training
+from agents.contract import Training
 from agents.policy import ALL_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings
 from agents.sb3.vec_env import SB3VecEnv
@@ -43,7 +43,6 @@ _OURS: Final = {"budget", "time_limit", "n_envs"}  # settings that are no argume
 class DeepTraining(Training):
     """What came of training N deep agents, beside what every algorithm tells."""
 
-    q: NDArray[np.float64]  # (N, O, A) DQN's final values, NaN where it diverged; (N, 0, A) of PPO
     weights: NDArray[np.uint8]  # (N, 32) SHA-256 of all final weights
 
 

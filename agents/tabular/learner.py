@@ -28,9 +28,8 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents import Algorithm, Training
+from agents.contract import LearnerSettings, Schedule, Training
 from agents.policy import ALL_ACTIONS, contains
-from envs.inputs import Table
 from envs.model import ACTIONS, Model, draw_issuer_reward
 
 VERSION: Final = 3  # part of every run's identity: raise it when a change alters what is learned
@@ -47,19 +46,22 @@ for _mask in range(1, ALL_ACTIONS + 1):
     _CHOICE[_mask] = _members[np.arange(_PLACES) * len(_members) // _PLACES]
 
 
-class Settings(Table):
+class Settings(LearnerSettings):
     """What a Q-learner can be told; the defaults are the paper's."""
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     discount: Annotated[float, Field(ge=0, le=1)] = 0.9
     epsilon: Annotated[float, Field(ge=0, le=1)] = 0.6  # probability of a uniformly random action
     ties: Literal["uniform", "lowest"] = "uniform"  # which of several best actions is greedy
-    budget: Annotated[int, Field(ge=1, le=10**9)] = 10_000
     budget_unit: Literal["steps", "episodes"] = "steps"
-    time_limit: Annotated[int, Field(ge=1, le=10**9)] | None = None  # steps until an episode is truncated
     record_every: Annotated[int, Field(ge=1, le=10**9)] = (
         1  # budget units from one record of max Q to the next
     )
+
+    @property
+    def discount_factor(self) -> float:
+        """The discount of the table's values."""
+        return self.discount
 
     @model_validator(mode="after")
     def _episodes_end(self) -> Self:
@@ -72,7 +74,6 @@ class Settings(Table):
 class TabularTraining(Training):
     """What came of training N agents, beside what every algorithm tells; R records."""
 
-    q: NDArray[np.float64]  # (N, O, A) final values
     # (N, R) max_a Q(o_t, a) of the visited o_t before its update; with a budget of episodes, the
     # largest met in the episode.
     max_q: NDArray[np.float64]
@@ -187,29 +188,41 @@ def train(
     return result
 
 
-def _train_as_declared(
-    model: Model,
-    settings: Settings,
-    observation: str,  # noqa: ARG001
-    seeds: Sequence[SeedSequence],
-    evaluation_steps: Sequence[int],
-    map_steps: Sequence[int],
-    logs: Sequence[Path],  # noqa: ARG001
-) -> TabularTraining:
-    """Trains for an experiment, which records all there is; but a single record is no curve."""
-    record_table = settings.record_every < settings.budget
-    return train(model, settings, seeds, evaluation_steps, map_steps, record_table=record_table)
+@dataclass(frozen=True)
+class TabularAlgorithm:
+    """A learner of a table, see `agents.contract.Algorithm`."""
+
+    version: int = VERSION
+    family: Literal["tabular", "deep"] = "tabular"
+    settings: type[Settings] = Settings
+    observations: tuple[str, ...] = ("index",)  # a table has a row per observation, in whatever form
+    packages: tuple[str, ...] = ("numba",)
+    batch_size: int = 25
+    placement: Literal["thread", "process"] = "thread"
+    depends_on_batch: bool = False
+    writes_logs: bool = False
+
+    def train(
+        self,
+        model: Model,
+        settings: Settings,
+        observation: str,  # noqa: ARG002
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
+        logs: Sequence[Path] = (),  # noqa: ARG002
+    ) -> TabularTraining:
+        """Trains one agent per seed and records everything; but a single record is not a curve."""
+        return train(
+            model,
+            settings,
+            seeds,
+            schedule.evaluation_steps,
+            schedule.map_steps,
+            record_table=settings.record_every < settings.budget,
+        )
 
 
-Q_LEARNING: Final = Algorithm(
-    version=VERSION,
-    settings=Settings,
-    observations=("index",),  # a table has a row for each observation, however it is written
-    packages=("numba",),
-    train=_train_as_declared,
-    trains_together=True,
-    writes_logs=False,
-)
+Q_LEARNING: Final = TabularAlgorithm()
 
 
 @numba.njit

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import Training, load_algorithm
+from agents import check_training, load_algorithm
 from agents.dynamic_programming import Evaluation, evaluate, every_cell
 from agents.policy import Policy, mask_policy
 from benchmark.execution.store import Record, Store, evaluated
@@ -36,7 +36,6 @@ from envs import InputError, Model, compile_scenario
 
 Job = list[RunSpecification]
 
-JOB_SIZE = 25  # runs at most
 JOB_WORK = 10_000_000  # budget units at most, unless one run has more: an interrupt waits for running jobs
 _PACKAGES = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
 
@@ -80,8 +79,8 @@ def run(
 
     def execute(job: Job) -> list[Record]:
         on_start(job)
-        together = load_algorithm(job[0].algorithm).trains_together
-        return (execute_job if together else workers.execute)(job, provenance, logs)
+        in_thread = load_algorithm(job[0].algorithm).placement == "thread"
+        return (execute_job if in_thread else workers.execute)(job, provenance, logs)
 
     with ThreadPoolExecutor(jobs) as pool:
         waiting: set[Future[list[Record]]] = set()
@@ -120,10 +119,8 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
     place = {one.digest: i for i, one in enumerate(runs)}
     jobs = []
     for together in populations.values():
-        size = 1
-        if load_algorithm(together[0].algorithm).trains_together:
-            budget: int = together[0].settings.budget  # type: ignore[attr-defined]
-            size = max(1, min(JOB_SIZE, JOB_WORK // budget))
+        preferred = load_algorithm(together[0].algorithm).batch_size
+        size = max(1, min(preferred, JOB_WORK // together[0].settings.budget))
         jobs += [together[i : i + size] for i in range(0, len(together), size)]
     return sorted(jobs, key=lambda job: place[job[0].digest])
 
@@ -177,15 +174,15 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> list[dict[str, NDArray[A
     """Returns each run's arrays."""
     first = job[0]
     model = compile_scenario(first.scenario)
-    training: Training = load_algorithm(first.algorithm).train(
+    training = load_algorithm(first.algorithm).train(
         model,
         first.settings,
         first.observation,
         [one.seed_sequence for one in job],
-        first.evaluation_steps,
-        first.map_steps,
+        first.schedule,
         [] if logs is None else [logs / one.folder for one in job],
     )
+    check_training(training, model, len(job), first.schedule)
     columns = {field.name: getattr(training, field.name) for field in fields(training)}
     # Equal policies, as all are before the first step, are evaluated once.
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from agents import dynamic_programming, load_algorithm
+from agents import LearnerSettings, Schedule, dynamic_programming, load_algorithm
 from envs import InputError, Scenario, load_scenario, model
 from envs.inputs import Table, override, parse, read_toml, unknown_name
 
@@ -105,7 +105,7 @@ class RunSpecification:
     algorithm: str
     versions: Mapping[str, int]  # of the algorithm, the model and the evaluation
     observation: str
-    settings: Table
+    settings: LearnerSettings
     horizon: int
     evaluation_every: int
     map_every: int
@@ -148,12 +148,17 @@ class RunSpecification:
     @property
     def evaluation_steps(self) -> list[int]:
         """When the policy is evaluated."""
-        return evaluation_steps(self.settings.budget, self.evaluation_every)  # type: ignore[attr-defined]
+        return evaluation_steps(self.settings.budget, self.evaluation_every)
 
     @property
     def map_steps(self) -> list[int]:
         """When the values of all cells are kept."""
-        return evaluation_steps(self.settings.budget, self.map_every)  # type: ignore[attr-defined]
+        return evaluation_steps(self.settings.budget, self.map_every)
+
+    @property
+    def schedule(self) -> Schedule:
+        """When training is looked at."""
+        return Schedule(self.settings.budget, tuple(self.evaluation_steps), tuple(self.map_steps))
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
@@ -322,7 +327,7 @@ def _scenario(experiment: Experiment, reading: str, scenario: str) -> Scenario:
     return load_scenario(scenario, changes.scenario)
 
 
-def _settings(experiment: Experiment, arm: str, reading: str, source: str) -> Table:
+def _settings(experiment: Experiment, arm: str, reading: str, source: str) -> LearnerSettings:
     """Returns an arm's settings under a reading, checked."""
     declared = experiment.algorithms[arm]
     cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{arm}").settings

@@ -196,7 +196,7 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
     def ours(name: str) -> float:
         for future in [slots.submit(workers.execute, [run], {}) for run in runs(name)]:
             assert future.result()[0].error is None
-        return sum(run.settings.budget for run in runs(name))  # type: ignore[attr-defined]
+        return sum(run.settings.budget for run in runs(name))
 
     def stock(name: str) -> float:
         settings: Any = runs(name)[0].settings

@@ -17,7 +17,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from agents import load_algorithm
+from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import ALL_ACTIONS, contains, mask_policy
 from agents.sb3 import training as sb3_training
@@ -477,5 +477,5 @@ def test_without_torch_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.delattr("agents.sb3.training", raising=False)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(InputError, match="dqn: needs the package torch, which is not installed; make"):
-        load_algorithm("dqn").train(S1, DQN, "one_hot", [SeedSequence(0)], [], [], [])
+        load_algorithm("dqn").train(S1, DQN, "one_hot", [SeedSequence(0)], Schedule(400))
     assert sb3_training  # the one imported above goes on

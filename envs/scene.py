@@ -1,0 +1,147 @@
+"""What a map of a scenario looks like: computed once from the model, painted by several back ends.
+
+A scene has cells, outlines of the regions, glyphs and a palette. Matplotlib, Pillow, SVG, text and the window
+paint what it holds; none of them knows radii or the shape of a region. Lengths are in cells; cell (r, c)
+covers rows r to r + 1 and columns c to c + 1.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.model import MOVES, Model
+from envs.regions import ZONES, Loop, outlines
+
+Colour = tuple[int, int, int]
+
+SYMBOLS: Final = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
+# Okabe and Ito's colour-blind-safe palette, the regions lightened; distinct in grey, too.
+COLOURS: Final[dict[str, Colour]] = {
+    "outside": (250, 250, 250),
+    "target": (150, 215, 195),
+    "uncomfortable": (225, 150, 95),
+    "issuer": (225, 150, 95),
+    "line": (200, 200, 200),
+    "person": (60, 60, 60),
+    "agent": (0, 114, 178),
+    "path": (213, 94, 0),  # the agent and its path on a map of values
+    "ink": (30, 30, 30),
+    "over": (138, 138, 138),  # a cell without actions, on a map of values
+    "no value": (250, 250, 250),
+}
+COLOUR_MAP: Final = "cividis"  # of values, in every back end
+CLIPPED_SHARE: Final = 0.01  # of all values, at each end of a colour scale: a few outliers would take it all
+# Of each move: corners of its triangle, (row, column) from the cell's centre; the third is the centre.
+TRIANGLES: Final = np.array(
+    [
+        [(-0.5, -0.5), (-0.5, 0.5), (0, 0)],
+        [(0.5, -0.5), (0.5, 0.5), (0, 0)],
+        [(-0.5, -0.5), (0.5, -0.5), (0, 0)],
+        [(-0.5, 0.5), (0.5, 0.5), (0, 0)],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The border of a region."""
+
+    region: str
+    label: str
+    is_dashed: bool
+    loops: tuple[Loop, ...]
+
+
+@dataclass(frozen=True)
+class Glyph:
+    """A sign in a cell."""
+
+    kind: str  # "issuer" (a star), "start" (a square)
+    cell: int
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A map without values; O cells."""
+
+    rows: int
+    columns: int
+    zone: tuple[str, ...]  # (O,) one of ZONES
+    is_over: NDArray[np.bool_]  # (O,) whether the episode is over there, so that there are no actions
+    outlines: tuple[Outline, ...]  # the outermost first
+    glyphs: tuple[Glyph, ...]
+
+    @property
+    def n_cells(self) -> int:
+        """O."""
+        return self.rows * self.columns
+
+    def centre(self, cell: int) -> tuple[float, float]:
+        """Returns a cell's centre, (row, column)."""
+        row, column = divmod(cell, self.columns)
+        return row + 0.5, column + 0.5
+
+    def cell_of(self, kind: str) -> int:
+        """Returns the cell of a glyph."""
+        return next(glyph.cell for glyph in self.glyphs if glyph.kind == kind)
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns the scene for the page's script."""
+        return {
+            "rows": self.rows,
+            "columns": self.columns,
+            "zone": list(self.zone),
+            "over": self.is_over.astype(int).tolist(),
+            "outlines": [
+                {"label": outline.label, "dashed": outline.is_dashed, "loops": outline.loops}
+                for outline in self.outlines
+            ],
+            "glyphs": [{"kind": glyph.kind, "cell": glyph.cell} for glyph in self.glyphs],
+            "triangles": TRIANGLES.tolist(),
+            "moves": MOVES.tolist(),
+        }
+
+
+@lru_cache(maxsize=64)
+def scene_of(model: Model) -> Scene:
+    """Returns the map of a model's cells."""
+    grid = model.scenario.grid
+    zone = model.zone_of_cell.reshape(grid.rows, grid.columns)
+    issuer_row, issuer_column = model.scenario.issuer.position
+    within = {
+        "target": (zone != ZONES.index("outside"), "target region's outer edge", False),
+        "uncomfortable": (
+            (zone == ZONES.index("uncomfortable")) | (zone == ZONES.index("issuer")),
+            "uncomfortable region's edge",
+            True,
+        ),
+    }
+    return Scene(
+        rows=grid.rows,
+        columns=grid.columns,
+        zone=tuple(ZONES[index] for index in model.zone_of_cell),
+        is_over=model.is_over[model.fresh_state],
+        outlines=tuple(
+            Outline(region, label, is_dashed, outlines(inside))
+            for region, (inside, label, is_dashed) in within.items()
+        ),
+        glyphs=(
+            Glyph("issuer", issuer_row * grid.columns + issuer_column),
+            Glyph("start", int(model.observation[model.start])),
+        ),
+    )
+
+
+def colour_limits(values: NDArray[Any]) -> tuple[float, float]:
+    """Returns the ends of a colour scale for all these values, without the outliers at both ends.
+
+    NaN values do not count; if there is nothing else, the scale is (0, 1).
+    """
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 0.0, 1.0
+    low, high = np.percentile(known, [100 * CLIPPED_SHARE, 100 * (1 - CLIPPED_SHARE)])
+    return float(low), float(max(high, low + 1e-9))
