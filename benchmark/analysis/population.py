@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import Algorithm, LearnerSettings, load_algorithm
 from agents.dynamic_programming import evaluate, every_cell, solve
 from agents.policy import uniform_policy
 from benchmark.analysis.intervals import resample
@@ -17,8 +18,8 @@ from benchmark.experiments.specification import RunSpecification, evaluation_ste
 from envs import ZONES, InputError, Model, Scenario, compile_scenario
 from envs.model import PING
 
-OPTIMAL: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
-REACHED: Final = 0.95  # the score from which on a policy counts as good
+OPTIMUM_TOLERANCE: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
+GOOD_SCORE: Final = 0.95  # the score from which on a policy counts as good
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +54,20 @@ class Population:
             self.specification["settings"]["budget"], self.specification["evaluation_every"]
         )
 
+    @cached_property
+    def algorithm(self) -> Algorithm:
+        """How the agents learned."""
+        return load_algorithm(self.specification["algorithm"])
+
+    @cached_property
+    def settings(self) -> LearnerSettings:
+        """The learner's settings, as recorded."""
+        return self.algorithm.settings.model_validate_json(json.dumps(self.specification["settings"]))
+
     @property
     def discount(self) -> float:
-        """The discount that the learner was told, by whichever name."""
-        settings = self.specification["settings"]
-        return float(settings.get("discount", settings.get("gamma")))
+        """The discount of the learner's values."""
+        return self.settings.discount_factor
 
     @cached_property
     def map_places(self) -> NDArray[np.int_]:
@@ -74,7 +84,7 @@ class Population:
     @property
     def weights(self) -> NDArray[np.float64]:
         """(RESAMPLES + 1, N) see `resample`."""
-        return resample(len(self.arrays["q"]), self.scenario)
+        return resample(len(self.seeds), self.scenario)
 
     @property
     def anchors(self) -> dict[str, tuple[float, float]]:

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
-from benchmark.analysis.population import OPTIMAL, Population, optimal_values
+from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
 from benchmark.drawing import tables
 from envs import ACTIONS, Model
 
@@ -95,7 +95,7 @@ def optimum(shown: Iterable[Shown]) -> pd.DataFrame:
             "scenario": scenario,
             "discount": discount,
             **_cells(population.model, 1),
-            "optimal": _names(greedy_masks(q, OPTIMAL)),
+            "optimal": _names(greedy_masks(q, OPTIMUM_TOLERANCE)),
             **dict(zip(ACTIONS, np.round(q, DECIMALS).T, strict=True)),
         }
         frames.append(pd.DataFrame(columns))

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmark.analysis import snapshots as explorer
-from benchmark.analysis.population import REACHED
+from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.tables import LINK, link, show
 from envs import ACTIONS, EVENTS, ZONES, InputError, Model, Scenario, compile_scenario
 
@@ -48,7 +48,7 @@ _COMPARISON_FIGURES: Final = {
     "aggregate": "Aggregates over all scenarios, with their 95 % intervals.",
     "improvement": "Probability that a run of one learner scores higher than one of another.",
     "profile": "Performance profiles: the share of runs that score above a number.",
-    "threshold": f"How many runs reach a score of {REACHED:g}, and when.",
+    "threshold": f"How many runs reach a score of {GOOD_SCORE:g}, and when.",
     "disagreements": "The issuer's disagreements per 1,000 steps while agents learn.",
     "region": "How well the cells where an agent values PING match the target region.",
     "maps": "Mean final Q of PING, of tables and nets.",
@@ -420,7 +420,7 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
         "threshold": _table(
             folder,
             "threshold.csv",
-            f"Runs that score {REACHED:g} at some time, and those that stay there; median step of each",
+            f"Runs that score {GOOD_SCORE:g} at some time, and those that stay there; median step of each",
             ["scenario", *who],
             {
                 "reached_share": "share that reaches it",

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from benchmark.analysis.population import REACHED
+from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.maps import colour_bar, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of
 from benchmark.reports.comparison.tables import METRICS
@@ -184,7 +184,7 @@ def threshold(frame: pd.DataFrame) -> Figure:
     return _by_scenario(
         frame,
         {
-            "reached_share": f"share of runs that ever score {REACHED:g}",
+            "reached_share": f"share of runs that ever score {GOOD_SCORE:g}",
             "stays_share": "share that stays there to the end",
         },
     )

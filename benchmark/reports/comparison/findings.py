@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from benchmark.analysis.population import REACHED
+from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison.tables import Grid, Learner
 
@@ -147,7 +147,7 @@ def _defaults(frames: Frames, nets: Sequence[Learner]) -> str:
         return ""
     return (
         "With Stable-Baselines3's own settings, the mean score and the share of runs that ever score "
-        f"{REACHED:g} are: {', '.join(parts)}."
+        f"{GOOD_SCORE:g} are: {', '.join(parts)}."
     )
 
 
@@ -162,7 +162,7 @@ def _threshold(frames: Frames, learners: Sequence[Learner]) -> str:
         f"`{learner}` {_by_scenario(frames, 'threshold', learner, 'stays_step_median', say)}"
         for learner in learners
     ]
-    return f"Half of the runs score {REACHED:g} and more for good after so many steps: {'; '.join(parts)}."
+    return f"Half of the runs score {GOOD_SCORE:g} and more for good after so many steps: {'; '.join(parts)}."
 
 
 def _cost(frames: Frames, table: Learner, net: Learner) -> str:

@@ -7,7 +7,7 @@ import pandas as pd
 
 from benchmark.analysis import snapshots as explorer
 from benchmark.analysis.intervals import RESAMPLES
-from benchmark.analysis.population import REACHED
+from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing import film as animation
 from benchmark.drawing import tables
 from benchmark.drawing.style import write_figure
@@ -27,7 +27,7 @@ _FILES = (
     ("curves", "score, success and disagreements over training, against environment steps"),
     ("curves_cpu", "score over training against seconds of one CPU"),
     ("disagreements.png, .svg", "the issuer's disagreements per 1,000 steps while agents learn"),
-    ("threshold", f"when, and in how many runs, the greedy policy scores {REACHED:g}"),
+    ("threshold", f"when, and in how many runs, the greedy policy scores {GOOD_SCORE:g}"),
     ("region", "how well the cells where an agent values PING match the target region"),
     ("cost", "what a run costs: CPU seconds, updates, parameters, peak memory of the process it runs in"),
     ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),

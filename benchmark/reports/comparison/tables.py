@@ -18,7 +18,7 @@ from rliable import library, metrics
 from scipy import stats
 
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, interquartile_mean, mean_with_interval
-from benchmark.analysis.population import REACHED, Population, load_population, overlap
+from benchmark.analysis.population import GOOD_SCORE, Population, load_population, overlap
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments.specification import DEFAULT_READING, Experiment, RunSpecification, specifications
 from envs import ACTIONS, ZONES, InputError
@@ -309,13 +309,13 @@ def curves_cpu(grid: Grid, learning: pd.DataFrame) -> pd.DataFrame:
 
 
 def threshold(grid: Grid) -> pd.DataFrame:
-    """Tabulates when a greedy policy scores `REACHED`: for the first time, and from when on for good.
+    """Tabulates when a greedy policy scores `GOOD_SCORE`: for the first time, and from when on for good.
 
     Medians count the runs that never get there as infinite, and are infinite if these are half or more.
     """
     rows = []
     for learner, scenario, population in grid.cells:
-        good = population.scores >= REACHED  # (N, T)
+        good = population.scores >= GOOD_SCORE  # (N, T)
         steps = np.array([*population.evaluation_steps, np.inf])
         first = np.where(good.any(axis=1), good.argmax(axis=1), good.shape[1])
         bad_after = good.shape[1] - (~good)[:, ::-1].argmax(axis=1)  # the evaluation after the last bad one

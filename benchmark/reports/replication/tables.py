@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
 from benchmark.analysis.intervals import interquartile_mean, mean_with_interval
-from benchmark.analysis.population import OPTIMAL, Population, optimal_values
+from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
 from envs import ACTIONS
 
 
@@ -62,7 +62,7 @@ def learning(populations: Sequence[Population]) -> pd.DataFrame:
         for name, values in (
             ("score", population.scores),
             ("success", population.arrays["success"]),
-            ("optimal_share", (population.scores >= 1 - OPTIMAL).astype(np.float64)),
+            ("optimal_share", (population.scores >= 1 - OPTIMUM_TOLERANCE).astype(np.float64)),
             ("return", population.arrays["grid_return"]),
             ("scenario_return", population.arrays["scenario_return"]),
         ):
@@ -86,7 +86,7 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
             regret = mean_with_interval("regret", samples[:, None])
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned.mean()}
             row |= {f"{name}_{key}": value[0] for key, value in regret.items()}
-        row["optimal_share"] = (scores >= 1 - OPTIMAL).mean()
+        row["optimal_share"] = (scores >= 1 - OPTIMUM_TOLERANCE).mean()
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[population.model.start]
         row["start_value_learned"] = largest_values(population)[population.model.start]
         walkable = np.flatnonzero(~population.model.terminated[: population.model.n_observations].all(axis=1))
@@ -108,7 +108,7 @@ def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
     frame["q_optimal"] = np.concatenate([optimal_values(p).ravel() for p in populations])
     frame["difference"] = frame["q_learned"] - frame["q_optimal"]
     frame["is_optimal"] = np.concatenate(
-        [contains(greedy_masks(optimal_values(p), OPTIMAL)).ravel() for p in populations]
+        [contains(greedy_masks(optimal_values(p), OPTIMUM_TOLERANCE)).ravel() for p in populations]
     )
     frame["largest_learned"] = np.concatenate([largest_values(p).repeat(len(ACTIONS)) for p in populations])
     frame["differs"] = np.concatenate([differing(p).repeat(len(ACTIONS)) for p in populations])
@@ -125,7 +125,7 @@ def differing(population: Population) -> NDArray[np.float64]:
 
     An agent with several best actions, which it draws from, counts by the share that is not optimal.
     """
-    best = contains(greedy_masks(optimal_values(population), OPTIMAL))  # (O, A)
+    best = contains(greedy_masks(optimal_values(population), OPTIMUM_TOLERANCE))  # (O, A)
     greedy = contains(population.arrays["greedy"][:, -1])  # (N, O, A)
     wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
     return np.asarray(wrong.mean(axis=0))
