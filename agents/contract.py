@@ -143,6 +143,18 @@ class Algorithm(Protocol):
         """
 
 
+def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
+    """Checks that a call of `Algorithm.train` makes sense.
+
+    Raises:
+      ValueError: There are no seeds, or the schedule is for another budget.
+    """
+    if not seeds:
+        raise ValueError("0 agents; at least one.")
+    if schedule.budget != settings.budget:
+        raise ValueError(f"schedule: made for a budget of {schedule.budget}; the settings say {settings.budget}.")
+
+
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
     """Checks that a training has what the contract promises.
 
