@@ -73,7 +73,7 @@ class Plan(NamedTuple):
     by_episode: bool  # whether the unit is an episode; else it is a step
     record_every: int
     points: NDArray[np.int64]  # (T + 1,) evaluation steps, and another that is never reached
-    is_mapped: NDArray[np.bool_]  # (T,) whether the table is kept, too
+    map_index: NDArray[np.int64]  # (T,) place of each evaluation step among the map steps; -1 if it is none
 
 
 class Results(NamedTuple):
@@ -119,13 +119,46 @@ _draw_issuer_reward = numba.njit(draw_issuer_reward)
 
 
 @numba.njit
-def _find_best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
-    """Returns the largest action value of an observation, and the mask of the greedy actions."""
+def _draw_reward(mean: float, noise: float, stream: Stream) -> tuple[float, Stream]:
+    """Returns a noisy reward and the stream that follows."""
+    word, stream = draw_word(stream)
+    return _draw_issuer_reward(mean, noise, (word >> U(11)) * 2.0**-53), stream
+
+
+@numba.njit
+def _update(
+    q: NDArray[np.float64],
+    o: np.uint64,
+    a: np.uint64,
+    target: float,
+    learning_rate: float,
+    takes_lowest: bool,
+) -> tuple[float, int]:
+    """Moves an action value; returns the observation's largest one, and the mask of its greedy actions."""
+    q[o, a] += learning_rate * (target - q[o, a])
     q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
     best = max(max(max(q0, q1), max(q2, q3)), q4)
     mask = (q0 == best) | ((q1 == best) << 1) | ((q2 == best) << 2)
     mask |= ((q3 == best) << 3) | ((q4 == best) << 4)
     return best, mask & -mask if takes_lowest else mask
+
+
+@numba.njit
+def _take_snapshot(
+    results: Results,
+    n: int,
+    i: int,
+    i_map: int,
+    q: NDArray[np.float64],
+    greedy: NDArray[np.int64],
+    disagreements: int,
+) -> None:
+    """Keeps what agent n has come to at evaluation step i, which is map step i_map, or none if that is -1."""
+    results.disagreements[n, i] = disagreements
+    for o in range(len(greedy)):
+        results.greedy[n, i, o] = greedy[o]
+    if i_map >= 0:
+        results.values[n, i_map] = q
 
 
 @numba.njit
@@ -172,7 +205,7 @@ def _train(
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     next_state, next_observation, rewards, noise, is_wrong_ping, observation, start, is_noisy = process
     learning_rate, discount, epsilon, explore_below, takes_lowest, choices, time_limit = constants
-    budget, by_episode, record_every, points, is_mapped = plan
+    budget, by_episode, record_every, points, map_index = plan
     n_observations = results.q.shape[1]
     has_tree = results.table_max_q.shape[1] > 0
     for n in range(len(streams)):
@@ -187,16 +220,11 @@ def _train(
         o = U(observation[state])
         a = a_next = U(0)
         begins = True
-        steps = episodes = episode_steps = disagreements = n_points = n_maps = n_records = next_record = 0
+        steps = episodes = episode_steps = disagreements = n_points = n_records = next_record = 0
         next_point = points[0]
         for unit in range(budget):
             if unit == next_point:
-                for i in range(n_observations):
-                    results.greedy[n, n_points, i] = greedy[i]
-                results.disagreements[n, n_points] = disagreements
-                if is_mapped[n_points]:
-                    results.values[n, n_maps] = q
-                    n_maps += 1
+                _take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
                 n_points += 1
                 next_point = points[n_points]
             is_recorded = unit == next_record
@@ -213,8 +241,7 @@ def _train(
                 reward = rewards[taken]
                 disagreements += is_wrong_ping[taken]
                 if is_noisy and noise[taken] > 0.0:
-                    word, stream = draw_word(stream)
-                    reward = _draw_issuer_reward(reward, noise[taken], (word >> U(11)) * 2.0**-53)
+                    reward, stream = _draw_reward(reward, noise[taken], stream)
                 o_next = U(next_observation[taken])
                 terminates = o_next == U(n_observations)
                 value = 0.0
@@ -225,8 +252,8 @@ def _train(
                     value = _bootstrap(
                         Successor(q, o_next, highest[o_next], greedy[o_next], epsilon, a_next)
                     )
-                q[o, a] += learning_rate * (reward + discount * value - q[o, a])
-                highest[o], greedy[o] = _find_best(q, o, takes_lowest)
+                target = reward + discount * value
+                highest[o], greedy[o] = _update(q, o, a, target, learning_rate, takes_lowest)
                 if has_tree:
                     _update_tree(tree, o, highest[o])
                 steps += 1
@@ -248,11 +275,7 @@ def _train(
                 n_records += 1
                 next_record += record_every
         if next_point == budget:
-            for i in range(n_observations):
-                results.greedy[n, n_points, i] = greedy[i]
-            results.disagreements[n, n_points] = disagreements
-            if is_mapped[n_points]:
-                results.values[n, n_maps] = q
+            _take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
         results.steps_taken[n] = steps
         results.episodes_ended[n] = episodes
 

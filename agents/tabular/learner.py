@@ -109,6 +109,7 @@ def train(
         steps_taken=np.empty(n_agents, dtype=np.int64),
         episodes_ended=np.empty(n_agents, dtype=np.int64),
     )
+    is_mapped = schedule.is_mapped
     kernel = compile_kernel(update)
     process = _process(model)
     constants = Constants(
@@ -125,7 +126,7 @@ def train(
         by_episode=settings.budget_unit == "episodes",
         record_every=settings.record_every,
         points=np.array([*schedule.evaluation_steps, settings.budget + 1], dtype=np.int64),
-        is_mapped=schedule.is_mapped,
+        map_index=np.where(is_mapped, is_mapped.cumsum() - 1, -1),
     )
     streams = np.array([seed.generate_state(4, np.uint64) for seed in seeds])
 
