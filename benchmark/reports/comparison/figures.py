@@ -17,13 +17,10 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.maps import colour_bar, heat, region_legend, triangles
-from benchmark.drawing.style import COLOURS, figure_of
+from benchmark.drawing.style import arm_style, figure_of
 from benchmark.reports.comparison.tables import METRICS
 from envs import Model
 
-# In the order of the experiment's arms; kin have like colours: tables grey, DQN blue, PPO red.
-_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
-_MARKERS: Final = "osD^vPXh"
 _DASHES: Final = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
 _FLOOR: Final = -4.0  # scores below are not drawn
 _LABELS: Final = {
@@ -286,9 +283,8 @@ def _of(frame: pd.DataFrame, learner: tuple[str, str], scenario: str) -> pd.Data
 
 def _style(learner: tuple[str, str], frame: pd.DataFrame) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash, the same in every figure of a comparison."""
-    i = list(dict.fromkeys(frame["algorithm"])).index(learner[0])
-    i %= len(_MARKERS)
-    return {"color": _COLOURS[i], "marker": _MARKERS[i], "ls": _DASHES[learner[1]]}
+    place = list(dict.fromkeys(frame["algorithm"])).index(learner[0])
+    return {**arm_style(place), "ls": _DASHES[learner[1]]}
 
 
 def _curve(
