@@ -155,7 +155,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     def render(self) -> Any:
         """Returns the scene as a string (`ansi`) or an (H, W, 3) uint8 image (`rgb_array`), or shows it."""
         if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing without a render_mode, an argument of gymnasium.make.")
+            gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make takes.")
             return None
         scene, agent = scene_of(self.model), int(self.model.observation[self.s])
         if self.render_mode == "ansi":

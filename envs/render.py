@@ -47,9 +47,7 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     return image
 
 
-def _paint_disc(
-    image: NDArray[np.uint8], centre: tuple[float, float], radius: float, colour: Colour
-) -> None:
+def _paint_disc(image: NDArray[np.uint8], centre: tuple[float, float], radius: float, colour: Colour) -> None:
     """Paints a disc inside a cell; the centre, (row, column), and the radius are in cells."""
     offset = np.arange(CELL_PIXELS) - CELL_PIXELS / 2
     inside = offset[:, None] ** 2 + offset**2 <= (radius * CELL_PIXELS) ** 2

@@ -13,8 +13,8 @@ from envs.scenario import Scenario
 class JsonSpec:
     """An env's attribute `spec`, its arguments stored as values that JSON has.
 
-    Gymnasium assigns `spec` after it has made an env. `EnvSpec.to_json` would fail with a path or a `Scenario`
-    among the arguments, so a path becomes its text and a `Scenario` a mapping, which the envs accept, too.
+    Gymnasium assigns `spec` after it has made an env. `EnvSpec.to_json` would fail if a path or a `Scenario`
+    were among the arguments, so a path becomes a string and a `Scenario` a mapping. The envs accept both.
     """
 
     def __get__(self, env: Any, _: type | None = None) -> EnvSpec | None:

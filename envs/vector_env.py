@@ -64,12 +64,10 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
           InputError: An argument is not accepted.
         """
         self.num_envs = n = _whole_number("num_envs", num_envs, "a whole number, at least 1")
-        no_limit = max_episode_steps is None or max_episode_steps == -1
-        self._limit = (
-            np.iinfo(np.int64).max
-            if no_limit
-            else _whole_number("max_episode_steps", max_episode_steps, "at least 1, or None or -1 for no limit")
-        )
+        self._limit: int = np.iinfo(np.int64).max
+        if max_episode_steps is not None and max_episode_steps != -1:
+            accepted = "at least 1, or None or -1 for no limit"
+            self._limit = _whole_number("max_episode_steps", max_episode_steps, accepted)
         if render_mode is not None:
             raise InputError(
                 f"render_mode = {render_mode!r}; accepted: None, because a batch cannot be rendered."
@@ -120,7 +118,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def reset(
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,
+        seed: int | np.integer | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[Any], Info]:
         """Moves agents to the start.
@@ -299,20 +297,17 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise InputError("reset_mask: no env is selected; accepted: at least one.")
         return mask
 
-    def _seeds(self, seed: int | Sequence[int | None]) -> Sequence[int | None]:
+    def _seeds(self, seed: int | np.integer | Sequence[int | None]) -> Sequence[int | None]:
         """Returns a seed for each env.
 
         Raises:
           InputError: There are fewer or more seeds than envs.
         """
-        try:
-            first = operator.index(seed)  # type: ignore[arg-type]
-        except TypeError:
-            seeds = [None if item is None else operator.index(item) for item in seed]  # type: ignore[union-attr]
-            if len(seeds) != self.num_envs:
-                raise InputError(f"seed: {len(seeds)} seeds; accepted: {self.num_envs}, one per env.") from None
-            return seeds
-        return range(first, first + self.num_envs)
+        if isinstance(seed, int | np.integer):
+            return range(int(seed), int(seed) + self.num_envs)
+        if len(seed) != self.num_envs:
+            raise InputError(f"seed: {len(seed)} seeds; accepted: {self.num_envs}, one per env.")
+        return [None if item is None else operator.index(item) for item in seed]
 
 
 def _whole_number(name: str, value: Any, accepted: str) -> int:
