@@ -262,7 +262,7 @@ def _kernel(model: Model, agents: int, steps: int, threads: int, record_every: i
 
 def _numpy_q_learning(steps: int) -> float:
     """Q-learning as it is usually written."""
-    env = gymnasium.make(_ENV)
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = np.random.default_rng(0)
     q = np.zeros((120, 5))
     visited_max = np.empty(steps)
@@ -284,7 +284,7 @@ def _numpy_q_learning(steps: int) -> float:
 
 def _list_q_learning(steps: int) -> float:
     """The same without NumPy, whose calls cost more than the few numbers they handle."""
-    env = gymnasium.make(_ENV)
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = random.Random(0)
     q = [[0.0] * 5 for _ in range(120)]
     visited_max = []
@@ -307,7 +307,7 @@ def _list_q_learning(steps: int) -> float:
 def _vector_env(mode: str, steps: int) -> float:
     """Steps 1,000 envs with random actions; making them is not counted, as `_ENVS` keeps them."""
     if mode not in _ENVS:
-        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode)
+        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
         _ENVS[mode].reset(seed=0)
     env = _ENVS[mode]
     actions = np.random.default_rng(0).integers(0, 5, (50, 1000))
