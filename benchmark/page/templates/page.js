@@ -64,7 +64,8 @@
 
   const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   const stream = new Blob([bytes(byId("data").textContent)]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const data = await new Response(stream).json();
+  const { explorer, csv } = await new Response(stream).json();
+  const data = { ...explorer, csv };
 
   // Sources: a number shows its row.
 
@@ -96,7 +97,7 @@
     const link = event.target.closest("a.n");
     if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
     const [file, selection] = link.getAttribute("href").split("#row=");
-    if (!selection || !(file in data.csv || file.includes("agent_") || file.endsWith("optimum.csv"))) return;
+    if (!selection || !(file in data.csv || (explorer && (file.includes("agent_") || file.endsWith("optimum.csv"))))) return;
     event.preventDefault();
     const [head, found] = wanted(file, selection);
     byId("source-title").textContent = `${file}, line${found.length > 1 ? "s" : ""} ${selection.replaceAll(";", ", ")}`;
@@ -129,6 +130,8 @@
         : found.length === 1 && cells[0] === text);
     });
   }
+
+  if (!explorer) return;
 
   // What the explorer shows.
 
