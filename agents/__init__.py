@@ -21,8 +21,8 @@ __all__ = [
 ]
 
 ALGORITHMS: Final = {
-    "dqn": "agents.sb3.settings:DQN",
-    "ppo": "agents.sb3.settings:PPO",
+    "dqn": "agents.sb3.algorithms:DQN",
+    "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
 }
 

@@ -152,7 +152,9 @@ def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], sche
     if not seeds:
         raise ValueError("0 agents; at least one.")
     if schedule.budget != settings.budget:
-        raise ValueError(f"schedule: made for a budget of {schedule.budget}; the settings say {settings.budget}.")
+        raise ValueError(
+            f"schedule: made for a budget of {schedule.budget}; the settings say {settings.budget}."
+        )
 
 
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:

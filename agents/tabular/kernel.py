@@ -1,12 +1,13 @@
 """The compiled loop that trains tabular agents, one after the other, each from its random stream.
 
 `compile_kernel` makes the loop for one update rule. Each agent starts at Q = 0 and acts epsilon-greedily.
-Its stream is xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so that agents that are trained
-together equal the same agents trained one at a time, bit for bit. A step takes one 64-bit word: its upper half
-decides whether to explore, its lower half which of the candidate actions to take (all actions when exploring,
-else the greedy ones). A noisy issuer takes another word at each PING. An on-policy rule draws the next
-step's word before the update, so the words keep their order, and one word more where the time limit
-truncates.
+Its stream is xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so agents that are trained together
+equal the same agents trained one at a time, bit for bit.
+
+A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
+candidates to take: all actions when exploring, else the greedy ones. A noisy issuer takes another word at each
+PING. An on-policy rule draws the next step's word before the update. That leaves the words in order, but where
+the time limit truncates it takes one word more, for an action that is not taken.
 
 Axis letters: N agents, S states, O observations, A actions, T evaluation steps, V map steps, R records.
 """
@@ -249,9 +250,7 @@ def _train(
                     if _IS_ON_POLICY:
                         word, stream = draw_word(stream)
                         a_next = choose_action(word, explore_below, greedy[o_next], choices)
-                    value = _bootstrap(
-                        Successor(q, o_next, highest[o_next], greedy[o_next], epsilon, a_next)
-                    )
+                    value = _bootstrap(Successor(q, o_next, highest[o_next], greedy[o_next], epsilon, a_next))
                 target = reward + discount * value
                 highest[o], greedy[o] = _update(q, o, a, target, learning_rate, takes_lowest)
                 if has_tree:

@@ -20,11 +20,11 @@ class Successor(NamedTuple):
     """What an update rule may read: the next observation, and the table before the update."""
 
     q: NDArray[np.float64]  # (O, A) action values
-    observation: int
+    observation: np.uint64
     highest: float  # the largest action value of the observation
     greedy: int  # mask of its greedy actions, see `agents.policy`
     epsilon: float  # probability of a uniformly random action
-    action: int  # the next action, if the rule is on-policy; else -1
+    action: np.uint64  # the next action if the rule is on-policy; else meaningless
 
 
 @dataclass(frozen=True)
