@@ -5,9 +5,9 @@ Its stream is xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so age
 equal the same agents trained one at a time, bit for bit.
 
 A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
-candidates to take: all actions when exploring, else the greedy ones. A noisy issuer takes another word at each
-PING. An on-policy rule draws the next step's word before the update. That leaves the words in order, but where
-the time limit truncates it takes one word more, for an action that is not taken.
+candidates to take: all actions when exploring, else the greedy ones. A noisy issuer takes another word at
+each PING. An on-policy rule draws the next step's word before the update. That leaves the words in order,
+but where the time limit truncates it takes one word more, for an action that is not taken.
 
 Axis letters: N agents, S states, O observations, A actions, T evaluation steps, V map steps, R records.
 """
@@ -283,17 +283,23 @@ def _train(
 def compile_kernel(update: UpdateRule) -> Callable[[Process, Constants, Plan, Any, Results], None]:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    The kernel is a copy of `_train` whose globals hold the rule. numba keeps compiled code in files named
-    after the function, and compiles anew when this file has changed. So the copy's name holds a digest of the
-    files that it does not watch: those of the rule and of `draw_issuer_reward`.
+    The kernel is a copy of `_train` whose globals hold the rule. numba caches compiled code on disk by the
+    name of the function, and compiles again when the function's file has changed. It does not look at what
+    the function calls from other files: the rule and `draw_issuer_reward`. So the copy's name contains a
+    digest of these.
     """
     rule = {"_bootstrap": numba.njit(update.bootstrap), "_IS_ON_POLICY": update.is_on_policy}
     kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)
-    digest = hashlib.sha256(repr(update.is_on_policy).encode())
-    for function in (update.bootstrap, draw_issuer_reward):
-        digest.update(f"{function.__module__}.{function.__qualname__}".encode())
-        digest.update("".join(linecache.getlines(inspect.getfile(function))).encode())
-        digest.update(function.__code__.co_code)
-    kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest.hexdigest()[:16]}"
+    parts = [update.is_on_policy, *_identity(update.bootstrap), *_identity(draw_issuer_reward)]
+    digest = hashlib.sha256(repr(parts).encode()).hexdigest()
+    kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
     compiled: Callable[..., None] = numba.njit(nogil=True, cache=True)(kernel)
     return compiled
+
+
+def _identity(function: Callable[..., Any]) -> list[object]:
+    """Returns what a function's compiled code depends on: itself, and the text of its file."""
+    code = function.__code__
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    text = linecache.getlines(inspect.getfile(function))
+    return [function.__module__, code.co_code, code.co_consts, code.co_names, cells, text]

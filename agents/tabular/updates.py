@@ -31,7 +31,8 @@ class Successor(NamedTuple):
 class UpdateRule:
     """A way to update a table of action values.
 
-    `bootstrap` is compiled by numba, with any function and constant of its module that it refers to.
+    `bootstrap` is a plain function that numba can compile. The functions and constants that it refers to
+    belong in its module: cached code is compiled again when that file has changed, but not when another has.
     """
 
     bootstrap: Callable[[Successor], float]
