@@ -6,37 +6,27 @@ results without a single run.
 """
 
 import base64
-import gzip
-import html
 import io
-import json
 import math
 import os
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
-import matplotlib as mpl
-import numpy as np
 import pandas as pd
-from markupsafe import Markup
-from matplotlib.colors import to_hex
-from numpy.typing import NDArray
 from PIL import Image
 
-from benchmark.analysis import snapshots as explorer
 from benchmark.analysis.population import GOOD_SCORE
-from benchmark.drawing.tables import LINK, link, show
-from envs import ACTIONS, EVENTS, ZONES, InputError, Model, Scenario, compile_scenario
+from benchmark.drawing.tables import link, show
+from benchmark.page import explorer, script
+from benchmark.page.sources import Folder, open_folder, section
+from envs import InputError
 
 PUBLISHED: Final = ("reproduce", "compare_deep")  # the experiments of which `results/index.html` tells
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more cannot be told from these
-_NO_NUMBER: Final = -(2**31)  # among a map's values
-_OF_ANOTHER_FORM: Final = (OSError, ValueError, LookupError, TypeError, AttributeError)
 
 _VERDICTS: Final = {"holds": "✓", "holds in part": "(✓)", "does not hold": "✗"}
 _REPLICATION_FIGURES: Final = {
@@ -88,30 +78,6 @@ class Figure:
     height: int
 
 
-@dataclass
-class _Folder:
-    """A folder of results: its CSV files as read, and how the page links to them."""
-
-    path: Path
-    prefix: str
-    manifest: dict[str, Any]
-    embedded: dict[str, str] = field(default_factory=dict)  # link to text of the files whose rows are shown
-
-    def __contains__(self, name: str) -> bool:
-        return (self.path / name).exists()
-
-    def read(self, name: str, *, embed: bool = True, as_text: str = "") -> pd.DataFrame:
-        """Reads a CSV file, as it stands; one column may be left as it is written."""
-        text = (self.path / name).read_text(encoding="utf-8")
-        if embed:
-            self.embedded[self.link(name)] = text
-        return pd.read_csv(io.StringIO(text), dtype={as_text: str} if as_text else None)
-
-    def link(self, name: str, row: int | None = None) -> str:
-        """Returns the link to a file, or to the row of a data frame's index in it."""
-        return f"{self.prefix}{name}" + ("" if row is None else f"#row={row + 2}")
-
-
 def published(results: Path) -> list[str]:
     """Lists the published experiments whose results are there."""
     return [name for name in PUBLISHED if (results / name / "manifest.json").exists()]
@@ -132,10 +98,10 @@ def write(results: Path, experiment: str | None = None) -> Path:
       InputError: There is nothing to tell of, or the page cannot be written.
     """
     if experiment is None or experiment in PUBLISHED:
-        folders = [_open(results / name, f"{name}/") for name in published(results)]
+        folders = [open_folder(results / name, f"{name}/") for name in published(results)]
         target = results / "index.html"
     else:
-        folders = [_open(results / experiment, "")]
+        folders = [open_folder(results / experiment, "")]
         target = results / experiment / "index.html"
     if not folders:
         others = ", ".join(sorted(path.parent.name for path in results.glob("*/manifest.json")))
@@ -145,7 +111,7 @@ def write(results: Path, experiment: str | None = None) -> Path:
             f"compare-deep make them{told}."
         )
     is_measured = target.parent == results and (results / "speed" / "speed.csv").exists()
-    speed = _Folder(results / "speed", "speed/", {"command": "make speed"}) if is_measured else None
+    speed = Folder(results / "speed", "speed/", {"command": "make speed"}) if is_measured else None
     _write(target, _render(folders, speed))
     _write(results / "README.md", _index(results))
     return target
@@ -165,20 +131,7 @@ def _write(path: Path, text: str) -> None:
         aside.unlink(missing_ok=True)
 
 
-def _open(path: Path, prefix: str) -> _Folder:
-    """Opens a folder of results."""
-    try:
-        manifest = json.loads((path / "manifest.json").read_text(encoding="utf-8"))
-        manifest["report"], manifest["scenarios"]
-    except _OF_ANOTHER_FORM as error:
-        raise InputError(
-            f"{path / 'manifest.json'}: is damaged, or was made by another version of this project; make the "
-            f"results of {path.name} again: python -m benchmark run {path.name} --report"
-        ) from error
-    return _Folder(path, prefix, manifest)
-
-
-def _render(folders: Sequence[_Folder], speed: _Folder | None) -> str:
+def _render(folders: Sequence[Folder], speed: Folder | None) -> str:
     """Returns the page, with the project's own speed if that was measured."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
@@ -193,50 +146,30 @@ def _render(folders: Sequence[_Folder], speed: _Folder | None) -> str:
     explored = compared or replication
     assert explored is not None
     content = {
-        "replication": _read(replication, _replication) if replication else None,
-        "comparison": _read(compared, _comparison) if compared else None,
-        "made": [_read(folder, _made) for folder in folders],
+        "replication": section(replication, _replication) if replication else None,
+        "comparison": section(compared, _comparison) if compared else None,
+        "made": [section(folder, _made) for folder in folders],
         "speed": None,
         "partial": [note for note in (folder.manifest.get("partial") for folder in folders) if note],
         "scenarios": {
             name: declared["description"] for name, declared in explored.manifest["scenarios"].items()
         },
     }
+    explored_data = explorer.collect([explored, *(one for one in folders if one is not explored)])
     if speed is not None:
         folders = [*folders, speed]
-        content["speed"] = _read(speed, _speed)["table"]
-    data = _read(explored, _explorer)
-    data["csv"] = {name: text for folder in folders for name, text in folder.embedded.items()}
+        content["speed"] = section(speed, _speed)["table"]
+    files = {name: text for folder in folders for name, text in folder.embedded.items()}
     return environment.get_template("page.html").render(
         **content,
-        data=_packed_json(data),
+        data=script.pack({"explorer": explored_data, "csv": files}),
+        has_explorer=explored_data is not None,
         horizon=explored.manifest["horizon"],
         maps_link=explored.link("maps.png" if explored is compared else "figure.png"),
         css=(_TEMPLATES / "page.css").read_text(encoding="utf-8"),
-        js=(_TEMPLATES / "page.js").read_text(encoding="utf-8"),
-        ramp=", ".join(data["colours"]),
+        js=script.read(),
+        ramp=", ".join(explorer.COLOURS),
     )
-
-
-def _read(folder: _Folder, section: Callable[[_Folder], dict[str, Any]]) -> dict[str, Any]:
-    """Returns what a section tells of a folder, or says that the folder is none of today's."""
-    try:
-        return section(folder)
-    except _OF_ANOTHER_FORM as error:
-        if isinstance(error, FileNotFoundError):
-            told = f"{Path(error.filename).name} is missing"
-        else:
-            told = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise InputError(
-            f"{folder.path}: damaged, or made by another version of this project ({told}); make these "
-            f"results again: {folder.manifest.get('command')}"
-        ) from error
-
-
-def _packed_json(data: object) -> str:
-    """Returns data as JSON, compressed to less than half, in base64."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
 # Tables
@@ -256,12 +189,12 @@ def _number(value: float, low: float | None = None, high: float | None = None) -
     return text.replace("-", "−")
 
 
-def _cell(folder: _Folder, file: str, row: pd.Series, key: str) -> Cell:
+def _cell(folder: Folder, file: str, row: pd.Series, key: str) -> Cell:
     """Returns a number of a row, with its interval if the row has one."""
     value = float(row[key])
     low, high = (row.get(f"{key}_{end}") for end in ("low", "high"))
     text = _number(value, low, high)
-    href = "" if text == "-" else folder.link(file, int(str(row.name)))
+    href = "" if text == "-" else folder.link(file, row.name)
     return Cell(text, str(value).replace("inf", "Infinity"), href, "number")
 
 
@@ -271,7 +204,7 @@ def _with_ends(frame: pd.DataFrame, key: str) -> pd.DataFrame:
 
 
 def _table(
-    folder: _Folder,
+    folder: Folder,
     file: str,
     caption: str,
     keys: Sequence[str],
@@ -301,9 +234,9 @@ def _table(
 # Sections
 
 
-def _replication(folder: _Folder) -> dict[str, Any]:
+def _replication(folder: Folder) -> dict[str, Any]:
     """Returns what the page says of the replication."""
-    section: dict[str, Any] = {
+    content: dict[str, Any] = {
         "description": folder.manifest["description"],
         "figure": _figure(
             folder, "figure", "The paper's figure: maximum Q over training, final Q of the moves and of PING."
@@ -324,11 +257,11 @@ def _replication(folder: _Folder) -> dict[str, Any]:
         ),
     }
     if "claims.csv" in folder:
-        section |= _claims(folder)
-    return section
+        content |= _claims(folder)
+    return content
 
 
-def _claims(folder: _Folder) -> dict[str, Any]:
+def _claims(folder: Folder) -> dict[str, Any]:
     """Returns the paper's claims, with what they depend on."""
     claims = _with_ends(folder.read("claims.csv"), "value")
     sensitivity = folder.read("sensitivity.csv")
@@ -350,18 +283,18 @@ def _claims(folder: _Folder) -> dict[str, Any]:
                 "threshold": row["threshold"],
                 "verdict": row["verdict"],
                 "sign": _VERDICTS[row["verdict"]],
-                "depends": _marked(depends or "no reading changes it", folder),
+                "depends": folder.as_html(depends or "no reading changes it"),
             }
         )
     counts = []
     for verdict in _VERDICTS:
         own = claims[claims["verdict"] == verdict]
-        counts.append((verdict, len(own), _href(link("", "claims", own), folder) if len(own) else ""))
+        counts.append((verdict, len(own), folder.target(link("", "claims", own)) if len(own) else ""))
     return {
         "claims": rows,
         "claims_source": folder.link("claims.csv"),
         "counts": counts,
-        "shaky": _marked(_shaky(claims, sensitivity), folder),
+        "shaky": folder.as_html(_shaky(claims, sensitivity)),
         "n_claims": len(claims),
         "readings": folder.manifest["readings"],
         "sensitivity": _figure(folder, "sensitivity", "Verdict on every claim under every reading."),
@@ -380,7 +313,7 @@ def _shaky(claims: pd.DataFrame, sensitivity: pd.DataFrame) -> str:
     return "; ".join(parts)
 
 
-def _comparison(folder: _Folder) -> dict[str, Any]:
+def _comparison(folder: Folder) -> dict[str, Any]:
     """Returns what the page says of the comparison."""
     who = ["algorithm", "observation"]
     found = folder.read("findings.csv", embed=False)["text"].tolist()
@@ -389,8 +322,8 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
         "description": folder.manifest["description"],
         "note": folder.manifest["note"],
         "readme": folder.link("README.md"),
-        "headline": _marked(found[0], folder) if found else "",
-        "sentences": [_marked(one, folder) for one in found[1:]],
+        "headline": folder.as_html(found[0]) if found else "",
+        "sentences": [folder.as_html(one) for one in found[1:]],
         "aggregate": _aggregate(folder),
         "summary": _table(
             folder,
@@ -463,14 +396,14 @@ def _comparison(folder: _Folder) -> dict[str, Any]:
     }
 
 
-def _speed(folder: _Folder) -> dict[str, Any]:
+def _speed(folder: Folder) -> dict[str, Any]:
     """Returns the project's own speed."""
     caption = "Speed of this project against the stock way, measured in one run"
     numbers = {"per_second": "per second", "baseline": "stock way, per second", "ratio": "ratio"}
     return {"table": _table(folder, "speed.csv", caption, ["name", "unit", "against"], numbers)}
 
 
-def _aggregate(folder: _Folder) -> Table:
+def _aggregate(folder: Folder) -> Table:
     """Makes the table of aggregates, one row a learner: each number is a row of the file."""
     frame = folder.read("aggregate.csv")
     frame = _with_ends(frame[(frame["policy"] == "greedy") & (frame["evaluated_from"] == "start")], "value")
@@ -486,7 +419,7 @@ def _aggregate(folder: _Folder) -> Table:
     return Table(caption, folder.link("aggregate.csv"), columns, rows)
 
 
-def _figure(folder: _Folder, name: str, caption: str) -> Figure:
+def _figure(folder: Folder, name: str, caption: str) -> Figure:
     """Returns a figure small enough to stand in the page; the link leads to the drawing itself."""
     with Image.open(folder.path / f"{name}.png") as image:
         small = image.convert("RGB").quantize(_FIGURE_COLOURS, dither=Image.Dither.NONE).convert("RGB")
@@ -496,7 +429,7 @@ def _figure(folder: _Folder, name: str, caption: str) -> Figure:
     return Figure(name, caption, folder.link(f"{name}.svg"), data, *small.size)
 
 
-def _made(folder: _Folder) -> dict[str, Any]:
+def _made(folder: Folder) -> dict[str, Any]:
     """Returns what made a folder of results."""
     manifest = folder.manifest
     return {
@@ -516,136 +449,6 @@ def _made(folder: _Folder) -> dict[str, Any]:
             name: {key: value for key, value in arm["settings"].items() if value is not None}
             for name, arm in manifest["algorithms"].items()
         },
-    }
-
-
-def _href(text: str, folder: _Folder) -> str:
-    """Returns where a link of `benchmark.drawing.tables` leads on the page."""
-    return LINK.sub(rf"{folder.prefix}\2#row=\3", text)
-
-
-def _marked(text: str, folder: _Folder) -> Markup:
-    """Returns a sentence as HTML: `code`, and numbers with links to their rows."""
-    escaped = re.sub(r"(?<![\w-])-(?=\d)", "−", html.escape(text, quote=False))
-    escaped = LINK.sub(lambda m: f'<a class="n" href="{_href(m[0], folder)}">{m[1]}</a>', escaped)
-    parts = escaped.split("`")
-    return Markup("".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts)))
-
-
-# The explorer
-
-
-def _explorer(folder: _Folder) -> dict[str, Any]:
-    """Returns what the explorer shows; a map's values are in thousandths."""
-    agents = folder.read("agent.csv", as_text="discount")
-    if agents.empty:
-        raise ValueError("agent.csv is empty")
-    scenarios = {
-        name: compile_scenario(Scenario.model_validate_json(json.dumps(declared)))
-        for name, declared in folder.manifest["scenarios"].items()
-    }
-    curves_file = "curves.csv" if "curves.csv" in folder else "learning.csv"
-    curves = folder.read(curves_file)
-    maps = {name: folder.read(f"agent_{name}.csv", embed=False) for name in scenarios}
-    best = folder.read("optimum.csv", embed=False, as_text="discount")
-    settings = {arm: one["settings"] for arm, one in folder.manifest["algorithms"].items()}
-    blocks = []
-    for key, own in agents.groupby(["scenario", "algorithm", "observation"], sort=False):
-        scenario, algorithm, observation = map(str, key)
-        n_cells = scenarios[scenario].n_observations
-        frame = maps[scenario]
-        frame = frame[(frame["algorithm"] == algorithm) & (frame["observation"] == observation)]
-        if len(frame) != len(own) * n_cells:
-            raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
-        if not ((best["scenario"] == scenario) & (best["discount"] == own["discount"].iloc[0])).any():
-            raise ValueError(f"optimum.csv has no {scenario} with discount {own['discount'].iloc[0]}")
-        curve = curves[curves["scenario"] == scenario]
-        if "algorithm" in curve:
-            curve = curve[(curve["algorithm"] == algorithm) & (curve["observation"] == observation)]
-        mean = "score_mean" if "score_mean" in curve else "score"
-        blocks.append(
-            {
-                "scenario": scenario,
-                "algorithm": algorithm,
-                "observation": observation,
-                "kind": own["kind"].iloc[0],
-                "discount": own["discount"].iloc[0],
-                "seed": int(own["seed"].iloc[0]),
-                "unit": settings[algorithm].get("budget_unit", "steps"),
-                "steps": own["step"].tolist(),
-                "score": _listed(own["score"]),
-                "success": _listed(own["success"]),
-                "agent_row": int(str(own.index[0])) + 2,
-                "values": _packed(frame[list(ACTIONS)].to_numpy()),
-                "greedy": _masks(frame["greedy"]),
-                "map_row": int(str(frame.index[0])) + 2,
-                "curve": {
-                    "row": int(str(curve.index[0])) + 2,
-                    "step": curve["step"].tolist(),
-                    **{end: _listed(curve[f"{mean}{end}"]) for end in ("", "_low", "_high")},
-                },
-            }
-        )
-    optima = {
-        f"{scenario} {discount}": {
-            "row": int(str(own.index[0])) + 2,
-            "values": _packed(own[list(ACTIONS)].to_numpy()),
-            "optimal": _masks(own["optimal"]),
-        }
-        for (scenario, discount), own in best.groupby(["scenario", "discount"], sort=False)
-    }
-    return {
-        "prefix": folder.prefix,
-        "curves_file": curves_file,
-        "horizon": folder.manifest["horizon"],
-        "actions": list(ACTIONS),
-        "events": list(EVENTS),
-        "zones": list(ZONES),
-        "decimals": explorer.DECIMALS,
-        "no_number": _NO_NUMBER,
-        "colours": [to_hex(mpl.colormaps["cividis"](i / 32)) for i in range(33)],
-        "scenarios": {name: _scene(model) for name, model in scenarios.items()},
-        "blocks": blocks,
-        "optima": optima,
-    }
-
-
-def _listed(values: pd.Series) -> list[float | None]:
-    """Returns numbers for JSON, which has none that is not finite."""
-    return [None if math.isnan(value) else value for value in values.tolist()]
-
-
-def _packed(values: NDArray[np.float64]) -> str:
-    """Returns values in thousandths as 32-bit integers, little-endian, in base64."""
-    scaled = np.rint(values * 10**explorer.DECIMALS)
-    # Beyond two million there are only nets on their way to diverging, whose every digit is noise.
-    packed = np.where(np.isnan(scaled), _NO_NUMBER, np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1))
-    return base64.b64encode(packed.astype("<i4").tobytes()).decode("ascii")
-
-
-def _masks(names: Iterable[str]) -> str:
-    """Returns sets of actions, `UP|PING`, as one byte each, in base64."""
-    bit = {action: 1 << i for i, action in enumerate(ACTIONS)}
-    masks = bytes(sum(bit[action] for action in one.split("|")) for one in names)
-    return base64.b64encode(masks).decode("ascii")
-
-
-def _scene(model: Model) -> dict[str, Any]:
-    """Returns a compiled scenario for the page: all that a walk looks up, (S * A) lists."""
-    scenario = model.scenario
-    return {
-        "rows": scenario.grid.rows,
-        "columns": scenario.grid.columns,
-        "start": model.start,
-        "issuer": list(scenario.issuer.position),
-        "radii": [scenario.regions.uncomfortable_radius, scenario.regions.target_radius],
-        "zone": model.zone_of_cell.tolist(),
-        "next": model.next_state.ravel().tolist(),
-        "terminated": model.terminated.ravel().astype(int).tolist(),
-        "event": model.event.ravel().tolist(),
-        "grid_reward": model.grid_reward.ravel().tolist(),
-        "issuer_reward": np.round(model.issuer_reward, 6).ravel().tolist(),
-        "issuer_noise": float(model.issuer_noise.max()),
     }
 
 

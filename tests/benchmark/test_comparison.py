@@ -28,7 +28,7 @@ from benchmark.drawing.tables import LINK, link, plain, write_csv
 from benchmark.execution import driver as runner
 from benchmark.execution.driver import pending, plan, run
 from benchmark.execution.store import Record, Store
-from benchmark.experiments.specification import (
+from benchmark.experiments import (
     EXPERIMENT_DIRECTORY,
     Experiment,
     RunSpecification,
@@ -111,7 +111,7 @@ def test_defaults_are_sb3s_own_but_for_what_the_budget_forces() -> None:
 def test_experiments_have_miniatures_of_the_same_learners() -> None:
     for name in ("compare_deep", "compare_deep_long"):
         full, small = load_experiment(name), load_experiment(f"{name}_smoke")
-        assert full.cells == small.cells
+        assert full.populations == small.populations
         assert len(all_specifications(small)) < 100
     assert load_experiment("compare_deep_long").settings["budget"] == 100_000
 
@@ -124,8 +124,8 @@ def test_every_learner_has_streams_of_its_own() -> None:
 
 def test_early_results_cover_the_whole_grid() -> None:
     jobs = plan(all_specifications(SMOKE))
-    first = jobs[: len(SMOKE.cells)]
-    assert {(j[0].scenario.name, j[0].arm, j[0].observation) for j in first} == set(SMOKE.cells)
+    first = jobs[: len(SMOKE.populations)]
+    assert {(j[0].scenario.name, j[0].arm, j[0].observation) for j in first} == set(SMOKE.populations)
     assert all(len(job) == 1 for job in jobs if job[0].algorithm != "q_learning")
 
 
