@@ -12,7 +12,7 @@ from benchmark.drawing import film as animation
 from benchmark.drawing import tables
 from benchmark.drawing.style import write_figure
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import Experiment
+from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures as figures_comparison
 from benchmark.reports.comparison import findings
 from benchmark.reports.comparison import tables as comparison

@@ -20,7 +20,7 @@ from scipy import stats
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, interquartile_mean, mean_with_interval
 from benchmark.analysis.population import GOOD_SCORE, Population, load_population, overlap
 from benchmark.execution.store import Store, evaluated
-from benchmark.experiments.specification import DEFAULT_READING, Experiment, RunSpecification, specifications
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, specifications
 from envs import ACTIONS, ZONES, InputError
 
 Scores = NDArray[np.float64]  # (R, M) runs x scenarios
@@ -93,9 +93,9 @@ def load_grid(
     statuses, ended = store.statuses(), store.ended()
     cells = {
         (Learner(arm, observation), scenario): specifications(
-            experiment, DEFAULT_READING, scenario, arm, observation, seeds
+            experiment, DEFAULT_CONDITION, scenario, arm, observation, seeds
         )
-        for scenario, arm, observation in experiment.cells
+        for scenario, arm, observation in experiment.populations
     }
     there = {cell: [run for run in runs if run.digest in ended] for cell, runs in cells.items()}
     missing = _missing(cells, there, statuses)

@@ -12,7 +12,7 @@ from benchmark.analysis.population import Population, load_population
 from benchmark.drawing import tables
 from benchmark.drawing.style import write_figure
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import DEFAULT_READING, Experiment, specifications
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
 from benchmark.reports.replication import claims, figures
 from benchmark.reports.replication import tables as replication_tables
 from envs import InputError
@@ -68,7 +68,7 @@ def write(
             for scenario in experiment.scenarios
         ]
         populations[reading] = {population.scenario: population for population in cells}
-    agents = len(next(iter(populations[DEFAULT_READING].values())).scores)
+    agents = len(next(iter(populations[DEFAULT_CONDITION].values())).scores)
     note = "" if agents == declared.seeds else f"Partial: {agents} of the {declared.seeds} agents declared."
     _write(experiment, populations, directory, note)
     return note
@@ -81,7 +81,7 @@ def _write(
     note: str,
 ) -> None:
     """Writes everything but the manifest."""
-    default = populations[DEFAULT_READING]
+    default = populations[DEFAULT_CONDITION]
     cells = list(default.values())
     models = {name: population.model for name, population in default.items()}
 
@@ -119,8 +119,8 @@ def _write_claims(
     verdicts = {
         name: claims.judge(populations[name], reading.curve) for name, reading in experiment.readings.items()
     }
-    shown = verdicts[DEFAULT_READING][_SHOWN["claims"]]
-    tables.write_table(verdicts[DEFAULT_READING], directory / "claims", shown)
+    shown = verdicts[DEFAULT_CONDITION][_SHOWN["claims"]]
+    tables.write_table(verdicts[DEFAULT_CONDITION], directory / "claims", shown)
     columns = ["claim", "reading", "value", "low", "high", "threshold", "verdict", "parts"]
     sensitivity = pd.concat([frame.assign(reading=name)[columns] for name, frame in verdicts.items()])
     wide = sensitivity.assign(cell=[f"{r.value:.3g}, {r.verdict}" for r in sensitivity.itertuples()])
@@ -145,14 +145,14 @@ def _readme(
     note: str,
 ) -> str:
     """Returns the page that says what each file is."""
-    default = populations[DEFAULT_READING]
+    default = populations[DEFAULT_CONDITION]
     agents = len(next(iter(default.values())).scores)
     partial = f"\n**{note}**\n" if note else ""
     files_written = [file for file in _FILES if verdicts is not None or file[0] not in _OF_CLAIMS]
     lines = []
     for name, reading in experiment.readings.items():
         line = f"- `{name}`: {reading.question} {reading.answer[0].upper()}{reading.answer[1:]}."
-        if name != DEFAULT_READING and _same_runs(populations[name], default):
+        if name != DEFAULT_CONDITION and _same_runs(populations[name], default):
             line += " (Every agent learns the same values as by default.)"
         lines.append(line)
     readings = "\n".join(lines)
