@@ -8,7 +8,7 @@ from envs import InputError
 def _check(experiment: Experiment) -> None:
     if list(experiment.conditions) != [DEFAULT_CONDITION]:
         raise InputError(
-            f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition alone."
+            f"{experiment.argument}: readings: a comparison takes the {DEFAULT_CONDITION} condition alone."
         )
 
 
