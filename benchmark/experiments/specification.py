@@ -46,7 +46,8 @@ class Experiment(Table):
 
     name: str
     description: str
-    report: Literal["replication", "comparison"]  # which tables and figures are drawn of it
+    report: str  # which tables and figures are drawn of it, see `benchmark.reports`
+    items: tuple[str, ...] = ()  # `module:attribute` of further ones
     note: str = ""  # for readers of the results: how settings were chosen, say
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     horizon: Annotated[int, Field(ge=1, le=100_000)]
