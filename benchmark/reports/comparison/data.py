@@ -47,7 +47,9 @@ class Data:
 
     learners: Mapping[Learner, Mapping[str, Population]]  # of every scenario, in the order declared
     missing: str = ""  # which runs are missing; empty if none is
-    groups: Mapping[str, str] = field(default_factory=dict)  # arm to its group; those of none are drawn with all
+    groups: Mapping[str, str] = field(
+        default_factory=dict
+    )  # arm to its group; those of none are drawn with all
 
     @property
     def populations(self) -> Iterator[tuple[Learner, str, Population]]:
@@ -130,7 +132,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     learners: dict[Learner, dict[str, Population]] = {}
     for name in names:
         if name not in few:
-            populations = [load_population(runs, store) for (learner, _), runs in there.items() if learner == name]
+            populations = [
+                load_population(runs, store) for (learner, _), runs in there.items() if learner == name
+            ]
             learners[name] = {population.scenario: population for population in populations}
     if len(learners) < 2:
         raise InputError(
@@ -142,11 +146,11 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     return Data(learners, missing + left_out, groups)
 
 
-def _common_seeds(
-    name: Learner, there: Mapping[tuple[Learner, str], Sequence[RunSpecification]]
-) -> set[int]:
+def _common_seeds(name: Learner, there: Mapping[tuple[Learner, str], Sequence[RunSpecification]]) -> set[int]:
     """Returns the seeds of which a learner has a run in every scenario."""
-    return set.intersection(*({run.seed for run in runs} for (learner, _), runs in there.items() if learner == name))
+    return set.intersection(
+        *({run.seed for run in runs} for (learner, _), runs in there.items() if learner == name)
+    )
 
 
 def _missing(

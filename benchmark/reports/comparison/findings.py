@@ -93,16 +93,28 @@ class Findings:
         is shown to do better does not show that none does. The best table is the one with the highest mean
         score; intervals are not corrected for the number of comparisons.
         """
-        if self._fewest_runs(self.best_table) < FEWEST_RUNS:
-            return "undecided"
-        enough = [learner for learner in self.deep if self._fewest_runs(learner) >= FEWEST_RUNS]
-        rows = {learner: self._improvement(learner, self.best_table) for learner in enough}
-        succeeding = [learner for learner in enough if self._rows("summary", learner)["success"].min() > 0]
-        if any(rows[learner]["low"] > 0.5 for learner in succeeding):
+        if self._better():
             return "earns"
-        if enough == self.deep and all(row["high"] <= 0.5 for row in rows.values()):
+        learners = [self.best_table, *self.deep]
+        rows = [self._improvement(learner, self.best_table) for learner in self.deep]
+        if all(map(self._has_enough_runs, learners)) and all(row["high"] <= 0.5 for row in rows):
             return "does not earn"
         return "undecided"
+
+    def _better(self) -> list[Learner]:
+        """Lists the deep learners that do better than the best table, see `outcome`."""
+        return [
+            learner
+            for learner in self.deep
+            if self._has_enough_runs(learner)
+            and self._has_enough_runs(self.best_table)
+            and self._rows("summary", learner)["success"].min() > 0
+            and self._improvement(learner, self.best_table)["low"] > 0.5
+        ]
+
+    def _has_enough_runs(self, learner: Learner) -> bool:
+        """Returns whether a verdict can rest on a learner: it has `FEWEST_RUNS` in every scenario."""
+        return int(self._rows("summary", learner)["n"].min()) >= FEWEST_RUNS
 
     def sentences(self) -> list[str]:
         """Returns the headline and up to ten sentences; none without both a table and a deep learner."""
@@ -126,32 +138,36 @@ class Findings:
     def _headline(self) -> str:
         """Says whether deep RL earns its keep."""
         table, best = self.best_table, self.best_deep
-        budget = self._settings(table)["budget"]
-        better = [
-            f"`{learner}`"
-            for learner in self.deep
-            if self._improvement(learner, table)["low"] > 0.5 and self._fewest_runs(learner) >= FEWEST_RUNS
-        ]
+        name = f"`{table.algorithm}`"
         match self.outcome():
             case "earns":
-                verdict = f"deep RL earns its keep over a table here: {', '.join(better)}"
-                verdict += f" {'does' if len(better) == 1 else 'do'} better than the best table"
+                better = self._better()
+                names = ", ".join(f"`{learner}`" for learner in better)
+                verdict = (
+                    f"deep RL earns its keep over a table here: {names} {'does' if len(better) == 1 else 'do'} better "
+                    f"than the best table, {name}"
+                )
             case "does not earn":
-                verdict = "deep RL does not earn its keep over a table here: no deep learner does better than "
-                verdict += "the best table"
-            case _:
-                verdict = "it is undecided whether deep RL earns its keep over a table here: no deep learner is "
-                verdict += "shown to do better than the best table, and the data do not show that none does. "
-                verdict += "The best table is"
-        separator = "" if verdict.endswith("is") else ","
-        ratio = self._ratio(table, best)
-        low, high = (_two_digits_whole(value) for value in independent.against_plain_python(ratio[0]))
+                verdict = (
+                    "deep RL does not earn its keep over a table here: no deep learner does better than the best "
+                    f"table, {name}"
+                )
+            case "undecided":
+                few = not all(map(self._has_enough_runs, [table, *self.deep]))
+                verdict = (
+                    "it is undecided whether deep RL earns its keep over a table here: no deep learner is shown to do "
+                    f"better than the best table, {name}, and the data do not show that none does"
+                )
+                if few:
+                    verdict += f" (a verdict takes at least {FEWEST_RUNS} runs per scenario and learner)"
+        budget = self._settings(table)["budget"]
+        ratio, times = self._ratio(table, best)
         return (
-            f"With {budget:,} environment steps {verdict}{separator} `{table.algorithm}`, with a mean score of "
-            f"{self._score(table)} ({self._n(table)} runs per scenario). The deep learner with the highest mean "
-            f"score, `{best}`, has {self._score(best)} ({self._n(best)} runs per scenario): "
-            f"{self._verdict(best, table)}. It takes {ratio[1]} the CPU time of that table, but this compares "
-            f"compiled code with Python: a table in plain Python would take about 1/{high} to 1/{low} of it."
+            f"With {budget:,} environment steps {verdict}. That table has a mean score of {self._score(table)} "
+            f"({self._n(table)} runs per scenario). The deep learner with the highest mean score, `{best}`, has "
+            f"{self._score(best)} ({self._n(best)} runs per scenario): {self._verdict(best, table)}. It takes {times} "
+            f"the CPU time of that table, but this compares compiled code with Python: against a table in plain "
+            f"Python it is about {_plain_python(ratio)} times."
         )
 
     def _tables(self) -> str:
@@ -167,21 +183,25 @@ class Findings:
             f"second half of training: {means}), and has a mean score of {self._score(first)} over all scenarios"
         )
         for other in self.tables[1:]:
-            text += f"; `{other}` has {self._score(other)} and {self._verdict(other, first)}"
+            text += (
+                f"; `{other}` ({self._n(other)} runs per scenario) has {self._score(other)}: "
+                f"{self._verdict(other, first)}"
+            )
         note = independent.of_papers_table(self._settings(first)) if self._has_scenario("S2") else ""
         return f"{text}. {note}".strip()
 
     def _best_deep(self) -> str:
         """Says how the deep learners with the highest scores do, and how the first compares with tables."""
         best, others = self.best_deep, list(dict.fromkeys((self.tables[0], self.best_table)))
+        ranked = sorted(self.deep, key=self._mean, reverse=True)[:_RANKED]
         scores = []
-        for learner in sorted(self.deep, key=self._mean, reverse=True)[:_RANKED]:
+        for learner in ranked:
             row = self._aggregate(learner, "start", "stochastic")
             stochastic = "" if row is None else f", and {_interval(row)} with its stochastic policy"
             scores.append(f"`{learner}` {self._score(learner)}{stochastic}")
         return (
-            f"The deep learners with the highest mean scores are {'; '.join(scores)}. The first "
-            f"({self._n(best)} runs per scenario) succeeds with probability "
+            f"The deep learners with the highest mean scores, with {self._n(*ranked)} runs per scenario each, are "
+            f"{'; '.join(scores)}. The first succeeds with probability "
             f"{self._by_scenario('summary', best, 'success', _two_decimals)}; "
             f"{', and '.join(self._verdict(best, table) for table in others)}."
         )
@@ -197,9 +217,8 @@ class Findings:
                 names = [form.observation for form in forms]
                 better = names[0] if row["low"] > 0.5 else names[1] if row["high"] < 0.5 else ""
                 told = f"{better} is better" if better else "no significant difference"
-                n = " and ".join(dict.fromkeys(self._n(form) for form in forms))
-                parts.append(f"`{arm}` {scores} ({told}, {_probability(row)}, {n} runs each per scenario)")
-        return f"Mean scores by form of observation: {'; '.join(parts)}." if parts else ""
+                parts.append(f"`{arm}` {scores} ({told}, {_probability(row)}, {self._n(*forms)} runs each)")
+        return f"Mean scores by form of observation, runs per scenario: {'; '.join(parts)}." if parts else ""
 
     def _linear(self) -> str:
         """Says how a linear layer compares with the best net that has hidden layers, in the same learner."""
@@ -269,11 +288,10 @@ class Findings:
 
         first, other = self._row("cost", table), self._row("cost", net)
         ratio, times = self._ratio(table, net)
-        low, high = (_two_digits_whole(value) for value in independent.against_plain_python(ratio))
         return (
             f"A run of `{table}` takes {say(first, f'{first.cpu_time_s * 1000:.2g} ms')}; a run of `{net}` takes "
             f"{say(other, f'{other.cpu_time_s:.2g} s')}. That is {times} the CPU time of the compiled table, and "
-            f"about {low} to {high} times that of a table in plain Python."
+            f"about {_plain_python(ratio)} times that of a table in plain Python."
         )
 
     def _every_cell(self, learners: Sequence[Learner]) -> str:
@@ -325,9 +343,7 @@ class Findings:
             return f"no significant difference from `{other}` ({_probability(row)})"
         return f"{'better' if row['low'] > 0.5 else 'worse'} than `{other}` ({_probability(row)})"
 
-    def _by_scenario(
-        self, name: str, learner: Learner, column: str, say: Callable[[float], str]
-    ) -> str:
+    def _by_scenario(self, name: str, learner: Learner, column: str, say: Callable[[float], str]) -> str:
         """Returns a learner's numbers in every scenario."""
         return ", ".join(
             f"{link(say(row[column]), name, row)} in {row['scenario']}"
@@ -357,11 +373,11 @@ class Findings:
         ratio = float(dear["cpu_time_s"] / cheap["cpu_time_s"])
         return ratio, link(f"{_two_digits_whole(ratio)} times", "cost", dear, cheap)
 
-    def _n(self, learner: Learner) -> str:
-        """Returns how many runs a learner has in each scenario."""
-        rows = self._rows("summary", learner)
-        counts = sorted(set(rows["n"]))
-        return link("-".join(map(str, counts)) if len(counts) < 3 else f"{counts[0]}-{counts[-1]}", "summary", rows)
+    def _n(self, *learners: Learner) -> str:
+        """Returns how many runs learners have in each scenario."""
+        rows = pd.concat([self._rows("summary", learner) for learner in learners])
+        fewest, most = rows["n"].min(), rows["n"].max()
+        return link(f"{most}" if fewest == most else f"{fewest} to {most}", "summary", rows)
 
     # Tables and manifest
 
@@ -380,7 +396,9 @@ class Findings:
     def _aggregate(self, learner: Learner, start: str, policy: str = "greedy") -> pd.Series | None:
         """Returns the row of a learner's mean score; None if it has no such policy."""
         rows = self._rows("aggregate", learner)
-        is_wanted = (rows["policy"] == policy) & (rows["evaluated_from"] == start) & (rows["metric"] == "mean")
+        is_wanted = (
+            (rows["policy"] == policy) & (rows["evaluated_from"] == start) & (rows["metric"] == "mean")
+        )
         return rows[is_wanted].iloc[0] if is_wanted.any() else None
 
     def _mean(self, learner: Learner) -> float:
@@ -393,10 +411,6 @@ class Findings:
         """Returns the row with the probability that a run of a learner outscores a run of another."""
         frame = self._published.frame("improvement")
         return frame[(frame["x"] == str(learner)) & (frame["y"] == str(other))].iloc[0]
-
-    def _fewest_runs(self, learner: Learner) -> int:
-        """Returns how many runs a learner has in the scenario with the fewest."""
-        return int(self._rows("summary", learner)["n"].min())
 
     def _has_scenario(self, name: str) -> bool:
         """Returns whether a scenario is among those compared."""
@@ -430,6 +444,12 @@ def _probability(row: pd.Series) -> str:
 def _interval(row: pd.Series) -> str:
     """Returns a value with its interval."""
     return f"{link(f'{row.value:.2f}', 'aggregate', row)} [{row['low']:.2f}, {row['high']:.2f}]"
+
+
+def _plain_python(ratio: float) -> str:
+    """Returns a ratio to the compiled table's CPU time as one to that of a table in plain Python."""
+    low, high = (_two_digits_whole(value) for value in independent.against_plain_python(ratio))
+    return f"{low} to {high}"
 
 
 def _two_decimals(value: float) -> str:
