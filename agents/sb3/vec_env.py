@@ -35,6 +35,7 @@ class SB3VecEnv(VecEnv):
         self.disagreements = 0
         self._is_disagreement = env.model.is_wrong_ping.ravel()
         self._seed: int | None = None
+        self._generator = np.random.default_rng()
         self._actions: NDArray[Any] = np.zeros(env.num_envs, dtype=np.int64)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
@@ -45,8 +46,9 @@ class SB3VecEnv(VecEnv):
 
     def reset(self) -> NDArray[Any]:
         """Puts every agent at the start; observations (N, ...)."""
-        observations, _ = self.env.reset(seed=self._seed)
-        self._seed = None
+        if self._seed is not None:
+            self._generator, self._seed = np.random.default_rng(self._seed), None
+        observations, _ = self.env.reset()
         self.disagreements = 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return observations
@@ -57,7 +59,8 @@ class SB3VecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos."""
-        taken, grid_reward, issuer_reward, terminated, truncated = self.env.advance(self._actions)
+        uniform = self._generator.random(self.num_envs) if self.env.model.is_noisy else None
+        taken, grid_reward, issuer_reward, terminated, truncated = self.env.advance(self._actions, uniform)
         observations = self.env.observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated

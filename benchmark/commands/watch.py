@@ -1,5 +1,6 @@
 """Shows an agent learn: in a window, in the terminal, or as a file."""
 
+import argparse
 import os
 import sys
 import time
@@ -18,11 +19,18 @@ from rich.text import Text
 
 from agents.policy import contains
 from benchmark.analysis.population import load_population
+from benchmark.commands import MOST_SEEDS
 from benchmark.drawing import film as animation
 from benchmark.drawing.film import Film
 from benchmark.execution import driver as runner
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import DEFAULT_READING, Experiment, RunSpecification, specifications
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
+    Experiment,
+    RunSpecification,
+    load_experiment,
+    specifications,
+)
 from envs import ZONES, InputError
 from envs.inputs import unknown_name
 from envs.model import PING
@@ -72,7 +80,7 @@ def specification(
     names = {Path(one).stem: one for one in experiment.scenarios}
     if scenario not in names:
         unknown_name(experiment.name, "scenario", scenario, names)
-    return specifications(experiment, DEFAULT_READING, names[scenario], arm, observation, [seed])[0]
+    return specifications(experiment, DEFAULT_CONDITION, names[scenario], arm, observation, [seed])[0]
 
 
 def load_film(run: RunSpecification, store: Store) -> Film:
@@ -113,6 +121,8 @@ def in_window(film: Film) -> None:
     shown = list(moments(film))
     first = animation.picture(film, 0, shown[0].way, cell=40)
     window = Window(np.asarray(first), f"{film.title}   (space: pause, left and right: training, q: quit)")
+    if not window.has_screen:
+        raise InputError("no window can be opened: there is no screen.")
     at, paused = 0, False
     try:
         while True:
@@ -200,3 +210,32 @@ def to_text(film: Film, moment: Moment) -> Text:
             text.append("\n")
     text.append(_SIGNS, style="dim")
     return text
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    experiment = load_experiment(options.experiment)
+    if not options.seed.isdecimal() or int(options.seed) >= MOST_SEEDS:
+        raise InputError(f"--seed {options.seed}: accepted: a whole number from 0 to {MOST_SEEDS - 1:,}.")
+    if options.save is not None and options.save.suffix.lower() not in (".webp", ".gif"):
+        raise InputError(f"--save {options.save}: accepted: a name that ends in .webp or .gif.")
+    if options.save is not None and not options.save.parent.is_dir():
+        raise InputError(f"--save {options.save}: there is no folder {options.save.parent}.")
+    run = specification(
+        experiment, options.scenario, options.algorithm, options.observation, int(options.seed)
+    )
+    with Store(options.results / "runs.db") as store:
+        film = load_film(run, store)
+    if options.save is not None:
+        to_file(film, options.save)
+        print(f"{film.title}: {options.save}")
+        return 0
+    if has_window() and not options.terminal:
+        try:
+            in_window(film)
+        except InputError as error:
+            print(f"{error} The terminal is used instead.", file=sys.stderr)
+        else:
+            return 0
+    in_terminal(film, Console())
+    return 0

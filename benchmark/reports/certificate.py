@@ -1,8 +1,8 @@
 """Compares a folder of results with the published one: the files of the last commit under `results/`.
 
 Files are compared byte for byte. Those that hold measured times are set apart, since they differ each time.
-Where a summary differs, as that of nets does between types of processor, the certificate also says how far its
-numbers are from the published ones, relative to the published 95 % intervals.
+Nets differ between types of processor: if a summary differs, the certificate also says how far its numbers
+are from the published ones, relative to the published 95 % intervals.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ import pandas as pd
 MANIFEST: Final = "manifest.json"
 SUMMARY: Final = "summary.csv"
 _LISTED: Final = 6  # differing files that a sentence names
-_REPOSITORY: Final = Path(__file__).parents[2]
+REPOSITORY: Final = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,9 @@ class Distance:
         n = self.equal + self.within + self.outside
         farthest = f" (the farthest: {self.farthest})" if self.farthest else ""
         return (
-            f"{self.table}: of {n} numbers with a 95 % interval {self.equal} equal the published ones, "
-            f"{self.within} differ within the published interval, {self.outside} lie outside it{farthest}."
+            f"{self.table}: of {n} numbers with a 95 % interval, equal to the published ones: {self.equal}; "
+            f"different, but within the published interval: {self.within}; outside it: "
+            f"{self.outside}{farthest}."
         )
 
 
@@ -60,30 +61,31 @@ class Certificate:
     def __str__(self) -> str:
         """The certificate in words."""
         n = len(self.identical) + len(self.differing)
-        apart = f"; {len(self.measured)} files with measured times set apart" if self.measured else ""
+        apart = f"; files with measured times, not compared: {len(self.measured)}" if self.measured else ""
         if self.is_identical:
             return f"{self.name}: identical to the published results ({n} of {n} files{apart})."
         names = ", ".join(self.differing[:_LISTED])
         more = f" and {len(self.differing) - _LISTED} more" if len(self.differing) > _LISTED else ""
-        text = (
-            f"{self.name}: {len(self.differing)} of {n} files differ from the published results{apart}: "
-            f"{names}{more}."
-        )
+        differ = f"{len(self.differing)} of {n} files differ from the published results"
+        text = f"{self.name}: {differ}: {names}{more}{apart}."
         return text if self.distance is None else f"{text}\n{self.name}: {self.distance}"
 
 
-def compare(folder: Path, name: str, measured: Collection[str]) -> Certificate | None:
+def compare(
+    folder: Path, name: str, measured: Collection[str], repository: Path = REPOSITORY
+) -> Certificate | None:
     """Compares a folder with the published results of an experiment.
 
     Args:
       folder: What was made.
       name: The experiment's name.
       measured: Files that hold measured times.
+      repository: The checkout whose last commit is compared with.
 
     Returns:
       The certificate; None if nothing is published under this name, or this is not a git checkout.
     """
-    published = _published(name)
+    published = _published(name, repository)
     if not published:
         return None
     made = {
@@ -99,18 +101,18 @@ def compare(folder: Path, name: str, measured: Collection[str]) -> Certificate |
         identical=tuple(file for file in compared if file not in differing),
         differing=differing,
         measured=tuple(file for file in names if file in measured),
-        distance=_distance(folder / SUMMARY, name) if is_apart else None,
+        distance=_distance(folder / SUMMARY, name, repository) if is_apart else None,
     )
 
 
-def published_file(name: str, file: str) -> bytes | None:
+def published_file(name: str, file: str, repository: Path = REPOSITORY) -> bytes | None:
     """Returns a published file's content; None if there is no such file."""
-    return _git("show", f"HEAD:results/{name}/{file}")
+    return _git(repository, "show", f"HEAD:results/{name}/{file}")
 
 
 def is_committed_code() -> bool:
     """Returns whether the code is that of the last commit."""
-    changes = _git("status", "--porcelain", "--", "envs", "agents", "benchmark")
+    changes = _git(REPOSITORY, "status", "--porcelain", "--", "envs", "agents", "benchmark")
     return changes is not None and not changes
 
 
@@ -119,9 +121,9 @@ def _is_compared(file: str) -> bool:
     return file not in (MANIFEST, "index.html") and not file.startswith(".")
 
 
-def _published(name: str) -> dict[str, str]:
+def _published(name: str, repository: Path) -> dict[str, str]:
     """Returns the ids of the published files' contents by name."""
-    listing = _git("ls-tree", f"HEAD:results/{name}")
+    listing = _git(repository, "ls-tree", f"HEAD:results/{name}")
     if listing is None:
         return {}
     entries = (line.split(maxsplit=3) for line in listing.decode().splitlines())
@@ -134,9 +136,9 @@ def _blob_id(path: Path) -> str:
     return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
 
 
-def _distance(path: Path, name: str) -> Distance:
+def _distance(path: Path, name: str, repository: Path) -> Distance:
     """Compares every number that has an interval with its published value."""
-    content = published_file(name, path.name)
+    content = published_file(name, path.name, repository)
     assert content is not None
     published, made = pd.read_csv(io.BytesIO(content)), pd.read_csv(path)
     keys = [column for column in published if not pd.api.types.is_numeric_dtype(published[column])]
@@ -164,16 +166,13 @@ def _distance(path: Path, name: str) -> Distance:
     return Distance(path.name, equal, within, outside, text)
 
 
-def _git(*arguments: str) -> bytes | None:
-    """Returns what git prints about this project's checkout; None where there is none."""
+def _git(repository: Path, *arguments: str) -> bytes | None:
+    """Returns what git prints about a checkout; None where there is none."""
+    git = ["git", "-C", str(repository)]
     try:
-        top = subprocess.run(
-            ["git", "-C", str(_REPOSITORY), "rev-parse", "--show-toplevel"], check=True, capture_output=True
-        ).stdout
-        if Path(top.decode().strip()) != _REPOSITORY:
-            return None  # the project lies inside somebody else's repository
-        return subprocess.run(
-            ["git", "-C", str(_REPOSITORY), *arguments], check=True, capture_output=True
-        ).stdout
+        top = subprocess.run([*git, "rev-parse", "--show-toplevel"], check=True, capture_output=True).stdout
+        if Path(top.decode().strip()) != repository.resolve():
+            return None  # it lies inside somebody else's repository
+        return subprocess.run([*git, *arguments], check=True, capture_output=True).stdout
     except (OSError, subprocess.CalledProcessError):
         return None

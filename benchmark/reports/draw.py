@@ -14,8 +14,8 @@ import pandas as pd
 from agents import load_algorithm
 from benchmark.drawing import tables
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import (
-    DEFAULT_READING,
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
     Experiment,
     all_specifications,
     specifications,
@@ -156,8 +156,8 @@ def _manifest(
     runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
     default = [
         run
-        for cell in experiment.cells
-        for run in specifications(experiment, DEFAULT_READING, *cell, seeds)
+        for cell in experiment.populations
+        for run in specifications(experiment, DEFAULT_CONDITION, *cell, seeds)
         if run.digest in ended
     ]
     records = store.get([run.digest for run in runs], arrays=False)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from benchmark.execution.store import Store
-    from benchmark.experiments.specification import Experiment
+    from benchmark.experiments import Experiment
 
 Frames = Mapping[str, pd.DataFrame]  # by item name
 TEMPLATE: Final = Path(__file__).parent / "README.md.jinja"

@@ -10,7 +10,6 @@ import random
 import time
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,9 +25,9 @@ from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from agents.tabular import learner as q_learning
 from benchmark.drawing import tables
-from benchmark.execution.driver import Workers
-from benchmark.experiments.specification import (
-    DEFAULT_READING,
+from benchmark.execution.executors.processes import Processes
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
     RunSpecification,
     load_experiment,
     specifications,
@@ -69,12 +68,12 @@ def measure(directory: Path, *, smoke: bool) -> None:
             f"{directory}: cannot be written: {error.strerror}; choose another folder with --results."
         ) from error
     rows = []
-    workers = Workers()
+    workers = Processes(os.cpu_count() or 1)
     try:
         compared = [*_rows(smoke), *_deep_rows(smoke, workers)]
         rates = _compare(compared, rounds=1 if smoke else 15)
     finally:
-        workers.stop()
+        workers.cancel()
     for row, (ours, stock) in zip(compared, rates, strict=True):
         rows.append(
             {
@@ -166,7 +165,7 @@ def _rows(smoke: bool) -> list[Row]:
     ]
 
 
-def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
+def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
     """Returns what is compared of deep learning, with the settings of `compare_deep`, one-hot, S1."""
     size = 0.01 if smoke else 1.0
     try:
@@ -181,7 +180,6 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
             f"speed: needs the package {error.name}, which is not installed; make speed installs it."
         ) from error
     cores = os.cpu_count() or 1
-    slots = ThreadPoolExecutor(cores)
     declared = load_experiment("compare_deep")
     limit = declared.settings["time_limit"]
 
@@ -191,10 +189,10 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
     def runs(name: str) -> list[RunSpecification]:
         budget = {"budget": round(2000 * size) // 200 * 200 or 200}
         short = declared.model_copy(update={"settings": declared.settings | budget})
-        return specifications(short, DEFAULT_READING, "S1", name, "one_hot", range(cores))
+        return specifications(short, DEFAULT_CONDITION, "S1", name, "one_hot", range(cores))
 
     def ours(name: str) -> float:
-        for future in [slots.submit(workers.execute, [run], {}) for run in runs(name)]:
+        for future in [workers.submit([run]) for run in runs(name)]:
             assert future.result()[0].error is None
         return sum(run.settings.budget for run in runs(name))
 
@@ -264,7 +262,7 @@ def _kernel(model: Model, agents: int, steps: int, threads: int, record_every: i
 
 def _numpy_q_learning(steps: int) -> float:
     """Q-learning as it is usually written."""
-    env = gymnasium.make(_ENV)
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = np.random.default_rng(0)
     q = np.zeros((120, 5))
     visited_max = np.empty(steps)
@@ -286,7 +284,7 @@ def _numpy_q_learning(steps: int) -> float:
 
 def _list_q_learning(steps: int) -> float:
     """The same without NumPy, whose calls cost more than the few numbers they handle."""
-    env = gymnasium.make(_ENV)
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = random.Random(0)
     q = [[0.0] * 5 for _ in range(120)]
     visited_max = []
@@ -309,7 +307,7 @@ def _list_q_learning(steps: int) -> float:
 def _vector_env(mode: str, steps: int) -> float:
     """Steps 1,000 envs with random actions; making them is not counted, as `_ENVS` keeps them."""
     if mode not in _ENVS:
-        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode)
+        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
         _ENVS[mode].reset(seed=0)
     env = _ENVS[mode]
     actions = np.random.default_rng(0).integers(0, 5, (50, 1000))

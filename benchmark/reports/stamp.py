@@ -1,7 +1,7 @@
 """Notes of what files were made from, so that what is up to date need not be made again.
 
-A stamp lies beside the files, and is not published. It holds a digest of everything that the files depend on and
-a digest of each file: they are up to date if neither has changed.
+A stamp lies beside the files, and is not published. It holds a digest of everything that the files depend on
+and a digest of each file: they are up to date if neither has changed.
 """
 
 import hashlib

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from envs import EVENTS, ZONES, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import EVENTS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 
 SCENARIOS = ("S1", "S2", "S3")
 READINGS: list[dict[str, Any]] = [
@@ -25,7 +25,7 @@ def wandering(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
 @pytest.mark.parametrize("overrides", READINGS)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any]) -> None:
-    env = gymnasium.make(f"envs:Proxemic/{name}-v0", overrides=overrides)
+    env = gymnasium.make(f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=-1)
     single = ProxemicVectorEnv(1, name, overrides=overrides, autoreset_mode="SameStep")
     model = compile_scenario(load_scenario(name, overrides))
     env.reset(seed=11)
@@ -51,15 +51,15 @@ def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any
         assert (p_following, p_terminated) == (following, terminated)
         if not model.is_noisy:
             assert p_reward == reward
-        told = batch[4]["final_info"] if terminated else batch[4]
-        shown = batch[4]["final_obs"] if terminated else batch[0]
-        assert shown[0] == observation
+        batch_info = batch[4]["final_info"] if terminated else batch[4]
+        batch_observation = batch[4]["final_obs"] if terminated else batch[0]
+        assert batch_observation[0] == observation
         assert (batch[1][0], batch[2][0], batch[3][0]) == (reward, terminated, False)
-        assert {key: values[0] for key, values in told.items() if not key.startswith("_")} == info
-        assert info["event"] == EVENTS[model.event[state, action]]
-        assert info["zone"] == ZONES[model.zone[following]]
+        assert {key: values[0] for key, values in batch_info.items() if not key.startswith("_")} == info
+        assert info["event"] == model.event[state, action]
+        assert info["zone"] == model.zone[following]
         assert info["wrong_pings"] == model.wrong_pings[state, action]
-        met.add(info["event"])
+        met.add(EVENTS[info["event"]])
         state = following
         if terminated:
             env.reset()

@@ -23,7 +23,7 @@ from benchmark.drawing import tables
 from benchmark.execution import driver as runner
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Record, Store
-from benchmark.experiments.specification import (
+from benchmark.experiments import (
     EXPERIMENT_DIRECTORY,
     Experiment,
     RunSpecification,

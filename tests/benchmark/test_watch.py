@@ -22,7 +22,7 @@ from benchmark.drawing.film import Film
 from benchmark.execution.driver import plan
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
-from benchmark.experiments.specification import all_specifications, load_experiment
+from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
 from envs.model import PING
 from envs.render import Window

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.population import Population, load_population
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import DEFAULT_READING, Experiment, RunSpecification, specifications
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, specifications
 from envs import InputError, Model
 
 Scores = NDArray[np.float64]  # (R, M) runs x scenarios
@@ -117,9 +117,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     statuses, ended = store.statuses(), store.ended()
     declared = {
         (Learner(arm, observation), scenario): specifications(
-            experiment, DEFAULT_READING, scenario, arm, observation, seeds
+            experiment, DEFAULT_CONDITION, scenario, arm, observation, seeds
         )
-        for scenario, arm, observation in experiment.cells
+        for scenario, arm, observation in experiment.populations
     }
     there = {key: [run for run in runs if run.digest in ended] for key, runs in declared.items()}
     missing = _missing(declared, there, statuses)

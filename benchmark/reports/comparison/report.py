@@ -9,7 +9,7 @@ from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
-from benchmark.experiments.specification import Experiment
+from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.comparison import findings
 from benchmark.reports.comparison import tables as comparison
 from benchmark.reports.comparison.data import Context, Data, Learner, load
@@ -30,13 +30,15 @@ _ENDS: Final = ("low", "high")
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has no alternative readings.
+    """Checks that an experiment has the default condition alone.
 
     Raises:
-      InputError: It has.
+      InputError: It has others.
     """
-    if len(experiment.readings) > 1:
-        raise InputError(f"{experiment.name}: readings: a comparison takes the default reading alone.")
+    if list(experiment.conditions) != [DEFAULT_CONDITION]:
+        raise InputError(
+            f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition alone."
+        )
 
 
 # Tables
@@ -165,7 +167,8 @@ def _display_region(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _display_maps(frame: pd.DataFrame) -> pd.DataFrame:
     pings = frame[frame["action"] == "PING"]
-    return pings.groupby(list(_POPULATION), sort=False, as_index=False)[["value", "marked"]].max()
+    largest = pings.groupby(list(_POPULATION), sort=False)[["value", "marked"]].max()
+    return largest.reset_index()
 
 
 def _greedy_from_start(frame: pd.DataFrame) -> pd.DataFrame:

@@ -5,7 +5,7 @@ scenarios, as in rliable (Agarwal et al. 2021), which estimates what is reported
 are 95 % percentile bootstrap intervals over runs, and seeded.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import combinations
 from typing import Any, Final

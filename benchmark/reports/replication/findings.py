@@ -6,7 +6,7 @@ from typing import Final
 import pandas as pd
 
 from benchmark.drawing.tables import link
-from benchmark.experiments.specification import DEFAULT_READING
+from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.reports import independent
 from benchmark.reports.published import Published
 from benchmark.reports.replication.claims import CLAIMS, VERDICTS
@@ -112,7 +112,7 @@ def readings(published: Published) -> list[tuple[str, str]]:
     for name, reading in published.manifest["readings"].items():
         answer = reading["answer"]
         text = f"{reading['question']} {answer[:1].upper()}{answer[1:]}."
-        if name != DEFAULT_READING and name in equal:
+        if name != DEFAULT_CONDITION and name in equal:
             text += " (Every agent learns the same values as by default.)"
         terms.append((name, text))
     return terms

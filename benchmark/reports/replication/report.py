@@ -14,7 +14,7 @@ from benchmark.analysis.population import Population, load_population
 from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import DEFAULT_READING, Experiment, specifications
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
 from benchmark.reports.explorer import explorer_items
 from benchmark.reports.item import Frames, Item, Report, Section
 from benchmark.reports.published import Published
@@ -50,12 +50,12 @@ class Data:
     @property
     def default(self) -> Sequence[Population]:
         """The agents under the default reading, in the order of the scenarios."""
-        return list(self.readings[DEFAULT_READING].values())
+        return list(self.readings[DEFAULT_CONDITION].values())
 
     @cached_property
     def verdicts(self) -> dict[str, pd.DataFrame] | None:
         """The claims under every reading; None without the paper's scenarios, which they are about."""
-        if not set(claims.SCENARIOS) <= set(self.readings[DEFAULT_READING]):
+        if not set(claims.SCENARIOS) <= set(self.readings[DEFAULT_CONDITION]):
             return None
         return {
             name: claims.judge(populations, self.curves[name]) for name, populations in self.readings.items()
@@ -69,11 +69,11 @@ class Data:
     @property
     def facts(self) -> dict[str, object]:
         """Which readings leave what the agents learn as it is by default."""
-        default = self.readings[DEFAULT_READING]
+        default = self.readings[DEFAULT_CONDITION]
         equal = [
             name
             for name, populations in self.readings.items()
-            if name != DEFAULT_READING
+            if name != DEFAULT_CONDITION
             and all(
                 np.array_equal(populations[scenario].arrays["q"], default[scenario].arrays["q"])
                 for scenario in default
@@ -83,10 +83,10 @@ class Data:
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has a single tabular arm that records the maximum Q.
+    """Checks that an experiment has a single tabular arm that records the maximum Q, and no sweep.
 
     Raises:
-      InputError: It has not.
+      InputError: It has something else.
     """
     fits = False
     if len(experiment.algorithms) == 1:
@@ -95,9 +95,11 @@ def check(experiment: Experiment) -> None:
         fits = algorithm.family == "tabular" and "record_every" in algorithm.settings.model_fields
     if not fits:
         raise InputError(
-            f"{experiment.name}: algorithms: {', '.join(experiment.algorithms)}: a replication takes a single "
-            "tabular algorithm that records the maximum Q, as q_learning does."
+            f"{experiment.argument}: algorithms: a replication takes exactly one, and a tabular one that records "
+            "the maximum Q."
         )
+    if experiment.sweep:
+        raise InputError(f"{experiment.argument}: sweep: a replication takes readings alone.")
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:
@@ -123,7 +125,7 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
             for scenario in experiment.scenarios
         ]
         readings[reading] = {population.scenario: population for population in populations}
-    first = next(iter(readings[DEFAULT_READING].values()))
+    first = next(iter(readings[DEFAULT_CONDITION].values()))
     for name in _CURVES:
         if name not in first.arrays:
             raise InputError(f"{experiment.name}: algorithms.{arm}: its training returns no {name}.")
@@ -163,7 +165,7 @@ def _optimal_cells(data: Data, _: Frames) -> pd.DataFrame:
 
 
 def _claims(data: Data, _: Frames) -> pd.DataFrame | None:
-    return None if data.verdicts is None else data.verdicts[DEFAULT_READING]
+    return None if data.verdicts is None else data.verdicts[DEFAULT_CONDITION]
 
 
 def _sensitivity(data: Data, _: Frames) -> pd.DataFrame | None:
