@@ -1,8 +1,8 @@
 """Writes the page: one HTML file with every report's items and the explorer, made of published files alone.
 
-Nothing is computed here. A number on the page is an entry of a CSV file beside it, and links to its row, counted
-as by RFC 7111. So the page can be made from folders of results without a single run. README and the tables of
-sentences are written again first, from the same files.
+Nothing is computed here. A number on the page is an entry of a CSV file beside it, and links to its row,
+counted as by RFC 7111. So the page can be made from folders of results without a single run. README and the
+tables of sentences are written again first, from the same files.
 """
 
 import base64
@@ -21,7 +21,7 @@ from PIL import Image
 from benchmark.page import explorer, script
 from benchmark.page.sources import Folder, open_folder, section
 from benchmark.reports import texts
-from benchmark.reports.item import Item, Report
+from benchmark.reports.item import Item
 from benchmark.reports.published import Published
 from benchmark.reports.view import Cell, Columns, Table
 from envs import InputError
@@ -147,7 +147,9 @@ def _render(folders: Sequence[Folder], speed: Folder | None) -> str:
         "headlines": [report["headline"] for report in reversed(reports) if report["headline"]],
         "reports": reports,
         "made": [section(folder, _made) for folder in folders],
-        "speed": section(speed, lambda folder: _table(folder, _SPEED(Published(folder.path)))) if speed else None,
+        "speed": section(speed, lambda folder: _table(folder, _SPEED(Published(folder.path))))
+        if speed
+        else None,
         "partial": [note for note in (folder.manifest.get("partial") for folder in folders) if note],
         "scenarios": {
             name: declared["description"]
@@ -294,9 +296,9 @@ def _index(results: Path) -> str:
         lines.append(f"| [{path.name}]({path.name}/README.md) | {description} |")
     folders = "\n".join(lines)
     page = """
-[index.html](index.html) shows all of it on one page: download it, or open it from a clone. It needs no server and
-no network. Every number links to the row of the CSV file that it comes from, and the explorer shows what one agent
-of every learner knows over training, cell by cell, and how it walks.
+[index.html](index.html) shows all of it on one page: download it, or open it from a clone. It needs no server
+and no network. Every number links to the row of the CSV file that it comes from, and the explorer shows what
+one agent of every learner knows over training, cell by cell, and how it walks.
 """
     return f"""# Results
 {page if (results / "index.html").exists() else ""}
@@ -304,7 +306,7 @@ of every learner knows over training, cell by cell, and how it walks.
 |---|---|
 {folders}
 
-The README of a folder says what each file is, what made it, and with which command. Tables are `.csv` (six digits,
-all columns) and, for reading, `.md` and `.tex`; figures are `.png` and `.svg`. `manifest.json` holds versions,
-commit, machine and times. `runs.db`, which is not in the repository, holds every run made here.
+The README of a folder says what each file is, what made it, and with which command. Tables are `.csv` (six
+digits, all columns) and, for reading, `.md` and `.tex`; figures are `.png` and `.svg`. `manifest.json` holds
+versions, commit, machine and times. `runs.db`, which is not in the repository, holds every run made here.
 """

@@ -1,7 +1,7 @@
 """Reports: what is computed, drawn and said of an experiment. `REPORTS` maps a name to a report.
 
-A report is imported when it is asked for. Its items and those of an experiment may live elsewhere, in a module
-that Python can import.
+A report is imported when it is asked for. Reports, and further items of a report, can live in any module that
+Python can import.
 """
 
 from importlib import import_module
@@ -47,8 +47,8 @@ def load_items(report: Report, names: "Sequence[str]", source: str = "benchmark.
       source: The file that named them, for the message.
 
     Raises:
-      InputError: A module that cannot be imported, an object that is not an item, an item whose name is taken,
-        or one in a section that the report does not have.
+      InputError: A module that cannot be imported, an object that is not an item, an item whose name is
+        taken, or one in a section that the report does not have.
     """
     items = list(report.items)
     sections = [section.key for section in report.sections]

@@ -1,4 +1,4 @@
-"""Makes an experiment's folder of results from the store: computes, writes, draws and tells, in this order."""
+"""Makes an experiment's folder of results from the store: tables, figures and texts."""
 
 import hashlib
 import json

@@ -13,10 +13,10 @@ _PAPERS_SUCCESS: Final = 0.515
 _PAPERS_AGENTS: Final = 2000
 # How often claim `variability-S2` held, in sets of 100 agents of fresh seeds.
 VARIABILITY_S2: Final = (
-    "With other seeds it holds in 16 of 30 sets of 100 agents, so 100 agents are too few to decide it. With 3,000 "
-    "agents the ratio is 1.012."
+    "With other seeds it holds in 16 of 30 sets of 100 agents, so 100 agents are too few to decide it. With "
+    "3,000 agents the ratio is 1.012."
 )
-# How many times slower than the compiled table a table in plain Python is, the fastest and the slowest of them.
+# How many times slower than the compiled table a table in plain Python is: the fastest and the slowest.
 _PLAIN_PYTHON: Final = (125.0, 480.0)
 
 
@@ -25,9 +25,9 @@ def of_papers_table(settings: Mapping[str, Any]) -> str:
     if any(settings.get(key) != value for key, value in _PAPERS_SETTINGS.items()):
         return ""
     return (
-        f"With {_PAPERS_AGENTS:,} agents of an independent implementation the success probability of the paper's "
-        f"table in S2 is {_PAPERS_SUCCESS:g}. What the replication and the comparison show for it, with 100 agents "
-        "each, are two draws around one half."
+        f"With {_PAPERS_AGENTS:,} agents of an independent implementation the success probability of the "
+        f"paper's table in S2 is {_PAPERS_SUCCESS:g}. What the replication and the comparison show for it, "
+        "with 100 agents each, are two draws around one half."
     )
 
 

@@ -1,8 +1,8 @@
 """What a report is made of: items, each a table, a figure or both, in sections.
 
-Nothing else lists a report's tables and figures. The folder of results, its README and the page iterate over the
-items, and so does the certificate of reproduction. Functions of an item are functions of a module, not lambdas,
-so that an item can be sent to another process.
+Nothing else lists a report's tables and figures. The folder of results, its README and the page iterate over
+the items, and so does the certificate of reproduction. Functions of an item are functions of a module, not
+lambdas, so that an item can be sent to another process.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -55,8 +55,8 @@ def whole(frame: pd.DataFrame) -> pd.DataFrame:
 class Item:
     """A table, a figure of it, or both; or files of another form.
 
-    Its table is what `compute` or `tell` returns. Each may return None where there is nothing to tabulate, and
-    `draw` where there is nothing to draw; the item then has no such file.
+    Its table is what `compute` or `tell` returns. `compute` may return None if there is nothing to tabulate,
+    and `draw` if there is nothing to draw; the item then has no such file.
     """
 
     name: str  # the stem of its files

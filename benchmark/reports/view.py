@@ -18,7 +18,7 @@ _NO_NUMBER: Final = "-"
 
 @dataclass(frozen=True)
 class Cell:
-    """One entry of a table; its texts may hold `code` and links to rows, see `benchmark.drawing.tables.link`."""
+    """An entry of a table; its texts may hold `code` and links, see `benchmark.drawing.tables.link`."""
 
     text: str
     order: str = ""  # what it is sorted by; its text if empty

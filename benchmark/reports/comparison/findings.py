@@ -1,10 +1,9 @@
-"""What a comparison found, in sentences made from its published tables; each judging word follows from numbers.
+"""What a comparison found, in sentences from its published tables; each judging word follows from numbers.
 
-A number is a Markdown link to the rows of the table that it comes from, `[0.63](summary.csv#row=13)`, which are
-counted as by RFC 7111: the header is the first.
-Scores are means over runs, which show a run that fails, as interquartile means do not. Two learners differ
-significantly if the 95 % interval of the probability that a run of one outscores a run of the other excludes one
-half.
+A number is a Markdown link to the rows of the table that it comes from, `[0.63](summary.csv#row=13)`. Rows
+are counted as by RFC 7111: the header is the first. Scores are means over runs, which show a run that fails, as
+interquartile means do not. Two learners differ significantly if the 95 % interval of the probability that a
+run of one outscores a run of the other excludes one half.
 """
 
 from collections.abc import Callable, Sequence
@@ -144,30 +143,32 @@ class Findings:
                 better = self._better()
                 names = ", ".join(f"`{learner}`" for learner in better)
                 verdict = (
-                    f"deep RL earns its keep over a table here: {names} {'does' if len(better) == 1 else 'do'} better "
-                    f"than the best table, {name}"
+                    f"deep RL earns its keep over a table here: {names} "
+                    f"{'does' if len(better) == 1 else 'do'} better than the best table, {name}"
                 )
             case "does not earn":
                 verdict = (
-                    "deep RL does not earn its keep over a table here: no deep learner does better than the best "
-                    f"table, {name}"
+                    "deep RL does not earn its keep over a table here: no deep learner does better than the "
+                    f"best table, {name}"
                 )
             case "undecided":
                 few = not all(map(self._has_enough_runs, [table, *self.deep]))
                 verdict = (
-                    "it is undecided whether deep RL earns its keep over a table here: no deep learner is shown to do "
-                    f"better than the best table, {name}, and the data do not show that none does"
+                    "it is undecided whether deep RL earns its keep over a table here: no deep learner is "
+                    f"shown to do better than the best table, {name}, and the data do not show that none "
+                    "does"
                 )
                 if few:
                     verdict += f" (a verdict takes at least {FEWEST_RUNS} runs per scenario and learner)"
         budget = self._settings(table)["budget"]
         ratio, times = self._ratio(table, best)
         return (
-            f"With {budget:,} environment steps {verdict}. That table has a mean score of {self._score(table)} "
-            f"({self._n(table)} runs per scenario). The deep learner with the highest mean score, `{best}`, has "
-            f"{self._score(best)} ({self._n(best)} runs per scenario): {self._verdict(best, table)}. It takes {times} "
-            f"the CPU time of that table, but this compares compiled code with Python: against a table in plain "
-            f"Python it is about {_plain_python(ratio)} times."
+            f"With {budget:,} environment steps {verdict}. That table has a mean score of "
+            f"{self._score(table)} ({self._n(table)} runs per scenario). The deep learner with the highest "
+            f"mean score, `{best}`, has {self._score(best)} ({self._n(best)} runs per scenario): "
+            f"{self._verdict(best, table)}. It takes {times} the CPU time of that table, but this compares "
+            f"compiled code with Python: against a table in plain Python it is about {_plain_python(ratio)} "
+            "times."
         )
 
     def _tables(self) -> str:
@@ -178,9 +179,10 @@ class Findings:
         late = rows[rows["step"] > budget / 2].groupby("scenario", sort=False)
         means = ", ".join(link(f"{part['success'].mean():.2f}", "curves", part) for _, part in late)
         text = (
-            f"After {budget:,} steps the table `{first.algorithm}` ({self._n(first)} runs per scenario) succeeds "
-            f"with probability {self._by_scenario('summary', first, 'success', _two_decimals)} (averaged over the "
-            f"second half of training: {means}), and has a mean score of {self._score(first)} over all scenarios"
+            f"After {budget:,} steps the table `{first.algorithm}` ({self._n(first)} runs per scenario) "
+            f"succeeds with probability {self._by_scenario('summary', first, 'success', _two_decimals)} "
+            f"(averaged over the second half of training: {means}), and has a mean score of "
+            f"{self._score(first)} over all scenarios"
         )
         for other in self.tables[1:]:
             text += (
@@ -200,8 +202,8 @@ class Findings:
             stochastic = "" if row is None else f", and {_interval(row)} with its stochastic policy"
             scores.append(f"`{learner}` {self._score(learner)}{stochastic}")
         return (
-            f"The deep learners with the highest mean scores, with {self._n(*ranked)} runs per scenario each, are "
-            f"{'; '.join(scores)}. The first succeeds with probability "
+            f"The deep learners with the highest mean scores, with {self._n(*ranked)} runs per scenario "
+            f"each, are {'; '.join(scores)}. The first succeeds with probability "
             f"{self._by_scenario('summary', best, 'success', _two_decimals)}; "
             f"{', and '.join(self._verdict(best, table) for table in others)}."
         )
@@ -258,7 +260,8 @@ class Findings:
             return ""
         return (
             "With Stable-Baselines3's own settings, the mean score and the share of runs that ever score "
-            f"{GOOD_SCORE:g} are: {', '.join(parts)}. Which of the settings is the cause has not been tested here."
+            f"{GOOD_SCORE:g} are: {', '.join(parts)}. Which of the settings is the cause has not been tested "
+            "here."
         )
 
     def _threshold(self, learners: Sequence[Learner]) -> str:
@@ -273,8 +276,8 @@ class Findings:
             for learner in learners
         ]
         return (
-            f"Median number of steps after which the score stays at or above {GOOD_SCORE:g} to the last evaluation: "
-            f"{'; '.join(parts)}."
+            f"Median number of steps after which the score stays at or above {GOOD_SCORE:g} to the last "
+            f"evaluation: {'; '.join(parts)}."
         )
 
     def _cost(self, table: Learner, net: Learner) -> str:
@@ -289,9 +292,9 @@ class Findings:
         first, other = self._row("cost", table), self._row("cost", net)
         ratio, times = self._ratio(table, net)
         return (
-            f"A run of `{table}` takes {say(first, f'{first.cpu_time_s * 1000:.2g} ms')}; a run of `{net}` takes "
-            f"{say(other, f'{other.cpu_time_s:.2g} s')}. That is {times} the CPU time of the compiled table, and "
-            f"about {_plain_python(ratio)} times that of a table in plain Python."
+            f"A run of `{table}` takes {say(first, f'{first.cpu_time_s * 1000:.2g} ms')}; a run of `{net}` "
+            f"takes {say(other, f'{other.cpu_time_s:.2g} s')}. That is {times} the CPU time of the compiled "
+            f"table, and about {_plain_python(ratio)} times that of a table in plain Python."
         )
 
     def _every_cell(self, learners: Sequence[Learner]) -> str:
@@ -317,8 +320,9 @@ class Findings:
             overlap, precision, recall = (link(text, "region", rows[learner]) for text in shown)
             parts.append(f"`{learner}` {overlap} (precision {precision}, recall {recall})")
         return (
-            "Overlap of the cells where an agent values PING with the target region (intersection over union, mean "
-            f"of the scenarios): {', '.join(parts)}. The last is the deep learner with the largest overlap."
+            "Overlap of the cells where an agent values PING with the target region (intersection over "
+            f"union, mean of the scenarios): {', '.join(parts)}. The last is the deep learner with the "
+            "largest overlap."
         )
 
     def _disagreements(self, learners: Sequence[Learner]) -> str:

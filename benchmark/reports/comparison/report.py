@@ -37,7 +37,8 @@ def check(experiment: Experiment) -> None:
     """
     if list(experiment.conditions) != [DEFAULT_CONDITION]:
         raise InputError(
-            f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition alone."
+            f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
+            "alone."
         )
 
 
@@ -141,7 +142,7 @@ def _display_profile(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _tenths(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame[frame["step"] % (frame["step"].max() / 10) == 0]
+    return frame.loc[frame["step"] % (frame["step"].max() / 10) == 0]
 
 
 def _display_curves(frame: pd.DataFrame) -> pd.DataFrame:
@@ -167,7 +168,7 @@ def _display_region(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _display_maps(frame: pd.DataFrame) -> pd.DataFrame:
     pings = frame[frame["action"] == "PING"]
-    largest = pings.groupby(list(_POPULATION), sort=False)[["value", "marked"]].max()
+    largest: pd.DataFrame = pings.groupby(list(_POPULATION), sort=False)[["value", "marked"]].max()
     return largest.reset_index()
 
 
@@ -234,7 +235,7 @@ def _of_kind(frames: Frames, kind: str) -> list[Learner]:
 
 
 def _valued(frames: Frames) -> list[Learner]:
-    """Lists the learners whose action values are drawn: with SB3's own settings, DQN learns nothing to see."""
+    """Lists the learners whose action values are drawn: all but those with SB3's own settings."""
     return [learner for learner in _of_kind(frames, "q") if not learner.is_default]
 
 
@@ -401,7 +402,7 @@ ITEMS: Final = (
     ),
     Item(
         name="maps",
-        description="final values of every cell and action; the figure: Q of PING, without SB3's own settings",
+        description="final values of every cell and action; figure: Q of PING, but for SB3's own settings",
         compute=_maps,
         display=_display_maps,
         draw=_draw_maps,
@@ -472,21 +473,21 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
     return [
         (
             "learner",
-            "an algorithm with its settings and the form of observation that it learns from. Settings are in the "
-            "experiment's TOML file; `_default` means Stable-Baselines3's own.",
+            "an algorithm with its settings and the form of observation that it learns from. Settings are in "
+            "the experiment's TOML file; `_default` means Stable-Baselines3's own.",
         ),
         (
             "score",
-            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the exact "
-            f"optimum (1), both under a limit of {manifest['horizon']} steps. It has no lower bound: a greedy "
-            "policy that bumps into a wall until the limit is far below the random one. Policies are evaluated "
-            "exactly, without sampling episodes.",
+            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
+            f"exact optimum (1), both under a limit of {manifest['horizon']} steps. It has no lower bound: a "
+            "greedy policy that bumps into a wall until the limit is far below the random one. Policies are "
+            "evaluated exactly, without sampling episodes.",
         ),
         (
             "greedy, stochastic",
-            "tables and DQN act by their best action. PPO is evaluated by its likeliest action and, in columns that "
-            "start with `stochastic_`, by its action probabilities. Unless stated otherwise, results are for the "
-            "greedy policy after training.",
+            "tables and DQN act by their best action. PPO is evaluated by its likeliest action and, in "
+            "columns that start with `stochastic_`, by its action probabilities. Unless stated otherwise, "
+            "results are for the greedy policy after training.",
         ),
         ("every_cell", "episodes start in a random cell (any but the issuer's) instead of the start cell."),
         (
@@ -495,21 +496,22 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
         ),
         (
             "P",
-            "probability that a run of the first learner scores higher than a run of the second in the same scenario, "
-            "by however little; a tie counts half. Two learners differ significantly if the 95 % interval of P "
-            "excludes 0.5.",
+            "probability that a run of the first learner scores higher than a run of the second in the same "
+            "scenario, by however little; a tie counts half. Two learners differ significantly if the 95 % "
+            "interval of P excludes 0.5.",
         ),
         (
             "interquartile mean (iqm)",
-            "mean of the middle half of the runs. *median*: of the scenarios' mean scores. *optimality gap*: how "
-            "far runs fall short of the score 1, on average.",
+            "mean of the middle half of the runs. *median*: of the scenarios' mean scores. *optimality gap*: "
+            "how far runs fall short of the score 1, on average.",
         ),
         (
             "intervals",
-            "95 % percentile bootstrap intervals over runs, stratified by scenario where scenarios are combined, "
-            f"with {RESAMPLES} seeded resamples ({RESAMPLES // 2} for profiles). Intervals of the shares in "
-            "`threshold` are exact binomial ones. They are not corrected for the number of comparisons. With ten "
-            "runs bootstrap intervals are too narrow, and where all runs agree they have no width.",
+            "95 % percentile bootstrap intervals over runs, stratified by scenario where scenarios are "
+            f"combined, with {RESAMPLES} seeded resamples ({RESAMPLES // 2} for profiles). Intervals of the "
+            "shares in `threshold` are exact binomial ones. They are not corrected for the number of "
+            "comparisons. With ten runs bootstrap intervals are too narrow, and where all runs agree they "
+            "have no width.",
         ),
         ("inf", "half of the runs or more never got there."),
         (
@@ -531,12 +533,12 @@ REPORT: Final = Report(
             key="comparison",
             heading="Comparison",
             text=(
-                "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over runs. A "
-                "learner is an algorithm with its settings and the form of observation that it learns from; "
-                "`_default` means Stable-Baselines3's own settings. P is the probability that a run of the first "
-                "learner scores higher than a run of the second in the same scenario. Unless stated otherwise, "
-                "results are for the greedy policy after training. Intervals of few runs are too narrow, and none "
-                "is corrected for the number of comparisons."
+                "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
+                "runs. A learner is an algorithm with its settings and the form of observation that it "
+                "learns from; `_default` means Stable-Baselines3's own settings. P is the probability that a "
+                "run of the first learner scores higher than a run of the second in the same scenario. "
+                "Unless stated otherwise, results are for the greedy policy after training. Intervals of few "
+                "runs are too narrow, and none is corrected for the number of comparisons."
             ),
         ),
         Section(key="cost", heading="Cost"),

@@ -242,7 +242,7 @@ def region(data: Data) -> pd.DataFrame:
 
 
 def cost(data: Data) -> pd.DataFrame:
-    """Tabulates what a run costs, one row per learner: medians over all its runs, and the range of CPU time."""
+    """Tabulates what a run costs, one row per learner: medians over its runs, and the range of CPU time."""
     rows = []
     for learner, by_scenario in data.learners.items():
         every = list(by_scenario.values())

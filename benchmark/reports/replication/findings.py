@@ -61,8 +61,9 @@ def sentences(published: Published) -> list[str]:
     if note and len(last):
         row = last.iloc[0]
         told.append(
-            f"After training the table succeeds in S2 with probability "
-            f"{link(f'{row.success:.2f}', 'learning', row)} [{row.success_low:.2f}, {row.success_high:.2f}]. {note}"
+            "After training the table succeeds in S2 with probability "
+            f"{link(f'{row.success:.2f}', 'learning', row)} [{row.success_low:.2f}, {row.success_high:.2f}]. "
+            f"{note}"
         )
     return told
 
@@ -100,8 +101,12 @@ def claims_table(published: Published) -> Table:
             ]
         )
     columns = [
-        ("claim", False), ("verdict", False), ("value", True), ("must be", False), ("other verdicts under", False),
-    ]  # fmt: skip
+        ("claim", False),
+        ("verdict", False),
+        ("value", True),
+        ("must be", False),
+        ("other verdicts under", False),
+    ]
     return Table("The paper's claims, measured", "claims.csv", columns, rows)
 
 

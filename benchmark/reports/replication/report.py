@@ -95,8 +95,8 @@ def check(experiment: Experiment) -> None:
         fits = algorithm.family == "tabular" and "record_every" in algorithm.settings.model_fields
     if not fits:
         raise InputError(
-            f"{experiment.argument}: algorithms: a replication takes exactly one, and a tabular one that records "
-            "the maximum Q."
+            f"{experiment.argument}: algorithms: a replication takes exactly one, and a tabular one that "
+            "records the maximum Q."
         )
     if experiment.sweep:
         raise InputError(f"{experiment.argument}: sweep: a replication takes readings alone.")
@@ -189,7 +189,8 @@ def _display_claims(frame: pd.DataFrame) -> pd.DataFrame:
 def _display_sensitivity(frame: pd.DataFrame) -> pd.DataFrame:
     wide = frame.assign(cell=[f"{row.value:.3g}, {row.verdict}" for row in frame.itertuples()])
     wide = wide.pivot(index="claim", columns="reading", values="cell")
-    return wide.loc[frame["claim"].unique(), list(frame["reading"].unique())].reset_index()
+    in_order: pd.DataFrame = wide.loc[frame["claim"].unique(), list(frame["reading"].unique())]
+    return in_order.reset_index()
 
 
 def _display_learning(frame: pd.DataFrame) -> pd.DataFrame:
@@ -202,7 +203,7 @@ def _display_optimal(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _last_step(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame[frame["step"] == frame["step"].max()]
+    return frame.loc[frame["step"] == frame["step"].max()]
 
 
 # Figures
@@ -307,30 +308,32 @@ def _words(published: Published) -> list[tuple[str, str]]:
     return [
         (
             "score",
-            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the exact "
-            f"optimum (1), both under a limit of {published.manifest['horizon']} steps. It has no lower bound: a "
-            "greedy policy may bump into a wall until the limit, which lowers the mean.",
+            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
+            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. It has no "
+            "lower bound: a greedy policy may bump into a wall until the limit, which lowers the mean.",
         ),
         (
             "optimal (an agent, a policy)",
-            "its score is 1: nothing does better from the start cell. `cells_differing` is the share of all cells "
-            "in which an agent's greedy action is not an optimal one; `optimal.png` shows where these are.",
+            "its score is 1: nothing does better from the start cell. `cells_differing` is the share of all "
+            "cells in which an agent's greedy action is not an optimal one; `optimal.png` shows where these "
+            "are.",
         ),
         (
             "score_iqm",
-            "interquartile mean: the mean of the middle half of the agents. `scenario_return` includes the issuer's "
-            "rewards. `start_value` is the discounted value of the start cell, of Q* and of the agents.",
+            "interquartile mean: the mean of the middle half of the agents. `scenario_return` includes the "
+            "issuer's rewards. `start_value` is the discounted value of the start cell, of Q* and of the "
+            "agents.",
         ),
         (
             "std",
-            "sample standard deviation over agents. Intervals are 95 % percentile bootstrap intervals over agents "
-            f"with {RESAMPLES} seeded resamples.",
+            "sample standard deviation over agents. Intervals are 95 % percentile bootstrap intervals over "
+            f"agents with {RESAMPLES} seeded resamples.",
         ),
         (
             "Q*",
             "values of an agent that knows its state, before any wrong PING. Wrong PINGs are hidden from the "
-            "learner, so its values need not converge to Q*. No policy is worth more than Q*, but noise can make "
-            "estimates larger.",
+            "learner, so its values need not converge to Q*. No policy is worth more than Q*, but noise can "
+            "make estimates larger.",
         ),
     ]
 
@@ -347,11 +350,11 @@ REPORT: Final = Report(
             key="claims",
             heading="The paper's claims",
             text=(
-                "A claim's value is that of its weakest part. A part passes if its whole 95 % interval lies on the "
-                "right side of the threshold, fails if it lies on the wrong side, and is undecided otherwise. If "
-                "all parts pass, the claim `holds`; if none passes and one fails, it `does not hold`; otherwise it "
-                "`holds in part`. How each claim is measured, all its parts, and why the threshold is where it is: "
-                "`claims.csv`."
+                "A claim's value is that of its weakest part. A part passes if its whole 95 % interval lies "
+                "on the right side of the threshold, fails if it lies on the wrong side, and is undecided "
+                "otherwise. If all parts pass, the claim `holds`; if none passes and one fails, it `does not "
+                "hold`; otherwise it `holds in part`. How each claim is measured, all its parts, and why the "
+                "threshold is where it is: `claims.csv`."
             ),
             terms=findings.readings,
             terms_title="The readings of the paper, and the control",
