@@ -28,9 +28,8 @@ def main(options: argparse.Namespace) -> int:
         )
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     is_published = made.certificate is not None and made.certificate.is_identical
-    print(
-        f"{experiment.name}: the page is {page.update(options.results, directory.name, is_published=is_published)}."
-    )
+    updated = page.update(options.results, directory.name, is_published=is_published)
+    print(f"{experiment.name}: the page is {updated}.")
     if made.certificate is not None:
         print(made.certificate)
     return 0
