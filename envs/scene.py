@@ -6,7 +6,7 @@ covers rows r to r + 1 and columns c to c + 1.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -31,6 +31,11 @@ COLOURS: Final[dict[str, Colour]] = {
     "ink": (30, 30, 30),
     "over": (138, 138, 138),  # a cell without actions, on a map of values
     "no value": (250, 250, 250),
+}
+# The borders that are drawn, the outermost first: label, and whether the line is dashed.
+BORDERS: Final = {
+    "target": ("target region's outer edge", False),
+    "uncomfortable": ("uncomfortable region's edge", True),
 }
 COLOUR_MAP: Final = "cividis"  # of values, in every back end
 CLIPPED_SHARE: Final = 0.01  # of all values, at each end of a colour scale: a few outliers would take it all
@@ -79,6 +84,11 @@ class Scene:
         """O."""
         return self.rows * self.columns
 
+    @cached_property
+    def position(self) -> NDArray[np.int_]:
+        """(O, 2) row and column of each cell."""
+        return np.stack(np.divmod(np.arange(self.n_cells), self.columns), axis=1)
+
     def centre(self, cell: int) -> tuple[float, float]:
         """Returns a cell's centre, (row, column)."""
         row, column = divmod(cell, self.columns)
@@ -112,12 +122,8 @@ def scene_of(model: Model) -> Scene:
     zone = model.zone_of_cell.reshape(grid.rows, grid.columns)
     issuer_row, issuer_column = model.scenario.issuer.position
     within = {
-        "target": (zone != ZONES.index("outside"), "target region's outer edge", False),
-        "uncomfortable": (
-            (zone == ZONES.index("uncomfortable")) | (zone == ZONES.index("issuer")),
-            "uncomfortable region's edge",
-            True,
-        ),
+        "target": zone != ZONES.index("outside"),
+        "uncomfortable": np.isin(zone, [ZONES.index("uncomfortable"), ZONES.index("issuer")]),
     }
     return Scene(
         rows=grid.rows,
@@ -125,8 +131,8 @@ def scene_of(model: Model) -> Scene:
         zone=tuple(ZONES[index] for index in model.zone_of_cell),
         is_over=model.is_over[model.fresh_state],
         outlines=tuple(
-            Outline(region, label, is_dashed, outlines(inside))
-            for region, (inside, label, is_dashed) in within.items()
+            Outline(region, label, is_dashed, outlines(within[region]))
+            for region, (label, is_dashed) in BORDERS.items()
         ),
         glyphs=(
             Glyph("issuer", issuer_row * grid.columns + issuer_column),

@@ -182,4 +182,4 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
 def optimal_values(population: Population) -> NDArray[np.float64]:
     """Returns Q* of every cell with no wrong PING so far, (O, A); undiscounted, that under the time limit."""
     horizon = None if population.discount < 1 else int(population.specification["horizon"])
-    return solve(population.model, population.discount, horizon).q[: population.model.n_observations]
+    return solve(population.model, population.discount, horizon).q[population.model.fresh_state]

@@ -1,12 +1,13 @@
 """Draws an experiment's tables and figures from its stored runs, and builds the page."""
 
 import argparse
+import os
 
 from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
-from benchmark.reports import draw, load_report
+from benchmark.reports import draw, load_items, load_report
 from envs import InputError
 
 
@@ -22,24 +23,32 @@ def main(options: argparse.Namespace) -> int:
     seeds = parse_seeds(options.seeds)
     directory = options.results / (f"{experiment.name}_partial" if options.partial else experiment.name)
     with Store(options.results / "runs.db", read_only=True) as store:
-        draw.draw(experiment, store, directory, seeds, partial=options.partial)
-    print(f"{experiment.name}: tables and figures are in {directory}.")
-    print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
+        made = draw.draw(
+            experiment, store, directory, seeds, partial=options.partial, jobs=os.cpu_count() or 1
+        )
+    print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
+    is_published = made.certificate is not None and made.certificate.is_identical
+    path = page.update(options.results, directory.name, is_published=is_published)
+    print(f"{experiment.name}: the page is {path}.")
+    if made.certificate is not None:
+        print(made.certificate)
     return 0
 
 
 def check(experiment: Experiment, *, is_required: bool) -> None:
-    """Checks that an experiment's report can be drawn of it.
+    """Checks that an experiment can have the report and the items that it names.
 
     Args:
       experiment: As loaded.
       is_required: Whether it must have a report.
 
     Raises:
-      InputError: It has none although it must, or its report asks for something else.
+      InputError: It has none although it must, or its report or an item does not accept it.
     """
     if experiment.report:
-        load_report(experiment.report, experiment.argument).check(experiment)
+        report = load_report(experiment.report, experiment.argument)
+        report.check(experiment)
+        load_items(report, experiment.items, experiment.argument)
     elif is_required:
         raise InputError(
             f"{experiment.argument}: has no report; accepted: an experiment with the key report."

@@ -123,6 +123,8 @@ def in_window(film: Film) -> None:
     window = Window(np.asarray(first), f"{film.title}   (space: pause, left and right: training, q: quit)")
     at, paused = 0, False
     try:
+        if not window.has_screen:
+            raise InputError("no window can be opened: there is no screen.")
         while True:
             for key in window.pressed():
                 if key == "q":

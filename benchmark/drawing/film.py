@@ -18,9 +18,9 @@ from PIL import Image, ImageDraw, ImageFont
 from agents.policy import contains
 from benchmark.analysis.population import Population
 from benchmark.analysis.snapshots import AGENT
-from envs import InputError, Model, ProxemicEnv
+from envs import EVENTS, InputError, Model, ProxemicEnv
 from envs.model import MOVES, PING
-from envs.render import COLOURS
+from envs.scene import COLOURS
 
 _SCALE: Final = 2  # drawn so many times too large, and made smaller: smooth edges
 SAID: Final = {
@@ -95,7 +95,7 @@ def walk(model: Model, greedy: NDArray[np.uint8], seed: int = 0) -> tuple[list[i
         way.append(int(cell))
         if terminated:
             break
-    return way, str(info["event"])
+    return way, EVENTS[info["event"]]
 
 
 def picture(

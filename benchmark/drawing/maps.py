@@ -1,7 +1,11 @@
-"""Maps of a scene, drawn by matplotlib: one value a cell, or one a cell and move."""
+"""Paints scenes with matplotlib, with one value per cell, or one per cell and move.
+
+On the axes, x is the column and y the row of a cell's centre, so that the corners of `envs.scene` lie half
+a cell off.
+"""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -12,55 +16,68 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon
+from matplotlib.patheffects import AbstractPathEffect
 from numpy.typing import NDArray
 
-from envs import ACTIONS, Model
+from envs import ACTIONS
 from envs.model import MOVES, PING
+from envs.scene import BORDERS, COLOUR_MAP, TRIANGLES, Scene
 
-_MAP: Final = "cividis"
-_OUTLINE: Final = [patheffects.Stroke(linewidth=3.2, foreground="black"), patheffects.Normal()]
-# Corners of a cell's triangles, (action, corner, (x, y)) from its centre, y downwards: one a move.
-_TRIANGLES: Final = np.array(
-    [
-        [(-0.5, -0.5), (0.5, -0.5), (0, 0)],
-        [(-0.5, 0.5), (0.5, 0.5), (0, 0)],
-        [(-0.5, -0.5), (-0.5, 0.5), (0, 0)],
-        [(0.5, -0.5), (0.5, 0.5), (0, 0)],
-    ]
-)
-
-
-def heat(axis: Axes, model: Model, values: NDArray[np.float64], norm: Normalize) -> None:
-    """Draws one value a cell, (O,)."""
-    grid = model.scenario.grid
-    edges = np.arange(grid.columns + 1) - 0.5, np.arange(grid.rows + 1) - 0.5
-    axis.pcolormesh(*edges, values.reshape(grid.rows, grid.columns), cmap=_MAP, norm=norm)
-    _dress(axis, model)
+_DASHES: Final = (0, (2, 1.5))
+_AROUND_SOLID: Final[list[AbstractPathEffect]] = [
+    patheffects.Stroke(linewidth=3.2, foreground="black"),
+    patheffects.Normal(),
+]
+_AROUND_DASHED: Final[list[AbstractPathEffect]] = [patheffects.withStroke(linewidth=2.8, foreground="black")]
+_GLYPHS: Final[dict[str, dict[str, Any]]] = {
+    "issuer": {"marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
+    "start": {"marker": "s", "ms": 5, "mfc": "none", "mec": "white", "mew": 1.2},
+}
 
 
-def triangles(axis: Axes, model: Model, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
-    """Draws one value a cell and move, each as the triangle that points its way."""
+def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
+    """Draws one value per cell, (O,)."""
+    edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
+    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), cmap=COLOUR_MAP, norm=norm)
+    _dress(axis, scene)
+
+
+def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
+    """Draws one value per cell and move as a triangle on the side of the cell to which the move leads.
+
+    Args:
+      axis: Where to draw.
+      scene: The map.
+      frame: Columns row, column, action (moves alone) and `value`.
+      norm: The colour scale.
+      value: The column to draw.
+    """
     centre = frame[["column", "row"]].to_numpy()[:, None, :]
     action = frame["action"].map(ACTIONS.index).to_numpy()
     polygons = PolyCollection(
-        list(centre + _TRIANGLES[action]),
+        list(centre + TRIANGLES[action][..., ::-1]),
         array=frame[value].to_numpy(),
-        cmap=_MAP,
+        cmap=COLOUR_MAP,
         norm=norm,
         edgecolors="face",
     )
     polygons.set_linewidth(0.2)
     axis.add_collection(polygons)
-    _dress(axis, model)
+    _dress(axis, scene)
 
 
-def actions(axis: Axes, model: Model, chosen: pd.DataFrame) -> None:
-    """Draws an arrow for every chosen move and a dot for every chosen PING, outside the issuer's cell."""
-    issuer = model.scenario.issuer.position
-    chosen = chosen[(chosen["row"] != issuer[0]) | (chosen["column"] != issuer[1])]
-    pings = chosen[chosen["action"] == "PING"]
-    axis.plot(pings["column"], pings["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
+def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
+    """Draws an arrow for every chosen move and a dot for every chosen PING, except where the episode is over.
+
+    Args:
+      axis: Where to draw.
+      scene: The map.
+      chosen: Columns row, column, action.
+    """
+    cell = chosen["row"] * scene.columns + chosen["column"]
+    chosen = chosen[~scene.is_over[cell.to_numpy(dtype=int)]]
+    dots(axis, chosen[chosen["action"] == "PING"])
     moves = chosen[chosen["action"] != "PING"]
     step = MOVES[moves["action"].map(ACTIONS[:PING].index).to_numpy(dtype=int)]
     axis.quiver(
@@ -69,32 +86,35 @@ def actions(axis: Axes, model: Model, chosen: pd.DataFrame) -> None:
     )  # fmt: skip
 
 
-def _dress(axis: Axes, model: Model) -> None:
-    """Draws regions, issuer and start on a map, and labels it."""
-    grid, regions = model.scenario.grid, model.scenario.regions
-    row, column = model.scenario.issuer.position
-    for radius, dash in ((regions.target_radius, "-"), (regions.uncomfortable_radius, (0, (2, 1.5)))):
-        top, bottom = max(row - radius, 0) - 0.5, min(row + radius, grid.rows - 1) + 0.5
-        left, right = max(column - radius, 0) - 0.5, min(column + radius, grid.columns - 1) + 0.5
-        box = Rectangle((left, top), right - left, bottom - top, fill=False, ec="white", lw=1.6, ls=dash)
-        box.set_path_effects(
-            _OUTLINE if dash == "-" else [patheffects.withStroke(linewidth=2.8, foreground="black")]
-        )
-        axis.add_patch(box)
-    axis.plot(column, row, "*", ms=9, mfc="white", mec="black", mew=0.8)
-    axis.plot(grid.start[1], grid.start[0], "s", ms=5, mfc="none", mec="white", mew=1.2)
-    axis.set(xlim=(-0.5, grid.columns - 0.5), ylim=(grid.rows - 0.5, -0.5), aspect="equal")
+def dots(axis: Axes, cells: pd.DataFrame) -> None:
+    """Draws a dot in each of these cells; columns row and column."""
+    axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
+
+
+def _dress(axis: Axes, scene: Scene) -> None:
+    """Draws the regions' borders and the glyphs on a map, and labels it."""
+    for outline in scene.outlines:
+        for loop in outline.loops:
+            corners = np.array(loop)[:, ::-1] - 0.5
+            dashes = _DASHES if outline.is_dashed else "-"
+            border = Polygon(corners.tolist(), closed=True, fill=False, ec="white", lw=1.6, ls=dashes)
+            border.set_path_effects(_AROUND_DASHED if outline.is_dashed else _AROUND_SOLID)
+            axis.add_patch(border)
+    for glyph in scene.glyphs:
+        row, column = scene.position[glyph.cell]
+        axis.plot(column, row, ls="", **_GLYPHS[glyph.kind])
+    axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
     axis.set(xlabel="column", ylabel="row")
     axis.spines[:].set_visible(True)
-    axis.set_xticks(range(0, grid.columns, 2))
-    axis.set_yticks(range(0, grid.rows, 2))
+    axis.set_xticks(range(0, scene.columns, 2))
+    axis.set_yticks(range(0, scene.rows, 2))
 
 
 def colour_bar(
     figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
 ) -> None:
-    """Draws the one colour scale of a row of maps."""
-    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_MAP)
+    """Draws the colour scale that a row of maps shares."""
+    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=COLOUR_MAP)
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if norm(0.0) > 0 and norm(0.0) < 1:
@@ -102,11 +122,14 @@ def colour_bar(
 
 
 def region_legend(figure: Figure, *more: Line2D) -> None:
-    """Says what the marks on the maps are."""
+    """Draws a legend of borders, glyphs and more marks on the maps."""
+    borders = [
+        Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
+        for label, is_dashed in BORDERS.values()
+    ]
     handles = [
         Line2D([], [], ls="", marker="*", mfc="white", mec="black", ms=9, label="issuer"),
-        Line2D([], [], color="black", lw=1.4, label="target region's outer edge"),
-        Line2D([], [], ls=(0, (2, 1.5)), color="black", lw=1.4, label="uncomfortable region's edge"),
+        *borders,
         Line2D([], [], ls="", marker="s", mfc="none", mec="black", ms=5, label="start"),
         *more,
     ]

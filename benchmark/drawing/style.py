@@ -1,4 +1,4 @@
-"""What all figures share: style, colours, and how they are written."""
+"""What all figures share: style, colours, markers, and how they are written."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +17,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 COLOURS: Final = sns.color_palette("colorblind")
+# Of an experiment's arms, in their order. The shipped comparison declares its tables first: black and grey.
+_ARM_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
+_ARM_MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
 _RC: Final = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),
@@ -46,6 +49,20 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
         for axis in axes.flat:
             if axis.get_aspect() != "auto":
                 axis.label_outer()  # maps of a figure share their rows and columns
+
+
+def arm_style(place: int) -> dict[str, Any]:
+    """Returns the colour and marker of an arm; no two places share both.
+
+    Colours and markers are each used in turn. Their numbers, 8 and 15, have no common divisor, so that
+    all 120 pairs come up before one returns. From there on the marker is the place itself.
+
+    Args:
+      place: Of the arm in its experiment, from 0.
+    """
+    n_pairs = len(_ARM_COLOURS) * len(_ARM_MARKERS)
+    marker = _ARM_MARKERS[place % len(_ARM_MARKERS)] if place < n_pairs else f"${place}$"
+    return {"color": _ARM_COLOURS[place % len(_ARM_COLOURS)], "marker": marker}
 
 
 def norm_of(values: pd.Series) -> Normalize:

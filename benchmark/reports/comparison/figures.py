@@ -16,14 +16,12 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from benchmark.analysis.population import GOOD_SCORE
-from benchmark.drawing.maps import colour_bar, heat, region_legend, triangles
-from benchmark.drawing.style import COLOURS, figure_of
+from benchmark.drawing.maps import colour_bar, dots, heat, region_legend, triangles
+from benchmark.drawing.style import arm_style, figure_of
 from benchmark.reports.comparison.tables import METRICS
 from envs import Model
+from envs.scene import colour_limits, scene_of
 
-# In the order of the experiment's arms; kin have like colours: tables grey, DQN blue, PPO red.
-_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
-_MARKERS: Final = "osD^vPXh"
 _DASHES: Final = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
 _FLOOR: Final = -4.0  # scores below are not drawn
 _LABELS: Final = {
@@ -57,8 +55,8 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
                 for learner in learners:
-                    one = _of(frame, learner, scenario)
-                    _curve(axis, one, x, "score_mean", learner, frame)
+                    rows = _of(frame, learner, scenario)
+                    _curve(axis, rows, x, "score_mean", learner, frame)
                 axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
                 axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
                 lowest = max(float(frame["score_mean"].min()) - 0.15, _FLOOR)
@@ -221,22 +219,16 @@ def maps(
     is_ping = frame["action"] == "PING"
     mine = np.logical_or.reduce([_is(frame, learner) for learner in learners])
     shown = frame[mine & (is_ping if action == "PING" else ~is_ping)]
-    known = shown["value"].dropna()
-    if limits is None:  # not the extremes, lest one corner that was never visited take the whole scale
-        low, high = np.percentile(known, [1, 99]) if len(known) else (0.0, 1.0)  # none if all diverged
-        norm = Normalize(float(low), float(high))
-    else:
-        norm = Normalize(*limits)
+    norm = Normalize(*(limits or colour_limits(shown["value"].to_numpy())))
     with figure_of(len(learners), len(models), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
         for row, learner in enumerate(learners):
             for column, (scenario, model) in enumerate(models.items()):
-                one, axis = _of(shown, learner, scenario), axes[row, column]
+                one, axis, scene = _of(shown, learner, scenario), axes[row, column], scene_of(model)
                 if action == "PING":
-                    heat(axis, model, one["value"].to_numpy(), norm)
-                    often = one[one["marked"] > 0.5]
-                    axis.plot(often["column"], often["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
+                    heat(axis, scene, one["value"].to_numpy(), norm)
+                    dots(axis, one[one["marked"] > 0.5])
                 else:
-                    triangles(axis, model, one, norm, "value")
+                    triangles(axis, scene, one, norm, "value")
                 axis.set(title=f"{scenario}: {', '.join(learner)}")
         colour_bar(figure, list(axes.flat), norm, label, extend="neither" if limits else "both")
         marks = {
@@ -286,9 +278,8 @@ def _of(frame: pd.DataFrame, learner: tuple[str, str], scenario: str) -> pd.Data
 
 def _style(learner: tuple[str, str], frame: pd.DataFrame) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash, the same in every figure of a comparison."""
-    i = list(dict.fromkeys(frame["algorithm"])).index(learner[0])
-    i %= len(_MARKERS)
-    return {"color": _COLOURS[i], "marker": _MARKERS[i], "ls": _DASHES[learner[1]]}
+    place = list(dict.fromkeys(frame["algorithm"])).index(learner[0])
+    return {**arm_style(place), "ls": _DASHES[learner[1]]}
 
 
 def _curve(

@@ -18,7 +18,9 @@ from scipy import stats
 
 from benchmark.analysis.intervals import interval
 from benchmark.analysis.population import Population, overlap
+from benchmark.reports import independent
 from envs.model import PING
+from envs.regions import target_distance
 
 Populations = Mapping[str, Population]  # by scenario: S1, S2, S3
 Samples = NDArray[np.float64]  # (RESAMPLES + 1,) as measured, then resampled
@@ -72,6 +74,7 @@ class Claim:
     threshold: float
     because: str  # why this threshold
     parts: Callable[[Populations, str], list[Part]]  # of the populations and the curve, as for `judge`
+    note: str = ""  # what an independent check found; for README and page, not a column of the table
 
 
 def judge(populations: Populations, curve: str) -> pd.DataFrame:
@@ -172,7 +175,7 @@ def _near_one(populations: Populations, curve: str) -> list[Part]:
         population = populations[name]
         level = np.percentile(_curves(population, curve), 99, axis=1)  # (N,)
         model = population.model
-        reward = (model.grid_reward + model.issuer_reward)[: model.n_observations, PING]
+        reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
         ceiling = reward[population.in_target].max()
         samples = population.weights @ level / len(level)
         parts.append(Part(name, samples, f" = {samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"))
@@ -184,12 +187,7 @@ def _focus(population: Population) -> Samples:
     q = population.arrays["q"][:, :, :PING]
     mass = np.maximum(population.weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
-    scenario = population.model.scenario
-    cell = np.stack(np.divmod(np.arange(mass.shape[1]), scenario.grid.columns), axis=1)
-    chebyshev = np.abs(cell - scenario.issuer.position).max(axis=1)
-    regions = scenario.regions
-    distance = np.maximum(chebyshev - regions.target_radius, regions.uncomfortable_radius + 1 - chebyshev)
-    return _ratio(mass @ np.maximum(distance, 0), mass.sum(axis=1))
+    return _ratio(mass @ target_distance(population.model.scenario), mass.sum(axis=1))
 
 
 def _moves_focused(populations: Populations, _: str) -> list[Part]:
@@ -278,6 +276,7 @@ CLAIMS: Final = (
         "A ratio of 1 is equal variability; the value says how much more it is. Most of the spread of the "
         "visited cell's maximum is where agents stand, which the reading max_q leaves out.",
         _variability_against("S2"),
+        independent.VARIABILITY_S2,
     ),
     Claim(
         "max-near-1",

@@ -10,10 +10,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from benchmark.drawing.maps import actions, colour_bar, heat, region_legend, triangles
+from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
 from benchmark.reports.replication.claims import VERDICTS
 from envs import Model
+from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
 
@@ -42,14 +43,13 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
                 xlim=(0, max(curve["step"].max(), 1)),
                 ylim=_limits(curves, "min", "max"),
             )
-            triangles(axes[1, column], model, moves[moves["scenario"] == name], norm_of(moves["mean"]))
+            scene = scene_of(model)
+            triangles(axes[1, column], scene, moves[moves["scenario"] == name], norm_of(moves["mean"]))
             axes[1, column].set(title=f"({letters[len(models) + column]}) moves, {name}")
-            ping = pings.loc[pings["scenario"] == name, "mean"].to_numpy()
-            heat(axes[2, column], model, ping, norm_of(pings["mean"]))
+            ping = pings[pings["scenario"] == name]
+            heat(axes[2, column], scene, ping["mean"].to_numpy(), norm_of(pings["mean"]))
             axes[2, column].set(title=f"({letters[2 * len(models) + column]}) PING, {name}")
-            positive = np.flatnonzero(ping > 0)
-            row, cell_column = np.divmod(positive, model.scenario.grid.columns)
-            axes[2, column].plot(cell_column, row, "o", ms=3, mfc="black", mec="white", mew=0.5)
+            dots(axes[2, column], ping[ping["mean"] > 0])
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(
             [
@@ -125,13 +125,13 @@ def optimal(cells: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
     )
     with figure_of(3, len(models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(models.items()):
-            over = model.terminated[: model.n_observations].all(axis=1)  # the issuer's cell: no actions
+            scene = scene_of(model)
             for row, (key, _) in enumerate(rows):
-                shown = np.where(over, np.nan, best.loc[name][key].to_numpy())
-                heat(axes[row, column], model, shown, norm_of(best[key]))
+                shown = np.where(scene.is_over, np.nan, best.loc[name][key].to_numpy())
+                heat(axes[row, column], scene, shown, norm_of(best[key]))
                 axes[row, column].set(title=name)
             chosen = cells[(cells["scenario"] == name) & cells["is_optimal"]]
-            actions(axes[0, column], model, chosen)
+            actions(axes[0, column], scene, chosen)
         for row, (key, label) in enumerate(rows):
             colour_bar(figure, axes[row], norm_of(best[key]), label)
         region_legend(

@@ -18,15 +18,14 @@ def q_values(populations: Sequence[Population]) -> pd.DataFrame:
     frames = []
     for population in populations:
         q = population.arrays["q"]
-        grid = population.model.scenario.grid
-        row, column, action = np.indices((grid.rows, grid.columns, len(ACTIONS))).reshape(3, -1)
+        row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
         frames.append(
             pd.DataFrame(
                 {
                     "scenario": population.scenario,
                     "row": row,
                     "column": column,
-                    "action": np.array(ACTIONS)[action],
+                    "action": np.tile(ACTIONS, population.model.n_observations),
                 }
                 | _spread(q.reshape(len(q), -1))
             )
@@ -87,10 +86,11 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned.mean()}
             row |= {f"{name}_{key}": value[0] for key, value in regret.items()}
         row["optimal_share"] = (scores >= 1 - OPTIMUM_TOLERANCE).mean()
-        row["start_value_optimal"] = optimal_values(population).max(axis=1)[population.model.start]
-        row["start_value_learned"] = largest_values(population)[population.model.start]
-        walkable = np.flatnonzero(~population.model.terminated[: population.model.n_observations].all(axis=1))
-        row["cells_differing"] = differing(population)[walkable].mean()
+        model = population.model
+        start = model.observation[model.start]
+        row["start_value_optimal"] = optimal_values(population).max(axis=1)[start]
+        row["start_value_learned"] = largest_values(population)[start]
+        row["cells_differing"] = differing(population)[~model.is_over[model.fresh_state]].mean()
         rows.append(row)
     return pd.DataFrame(rows)
 

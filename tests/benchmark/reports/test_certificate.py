@@ -82,8 +82,9 @@ def test_distance_of_the_summary_by_hand(repository: Path, made: Path) -> None:
     assert (found.distance.equal, found.distance.within, found.distance.outside) == (2, 1, 2)
     assert found.distance.farthest == "score of S2, b: 1, published 0.7 [0.6, 0.9]"
     assert str(found).endswith(
-        "summary.csv: of 5 numbers with a 95 % interval, equal to the published ones: 2; different, but within "
-        "the published interval: 1; outside it: 2 (the farthest: score of S2, b: 1, published 0.7 [0.6, 0.9])."
+        "summary.csv: of 5 numbers with a 95 % interval, equal to the published ones: 2; "
+        "different, but within the published interval: 1; "
+        "outside it: 2 (the farthest: score of S2, b: 1, published 0.7 [0.6, 0.9])."
     )
 
 

@@ -1,0 +1,86 @@
+"""The walk of a greedy policy through the compiled model, as the film, `watch` and the page show it.
+
+**The rule.** The walk starts in the model's start state. At every step one number is drawn from the
+generator below, also if there is a single greedy action; the action taken is number
+`floor(draw * number of greedy actions)` of the greedy actions in the order of their numbers. The walk
+ends, by the first of these that is true after a step, when
+
+1. the episode has ended;
+2. the policy goes in circles: the state is one in which the walk has been before and since it last had a
+   choice between several greedy actions. From there on it would repeat itself for ever;
+3. it has made as many steps as the horizon allows.
+
+The generator is mulberry32 with seed 2021, so that equal policies walk alike. The page's script follows the
+same rule.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.policy import contains
+from envs import EVENTS, Model
+
+CIRCLE: Final = "circle"
+HORIZON: Final = "horizon"
+_SEED: Final = 2021
+_WORD: Final = 2**32
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A walk of L steps."""
+
+    states: tuple[int, ...]  # (L + 1,) the start first
+    cells: tuple[int, ...]  # (L + 1,) the observation of each state
+    actions: tuple[int, ...]  # (L,)
+    ending: str  # the event that ended the episode, or CIRCLE, or HORIZON
+
+
+def walk(model: Model, greedy: NDArray[np.uint8], horizon: int) -> Walk:
+    """Walks by a greedy policy, see the module's docstring for the rule.
+
+    Args:
+      model: Compiled scenario.
+      greedy: (O,) masks of greedy actions, see `agents.policy`.
+      horizon: Most steps, at least 1.
+    """
+    choices = [np.flatnonzero(row).tolist() for row in contains(greedy)]
+    draws = mulberry32(_SEED)
+    states, actions = [model.start], list[int]()
+    since_choice: set[int] = set()
+    while True:
+        state = states[-1]
+        choice = choices[model.observation[state]]
+        action = choice[next(draws) * len(choice) // _WORD]
+        if len(choice) > 1:
+            since_choice.clear()
+        else:
+            since_choice.add(state)
+        actions.append(action)
+        states.append(int(model.next_state[state, action]))
+        if model.terminated[state, action]:
+            ending = EVENTS[model.event[state, action]]
+        elif states[-1] in since_choice:
+            ending = CIRCLE
+        elif len(actions) == horizon:
+            ending = HORIZON
+        else:
+            continue
+        return Walk(tuple(states), tuple(model.observation[states].tolist()), tuple(actions), ending)
+
+
+def mulberry32(seed: int) -> Iterator[int]:
+    """Yields 32-bit numbers, the same as the page's script draws.
+
+    By Tommy Ettinger, public domain: https://gist.github.com/tommyettinger/46a874533244883189143505d203312c
+    """
+    state = seed
+    while True:
+        state = (state + 0x6D2B79F5) % _WORD
+        bits = (state ^ state >> 15) * (state | 1) % _WORD
+        bits ^= (bits + (bits ^ bits >> 7) * (bits | 61)) % _WORD
+        yield bits ^ bits >> 14
