@@ -1,14 +1,18 @@
-"""Draws an experiment's folder of results from the store."""
+"""Makes an experiment's folder of results from the store: tables, figures and texts."""
 
 import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Sequence
-from importlib import import_module
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
+from agents import load_algorithm
+from benchmark.drawing import tables
 from benchmark.execution.store import Store
 from benchmark.experiments import (
     DEFAULT_CONDITION,
@@ -16,12 +20,10 @@ from benchmark.experiments import (
     all_specifications,
     specifications,
 )
+from benchmark.reports import load_items, load_report, texts
+from benchmark.reports.item import Data, Frames, Item, Report
+from benchmark.reports.published import MANIFEST
 from envs import InputError
-
-_REPORTS = {
-    "replication": "benchmark.reports.replication.report",
-    "comparison": "benchmark.reports.comparison.report",
-}
 
 
 def draw(
@@ -32,7 +34,7 @@ def draw(
     *,
     partial: bool = False,
 ) -> None:
-    """Writes every table and figure of the experiment.
+    """Writes every table, figure and text of the experiment.
 
     Files are made aside and moved when all are there, so a failure leaves the folder as it was.
 
@@ -41,27 +43,29 @@ def draw(
       store: Where its records are.
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
-      partial: Whether to draw what is there where runs are missing.
+      partial: Whether to report on the runs that are there if some are missing.
 
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
     """
-    try:
-        report: Any = import_module(_REPORTS[experiment.report])
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{experiment.name}: its report needs the package {error.name}, which is not installed; "
-            "make compare-deep installs it."
-        ) from error
+    report = load_report(experiment.report, experiment.name)
+    items = load_items(report, experiment.items, experiment.name)
+    check_packages(report, experiment.name)
+    report.check(experiment)
+    data = report.load(experiment, store, seeds, partial)
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
     except OSError as error:
         raise _unwritable(directory, error) from error
     try:
-        note = report.write(experiment, store, aside, seeds, partial=partial)
-        manifest = _manifest(experiment, store, seeds, note)
-        (aside / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        frames = compute(items, data)
+        write_tables(items, frames, data, aside)
+        for item in items:
+            draw_figure(item, frames, data.context, aside, is_partial=data.is_incomplete)
+        manifest = _manifest(experiment, store, seeds, data)
+        (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        texts.write(aside)
         directory.mkdir(exist_ok=True)
         for path in aside.iterdir():
             path.replace(directory / path.name)
@@ -69,6 +73,65 @@ def draw(
         raise _unwritable(directory, error) from error
     finally:
         shutil.rmtree(aside)
+
+
+def check_packages(report: Report, source: str) -> None:
+    """Checks that the packages of a report are installed.
+
+    Raises:
+      InputError: Names the first that is not.
+    """
+    for package in report.packages:
+        if find_spec(package) is None:
+            raise InputError(
+                f"{source}: its report needs the package {package}, which is not installed; "
+                "make compare-deep installs it."
+            )
+
+
+def compute(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
+    """Returns the tables of all items that have one, by name."""
+    frames: dict[str, pd.DataFrame] = {}
+    for item in items:
+        frame = item.compute(data, frames) if item.compute is not None else None
+        if frame is not None:
+            frames[item.name] = frame
+    return frames
+
+
+def write_tables(items: Sequence[Item], frames: Frames, data: Data, directory: Path) -> None:
+    """Writes the tables of all items, and their files of another form."""
+    note = data.note if data.is_incomplete else ""
+    for item in items:
+        if item.name in frames:
+            frame, stem = frames[item.name], directory / item.name
+            if item.display is None:
+                tables.write_csv(frame, stem.with_suffix(".csv"))
+            else:
+                tables.write_table(frame, stem, item.display(frame), note=note)
+        if item.write is not None:
+            item.write(data, frames, directory)
+
+
+def draw_figure(item: Item, frames: Frames, context: Any, directory: Path, *, is_partial: bool) -> None:
+    """Draws an item's figure if it has one; needs nothing but its arguments.
+
+    Args:
+      item: Of a report.
+      frames: The tables of all items.
+      context: Of the report's data.
+      directory: Where to write it.
+      is_partial: Whether it is marked as drawn from some of the runs.
+    """
+    if item.draw is None:
+        return
+    from benchmark.drawing.style import write_figure
+
+    figure = item.draw(frames, context)
+    if figure is not None:
+        if is_partial:
+            figure.suptitle("PARTIAL: runs are missing", color="firebrick")
+        write_figure(figure, directory / item.name)
 
 
 def _unwritable(directory: Path, error: OSError) -> InputError:
@@ -79,15 +142,15 @@ def _unwritable(directory: Path, error: OSError) -> InputError:
 
 
 def _manifest(
-    experiment: Experiment, store: Store, seeds: Sequence[int] | None, note: str
-) -> dict[str, object]:
+    experiment: Experiment, store: Store, seeds: Sequence[int] | None, data: Data
+) -> Mapping[str, object]:
     """Returns what was run, and from the records what ran it: drawing again gives the same.
 
     Args:
       experiment: As loaded.
       store: Where its records are.
       seeds: Other seeds than the declared ones.
-      note: What is missing; empty if nothing is.
+      data: Of the report.
     """
     ended = store.ended()
     runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
@@ -109,12 +172,18 @@ def _manifest(
         "experiment": experiment.name,
         "description": experiment.description,
         "command": f"python -m benchmark run {experiment.argument}{chosen} --report",
-        "partial": note,
+        "partial": data.note,
         "report": experiment.report,
+        "items": list(experiment.items),
+        "facts": data.facts,
         "horizon": experiment.horizon,
         "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in default},
         "algorithms": {
-            run.arm: {"algorithm": run.algorithm, "settings": run.settings.model_dump(mode="json")}
+            run.arm: {
+                "algorithm": run.algorithm,
+                "family": load_algorithm(run.algorithm).family,
+                "settings": run.settings.model_dump(mode="json"),
+            }
             for run in default
         },
         "note": experiment.note.strip(),
@@ -123,7 +192,7 @@ def _manifest(
             for name, reading in experiment.readings.items()
         },
         "runs": len(runs),
-        "digest": _digest([run.digest for run in runs]),
+        "digest": digest_of([run.digest for run in runs]),
         "commits": every("commit"),
         "machines": every("machine"),
         "versions": every("versions"),
@@ -133,6 +202,6 @@ def _manifest(
     }
 
 
-def _digest(digests: Sequence[str]) -> str:
+def digest_of(digests: Sequence[str]) -> str:
     """Returns the identity of a set of runs."""
     return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()
