@@ -15,7 +15,7 @@ N_CELLS = 120
 
 
 def population(*, is_stochastic: bool) -> Population:
-    """Returns two agents, the first of which is shown: policies at steps 0, 100 and 200, maps at 0 and 200."""
+    """Returns two agents, the first of them shown: policies at steps 0, 100, 200 and maps at 0, 200."""
     values = np.zeros((2, 2, N_CELLS, 5), dtype=np.float32)
     values[0, 1, 13] = (0.12345, -0.5, 0.25, np.nan, 2.0)  # the last map, row 1, column 1
     values[1] = 99
