@@ -1,6 +1,7 @@
 """Draws an experiment's tables and figures from its stored runs, and builds the page."""
 
 import argparse
+import os
 
 from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
@@ -22,9 +23,16 @@ def main(options: argparse.Namespace) -> int:
     seeds = parse_seeds(options.seeds)
     directory = options.results / (f"{experiment.name}_partial" if options.partial else experiment.name)
     with Store(options.results / "runs.db", read_only=True) as store:
-        draw.draw(experiment, store, directory, seeds, partial=options.partial)
-    print(f"{experiment.name}: tables and figures are in {directory}.")
-    print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
+        made = draw.draw(
+            experiment, store, directory, seeds, partial=options.partial, jobs=os.cpu_count() or 1
+        )
+    print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
+    is_published = made.certificate is not None and made.certificate.is_identical
+    print(
+        f"{experiment.name}: the page is {page.update(options.results, directory.name, is_published=is_published)}."
+    )
+    if made.certificate is not None:
+        print(made.certificate)
     return 0
 
 
