@@ -121,10 +121,10 @@ def in_window(film: Film) -> None:
     shown = list(moments(film))
     first = animation.picture(film, 0, shown[0].way, cell=40)
     window = Window(np.asarray(first), f"{film.title}   (space: pause, left and right: training, q: quit)")
-    if not window.has_screen:
-        raise InputError("no window can be opened: there is no screen.")
     at, paused = 0, False
     try:
+        if not window.has_screen:
+            raise InputError("no window can be opened: there is no screen.")
         while True:
             for key in window.pressed():
                 if key == "q":

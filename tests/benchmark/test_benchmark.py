@@ -326,8 +326,7 @@ def test_records_hold_what_training_gave(tmp_path: Path) -> None:
         model,
         q_learning.Settings.model_validate(runs[0].settings.model_dump()),
         [one.seed_sequence for one in runs],
-        runs[0].evaluation_steps,
-        runs[0].map_steps,
+        runs[0].schedule,
         record_table=True,
     )
     evaluation = evaluate(model, mask_policy(training.greedy), SMOKE.horizon)

@@ -204,6 +204,13 @@ def test_without_a_screen_there_is_no_window(monkeypatch: pytest.MonkeyPatch) ->
     assert not watch.has_window()
 
 
+def test_window_that_nobody_sees_is_refused(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")  # SDL's choice where there is no screen
+    with pytest.raises(InputError, match="there is no screen"):
+        watch.in_window(film)
+
+
 def test_watch_command(folder: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     done = subprocess.run(
