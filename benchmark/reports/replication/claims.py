@@ -88,11 +88,11 @@ def judge(populations: Populations, curve: str) -> pd.DataFrame:
       One row per claim: claim, says, measure, value, low, high, threshold, verdict, parts, agents, because.
     """
     paper = {name: populations[name] for name in SCENARIOS}
-    return pd.DataFrame([_judge(claim, paper, curve) for claim in CLAIMS])
+    return pd.DataFrame([judge_claim(claim, paper, curve) for claim in CLAIMS])
 
 
-def _judge(claim: Claim, populations: Populations, curve: str) -> dict[str, Any]:
-    """Measures one claim."""
+def judge_claim(claim: Claim, populations: Populations, curve: str) -> dict[str, Any]:
+    """Measures a claim; returns a row of `judge`."""
     sign = 1 if claim.right_side == ">" else -1
     parts = claim.parts(populations, curve)
     states = [part.state(claim.right_side, claim.threshold) for part in parts]
