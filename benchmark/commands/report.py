@@ -15,7 +15,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
         if options.partial or options.seeds is not None:
-            raise InputError("--partial and --seeds: accepted: together with an experiment.")
+            raise InputError("--partial and --seeds: accepted: only together with an experiment.")
         print(f"the page is {page.write(options.results)}.")
         return 0
     experiment = load_experiment(options.experiment)
