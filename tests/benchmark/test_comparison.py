@@ -539,14 +539,6 @@ def test_region_by_hand() -> None:
     assert none["overlap"] == 0
 
 
-def test_stochastic_policies_value_ping_where_it_is_the_likeliest() -> None:
-    stochastic = np.full((1, 5, 120, 5), 0.2)
-    stochastic[0, -1, 7] = [0.1, 0.1, 0.1, 0.1, 0.6]
-    stochastic[0, 0, 9] = [0.1, 0.1, 0.1, 0.1, 0.6]  # not at the end
-    marked = population(n=1, stochastic=stochastic, q=np.ones((1, 0, 5))).values_ping
-    assert np.flatnonzero(marked[0]).tolist() == [7]
-
-
 def random_grid(n: int = 10) -> Grid:
     rng = np.random.default_rng(0)
     return grid_of(
