@@ -1,13 +1,13 @@
 """Learners, planners and evaluation. `ALGORITHMS` maps a name to an algorithm.
 
-Algorithms are imported when they are asked for, and torch only when one that needs it trains, so that a table
-of Q-values does not wait for a deep-learning library.
+An algorithm is imported when it is loaded, and torch only when a deep algorithm trains, so that a tabular run
+does not wait for a deep-learning library.
 """
 
 from importlib import import_module
 from typing import Final
 
-from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_training
+from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request, check_training
 from envs.inputs import InputError, unknown_name
 
 __all__ = [
@@ -16,26 +16,27 @@ __all__ = [
     "LearnerSettings",
     "Schedule",
     "Training",
+    "check_request",
     "check_training",
     "load_algorithm",
 ]
 
 ALGORITHMS: Final = {
-    "dqn": "agents.sb3.settings:DQN",
-    "ppo": "agents.sb3.settings:PPO",
+    "dqn": "agents.sb3.algorithms:DQN",
+    "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
 }
 
 
 def load_algorithm(name: str, source: str = "agents") -> Algorithm:
-    """Returns an algorithm.
+    """Imports an algorithm.
 
     Args:
-      name: A key of `ALGORITHMS`, or `module:attribute` of an algorithm that lives elsewhere.
-      source: The file that named it, for the message.
+      name: A key of `ALGORITHMS`, or `module:attribute` of any other algorithm.
+      source: The file that has the name, for the message.
 
     Raises:
-      InputError: Unknown name, a module that cannot be imported, or an object that is not an algorithm.
+      InputError: The name is unknown, the module cannot be imported, or the object is not an algorithm.
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, [*ALGORITHMS, "module:attribute"])

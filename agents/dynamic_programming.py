@@ -1,11 +1,11 @@
-"""Exact answers: what a policy is worth, and what the best one is.
+"""Exact values: of a policy under a time limit, and of the optimal policy.
 
-The process is finite and known, so nothing here is sampled: no noise, no seed, no episodes. A
-policy under a time limit is worth what its state distribution meets on the way (the probabilities
-of Sutton & Barto 2018, equation 3.4, carried forward from where it starts); the optimum is the fixed
-point of the Bellman optimality operator (ibid., section 4.4), or `horizon` applications of it.
+The process is finite and known, so nothing is sampled: no noise, no seed, no episodes. `evaluate` carries the
+state distribution of a policy forward from the start (Sutton & Barto 2018, equation 3.4, gives the
+transition probabilities) and adds up the expected rewards. `solve` iterates the Bellman optimality operator
+(ibid., section 4.4) to its fixed point, or `horizon` times.
 
-All returns are undiscounted unless a discount is named.
+Returns are undiscounted unless a discount is given.
 """
 
 from dataclasses import dataclass
@@ -26,36 +26,36 @@ _N_SUMS = 5 + len(ZONES)
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Exact expectations over an episode of a policy; each field has the policies' leading shape."""
+    """Exact expectations over an episode; each field has the leading axes of the policies."""
 
-    grid_return: NDArray[np.float64]  # the grid's rewards alone, the yardstick of every scenario
-    scenario_return: NDArray[np.float64]  # the issuer's rewards included
+    grid_return: NDArray[np.float64]  # without the issuer's rewards, so that scenarios can be compared
+    scenario_return: NDArray[np.float64]  # with the issuer's rewards
     success: NDArray[np.float64]  # probability that the episode ends by PING in the target region
-    steps: NDArray[np.float64]  # to the episode's end or the horizon
+    steps: NDArray[np.float64]  # until the episode ends or is truncated
     wrong_pings: NDArray[np.float64]
-    zone_steps: NDArray[np.float64]  # (..., 4) steps after which the agent stands in each of ZONES
+    zone_steps: NDArray[np.float64]  # (..., 4) steps that end in each of ZONES
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The optimum of a model."""
+    """The optimal values of a model."""
 
-    q: NDArray[np.float64]  # (S, A) value of each action, the best ones taken afterwards
+    q: NDArray[np.float64]  # (S, A) value of each action if the best actions follow
     value: NDArray[np.float64]  # (S,)
 
 
 def every_cell(model: Model) -> NDArray[np.float64]:
-    """Returns the starting distribution, (S,), that draws any cell but the issuer's, with no PING so far."""
-    cells = np.flatnonzero(~model.terminated[: model.n_observations].all(axis=1))
+    """Returns the uniform distribution, (S,), over all cells but the issuer's, with no wrong PING so far."""
+    states = model.fresh_state[~model.is_over[model.fresh_state]]
     start = np.zeros(len(model.observation))
-    start[cells] = 1 / len(cells)
+    start[states] = 1 / len(states)
     return start
 
 
 def evaluate(
     model: Model, policy: Policy, horizon: int, start: NDArray[np.float64] | None = None
 ) -> Evaluation:
-    """Computes what a policy is worth under a time limit.
+    """Computes the expected return of a policy under a time limit, and other expectations.
 
     Args:
       model: Compiled scenario; O observations, A actions.
@@ -65,8 +65,8 @@ def evaluate(
       start: Probability of starting in each state, (S,); the model's start by default.
 
     Raises:
-      ValueError: `policy` was built for another model or is no policy, `horizon` is below 1, or `start` is
-        no distribution over states that go on.
+      ValueError: `policy` was built for another model or its rows are not probabilities, `horizon` is below
+        1, or `start` is not a distribution over states in which the episode goes on.
     """
     shape = (model.n_observations, model.next_state.shape[1])
     policy = np.asarray(policy, dtype=np.float64)
@@ -79,9 +79,9 @@ def evaluate(
     if start is None:
         start = np.zeros(len(model.observation))
         start[model.start] = 1.0
-    over = model.terminated.all(axis=1)
-    if start.shape != over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[over].any():
-        raise ValueError("start: accepted: probabilities over the states that go on, summing to one.")
+    is_over = model.is_over
+    if start.shape != is_over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[is_over].any():
+        raise ValueError("start: accepted: probabilities of states in which the episode goes on.")
     starts = np.flatnonzero(start)
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
@@ -127,20 +127,20 @@ def _sweep(
     horizon: int,
     sums: NDArray[np.float64],
 ) -> None:
-    """Carries the state distribution of each policy forward, and adds up what it meets into `sums`.
+    """Carries the state distribution of each policy forward and writes its expectations into `sums`.
 
-    First the states that the policy can reach are found, for a greedy policy very few, and its
-    transitions among them are listed by where they lead. Then every step takes one pass over the list.
+    First it finds the states that the policy can reach, for a greedy policy very few, and lists the
+    transitions between them, ordered by target. Then every step is a pass over that list.
     """
     n_states, n_actions = next_state.shape
-    place = np.full(n_states, -1, dtype=np.int64)  # of a state among those reached
-    reached = np.empty(n_states, dtype=np.int64)  # the states reached, in the order of their places
-    first = np.empty(n_states + 1, dtype=np.int64)  # where the transitions into a place begin
-    source = np.empty(n_states * n_actions, dtype=np.int64)  # of each transition, a place
+    place = np.full(n_states, -1, dtype=np.int64)  # a state's index in `reached`
+    reached = np.empty(n_states, dtype=np.int64)  # the states reached, in the order of their discovery
+    first = np.empty(n_states + 1, dtype=np.int64)  # index of the first transition into each place
+    source = np.empty(n_states * n_actions, dtype=np.int64)  # the place where each transition starts
     probability = np.empty(n_states * n_actions)  # of each transition
     here = np.empty(n_states)  # probability of each place before the step
-    there = np.empty(n_states)  # and after it
-    visits = np.empty(n_states)  # expected number of steps that begin in each place
+    there = np.empty(n_states)  # probability of each place after the step
+    visits = np.empty(n_states)  # expected number of steps that start in each place
     for n in range(policies.shape[0]):
         policy = policies[n]
         n_reached = len(starts)
@@ -169,7 +169,7 @@ def _sweep(
                     j = place[next_state[s, a]]
                     source[first[j]] = i
                     probability[first[j]] = policy[observation[s], a]
-                    first[j] += 1  # ends where the next place's transitions begin
+                    first[j] += 1  # ends as the index of the next place's first transition
 
         here[:n_reached] = 0.0
         here[: len(starts)] = start_probability
@@ -205,19 +205,19 @@ def _sweep(
 def solve(
     model: Model, discount: float = 1.0, horizon: int | None = None, *, issuer_rewards: bool = True
 ) -> Solution:
-    """Computes the optimal values of a model, whose agent knows its state.
+    """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
-    Value iteration from zero. What an agent that observes the cell alone can reach is at most this,
-    and equal to it where the optimum needs no wrong PING, as in the paper's scenarios.
+    An agent that observes the cell alone can reach at most these values. It can reach them where the optimum
+    needs no wrong PING, as in the paper's scenarios.
 
     Args:
       model: Compiled scenario.
       discount: In [0, 1]; below 1 if there is no horizon.
-      horizon: Steps to go; None for an endless task.
-      issuer_rewards: Whether the issuer's (mean) rewards count beside the grid's.
+      horizon: Steps until truncation; None for no time limit.
+      issuer_rewards: Whether the issuer's mean rewards are added to the grid's.
 
     Raises:
-      ValueError: No horizon and a discount of 1.
+      ValueError: There is no horizon, and the discount is not in [0, 1).
     """
     if horizon is None and not 0 <= discount < 1:
         raise ValueError(f"discount = {discount}; without a horizon it must lie in [0, 1).")
@@ -228,7 +228,7 @@ def solve(
     while horizon is None or step < horizon:
         q = reward + discount * np.where(model.terminated, 0.0, value[model.next_state])
         best = q.max(axis=1)
-        # Rounding may keep the last digit alternating, so equality is not waited for.
+        # Rounding may make the last digit alternate for ever, so equality is not required.
         converged = np.abs(best - value).max() <= 1e-15 * max(1.0, np.abs(best).max())
         value = best
         step += 1

@@ -1,6 +1,6 @@
-"""Memoryless policies: tables of action probabilities, one row an observation.
+"""Memoryless policies: tables of action probabilities, one row per observation.
 
-A set of actions is kept as a mask, the sum of 2**action over its members: `0b10001` is UP or PING.
+A set of actions is represented by a mask, the sum of 2**action over its members: `0b10001` is UP or PING.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ def greedy_masks(q: ArrayLike, tolerance: float = 0.0) -> NDArray[np.uint8]:
 
 
 def contains(masks: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Returns which actions each mask holds, (..., A)."""
+    """Returns whether each mask contains each action, (..., A)."""
     return np.asarray(masks[..., None] >> np.arange(len(ACTIONS)) & 1, dtype=np.bool_)
 
 

@@ -1,12 +1,14 @@
-"""Proxemic scenes as Gymnasium environments.
+"""Proxemic scenarios as Gymnasium environments.
 
-Importing this package registers `Proxemic/S1-v0`, `Proxemic/S2-v0` and `Proxemic/S3-v0`, and one
-id more for every TOML file added to `envs/scenarios`.
+Importing this package registers an id for every TOML file in `envs/scenarios`: `Proxemic/S1-v0`,
+`Proxemic/S2-v0` and `Proxemic/S3-v0`, with a time limit of 200 steps.
 
 >>> import gymnasium
 >>> env = gymnasium.make("envs:Proxemic/S1-v0", observation="coordinates")
 >>> env.observation_space.shape
 (2,)
+>>> env.reset()[1]["zone"] == ZONES.index("outside")
+True
 """
 
 import gymnasium
@@ -34,10 +36,11 @@ __all__ = [
     "scenario_names",
 ]
 
-for _name in filter(is_name, scenario_names()):  # a misnamed file is told of when it is asked for
+for _name in filter(is_name, scenario_names()):  # a misnamed file is reported when it is loaded
     gymnasium.register(
         id=f"Proxemic/{_name}-v0",
         entry_point="envs.proxemic_env:ProxemicEnv",
         vector_entry_point="envs.vector_env:ProxemicVectorEnv",
+        max_episode_steps=200,
         kwargs={"scenario": _name},
     )

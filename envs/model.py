@@ -1,11 +1,10 @@
-"""The only place where moves, events and rewards are computed.
+"""Compiles a scenario into arrays: the only place where moves, events and rewards are computed.
 
 A scenario is a finite Markov decision process. Its state is (cell, wrong PINGs so far), numbered
 `pings * O + row * columns + column` with O cells and `ping_limit` values of `pings`: 120 cells and
-600 states in the paper's scenarios. An agent observes the cell alone, so the task is partially
-observed. `compile_scenario` writes the process into arrays, which everything that acts, learns,
-plans or judges reads. A time limit is not in the arrays: it truncates, and learners bootstrap
-through it.
+600 states in the paper's scenarios. An agent observes only the cell, so the task is partially
+observed. Everything that acts, learns, plans or evaluates reads the arrays. A time limit is not in
+the arrays: it truncates an episode, and learners bootstrap through it.
 """
 
 from collections.abc import Callable
@@ -19,13 +18,13 @@ from numpy.typing import NDArray
 from envs.regions import ZONES, zones
 from envs.scenario import DistanceFeedback, NoFeedback, Scenario, UniformFeedback
 
-VERSION: Final = 1  # part of every run's identity: raise it when a change alters how a scene moves
+VERSION: Final = 1  # part of every run's identity: raise it when a change alters the dynamics
 
 ACTIONS: Final = ("UP", "DOWN", "LEFT", "RIGHT", "PING")
 PING: Final = ACTIONS.index("PING")
 MOVES: Final = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])  # (row, column) steps of actions 0 to 3
 EVENTS: Final = (
-    "none",  # nothing happened: a reset, or an action in a cell where the episode is over
+    "none",  # a reset, or an action in a state where the episode is over
     "move",
     "uncomfortable",  # a move that ended in the uncomfortable region
     "issuer_reached",  # condition C1
@@ -34,21 +33,20 @@ EVENTS: Final = (
     "last_wrong_ping",  # condition C2
 )
 
-
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 
 
 class Transition(NamedTuple):
-    """What follows one action in one state, as Python values."""
+    """The outcome of an action in a state, as Python values."""
 
     next_state: int
     grid_reward: float
     issuer_reward: float  # mean
     issuer_noise: float  # half-width of the uniform noise around the mean
     terminated: bool
-    event: str
-    zone: str  # where the agent then stands
-    wrong_pings: int  # so far in the episode, this action included
+    event: int  # index into EVENTS
+    zone: int  # of the next state, index into ZONES
+    wrong_pings: int  # so far in the episode, including this action
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class Model:
 
     scenario: Scenario
     start: int  # the state in which every episode starts
-    next_state: NDArray[np.int32]  # (S, A); the state itself where the episode ends by a PING
+    next_state: NDArray[np.int32]  # (S, A); a PING that ends the episode stays in its state
     grid_reward: NDArray[np.float64]  # (S, A)
     issuer_reward: NDArray[np.float64]  # (S, A) mean
     issuer_noise: NDArray[np.float64]  # (S, A) half-width of the uniform noise
@@ -68,7 +66,7 @@ class Model:
     zone: NDArray[np.int8]  # (S,) index into ZONES
 
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
-        """Pickles the scenario alone."""
+        """Pickles only the scenario, from which the model is compiled again."""
         return compile_scenario, (self.scenario,)
 
     @property
@@ -78,8 +76,8 @@ class Model:
 
     @cached_property
     def fresh_state(self) -> NDArray[np.int32]:
-        """(O,) the state of each observation with no wrong PING so far."""
-        _, first = np.unique(self.observation, return_index=True)  # pings rise with the state's number
+        """(O,) the state of each cell with no wrong PING so far."""
+        _, first = np.unique(self.observation, return_index=True)  # states are ordered by wrong PINGs
         return first.astype(np.int32)
 
     @cached_property
@@ -94,7 +92,7 @@ class Model:
 
     @cached_property
     def is_over(self) -> NDArray[np.bool_]:
-        """(S,) whether the episode is over in a state, so that nothing can be done there."""
+        """(S,) whether the episode is over in a state, so that no action changes anything."""
         return np.asarray(self.terminated.all(axis=1))
 
     @cached_property
@@ -109,15 +107,15 @@ class Model:
 
     @cached_property
     def transitions(self) -> list[list[Transition]]:
-        """The arrays as Python values, `transitions[state][action]`, for stepping one env."""
+        """The arrays as Python values, `transitions[state][action]`: the fast way to step a single env."""
         columns = (
             self.next_state.tolist(),
             self.grid_reward.tolist(),
             self.issuer_reward.tolist(),
             self.issuer_noise.tolist(),
             self.terminated.tolist(),
-            np.array(EVENTS, dtype=object)[self.event].tolist(),
-            np.array(ZONES, dtype=object)[self.zone[self.next_state]].tolist(),
+            self.event.tolist(),
+            self.zone[self.next_state].tolist(),
             self.wrong_pings.tolist(),
         )
         return [[Transition(*row) for row in zip(*rows, strict=True)] for rows in zip(*columns, strict=True)]
@@ -135,7 +133,7 @@ class Model:
 
 
 def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbers:
-    """Returns the issuer's reward for one draw; plain arithmetic, so arrays and numba take it too.
+    """Returns the issuer's reward for a draw. Also works on arrays, and inside numba.
 
     Args:
       mean: Mean reward.
@@ -150,7 +148,7 @@ def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbe
 
 @lru_cache(maxsize=64)
 def compile_scenario(scenario: Scenario) -> Model:
-    """Writes a scenario into arrays; equal scenarios share one `Model`."""
+    """Compiles a scenario; equal scenarios share one `Model`."""
     rows, columns = scenario.grid.rows, scenario.grid.columns
     n_cells, n_pings = rows * columns, scenario.ping_limit
     pings, cell = np.divmod(np.arange(n_pings * n_cells), n_cells)  # (S,) each
@@ -196,7 +194,7 @@ def compile_scenario(scenario: Scenario) -> Model:
         event, [EVENTS.index(name) for name in ("issuer_reached", "target_ping", "last_wrong_ping")]
     )
 
-    over = zone == ZONES.index("issuer")  # the episode ended on the way in: nothing more happens
+    over = zone == ZONES.index("issuer")  # absorbing: the move into this cell ended the episode
     next_state[over] = np.flatnonzero(over)[:, None]
     wrong_pings[over] = pings[over, None]
     event[over] = EVENTS.index("none")
@@ -225,7 +223,7 @@ def compile_scenario(scenario: Scenario) -> Model:
 def _issuer_feedback(
     scenario: Scenario, manhattan: NDArray[np.int_]
 ) -> tuple[NDArray[np.float64] | float, float]:
-    """Returns mean and half-width of what the issuer adds to a PING at each L1 distance from it."""
+    """Returns mean and half-width of the issuer's reward for a PING at each L1 distance from the issuer."""
     feedback = scenario.issuer.feedback
     match feedback:
         case UniformFeedback():

@@ -1,4 +1,4 @@
-"""What the agent is given of its cell, as tables with one row a cell."""
+"""Forms of observation: what the agent sees of its cell, as tables with one row per cell."""
 
 from typing import Any, Final
 
@@ -13,12 +13,12 @@ OBSERVATIONS: Final = ("index", "one_hot", "coordinates")
 
 
 def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:
-    """Returns the observation of every cell.
+    """Returns the observations of all cells.
 
     Args:
       model: Compiled scenario with O cells.
       kind: `"index"`: the cell's number, (O,) int64; `"one_hot"`: (O, O) float32;
-        `"coordinates"`: (O, 2) float32, row and column, each divided by its largest value.
+        `"coordinates"`: (O, 2) float32, row and column, each divided by its maximum.
 
     Raises:
       InputError: Unknown `kind`.
@@ -31,12 +31,11 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
     if kind != "coordinates":
         unknown_name("observation", "form", str(kind), OBSERVATIONS)
     grid = model.scenario.grid
-    position = np.stack(np.divmod(np.arange(n_cells), grid.columns), axis=1)
-    return (position / np.maximum((grid.rows - 1, grid.columns - 1), 1)).astype(np.float32)
+    return (model.position / np.maximum((grid.rows - 1, grid.columns - 1), 1)).astype(np.float32)
 
 
 def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:
-    """Returns the space that holds the rows of an observation table."""
+    """Returns the space of the rows of an observation table."""
     if table.ndim == 1:
         return spaces.Discrete(len(table))
     return spaces.Box(0.0, 1.0, table.shape[1:], np.float32)

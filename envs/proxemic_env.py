@@ -1,8 +1,7 @@
-"""The Gymnasium env: samples a `Model`, and has no rules of its own."""
+"""The Gymnasium env: steps through a compiled `Model` and adds no rules."""
 
 import operator
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,63 +13,83 @@ from envs import render
 from envs.inputs import InputError
 from envs.model import ACTIONS, EVENTS, Model, compile_scenario, draw_issuer_reward
 from envs.observations import observation_space, observation_table
-from envs.regions import ZONES
-from envs.scenario import Scenario, load_scenario
+from envs.scenario import ScenarioLike, load_scenario
+from envs.scene import scene_of
+from envs.specs import JsonSpec
 
 Observation = int | NDArray[np.float32]
 
 
 class ProxemicEnv(gymnasium.Env[Observation, int]):
-    """A gridworld in which an agent learns from an issuer's disagreement how close is too close.
+    """A gridworld in which an agent learns how close to a person it may come.
 
     ## Description
-    An issuer stands on a grid. Around it lie the uncomfortable region and, around that, the target
-    region. The agent does not see them: it walks, and asks by PING whether it is in the target region.
+    A person, the issuer, stands on a grid, surrounded by an uncomfortable region and, beyond it, a target
+    region. The agent does not see the regions. It walks, and by a PING asks whether it is in the target
+    region; a PING anywhere else meets the issuer's disagreement.
 
     ## Action Space
     `Discrete(5)`: 0 UP (row - 1), 1 DOWN (row + 1), 2 LEFT (column - 1), 3 RIGHT (column + 1), 4 PING.
     A move off the grid leaves the agent where it is.
 
     ## Observation Space
-    The agent's cell alone, in one of three forms (`observation`): `"index"` `Discrete(rows * columns)`,
-    row * columns + column; `"one_hot"` `Box(0, 1, (rows * columns,), float32)`; `"coordinates"`
-    `Box(0, 1, (2,), float32)`, row and column, each divided by its largest value. The number of wrong
-    PINGs so far is hidden.
+    The agent's cell, in one of three forms (`observation`):
+
+    - `"index"`: `Discrete(rows * columns)`, row * columns + column
+    - `"one_hot"`: `Box(0, 1, (rows * columns,), float32)`
+    - `"coordinates"`: `Box(0, 1, (2,), float32)`, row and column, each divided by its maximum
+
+    The number of wrong PINGs so far is hidden.
 
     ## Starting State
     The scenario's start cell, (0, 0) in S1 to S3, with no wrong PING.
 
     ## Rewards
-    The grid's reward for the event plus, on every PING, the issuer's. The values are in the scenario's
-    TOML file; in S1 to S3: reaching the issuer -1.0, PING in the target region +1.0, the fifth wrong
-    PING -1.0, an earlier one -0.4, a move into the uncomfortable region -0.8, any other move -0.1.
+    The grid's reward for the event plus, for every PING, the issuer's reward. The values are in the
+    scenario's TOML file. In S1 to S3, the grid's rewards are:
+
+    - reaching the issuer: -1.0
+    - a PING in the target region: +1.0
+    - the fifth wrong PING: -1.0
+    - an earlier wrong PING: -0.4
+    - a move that ends in the uncomfortable region: -0.8
+    - any other move: -0.1
 
     ## Episode End
-    Terminates when the agent reaches the issuer, PINGs in the target region, or PINGs wrongly for the
-    fifth time (`ping_limit`). There is no time limit unless `max_episode_steps` is given to
-    `gymnasium.make`.
+    Terminates when the agent reaches the issuer, PINGs in the target region, or makes its fifth wrong
+    PING (`ping_limit`). The registered ids truncate an episode after 200 steps: an agent that keeps
+    bumping into a wall would never finish. `max_episode_steps=-1` lifts the limit, in `gymnasium.make`
+    and in `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)` has no limit.
 
     ## Information
-    `event` (one of `envs.model.EVENTS`), `zone` (where the agent now stands, one of
-    `envs.model.ZONES`), `wrong_pings` (so far in the episode), `grid_reward`, `issuer_reward`.
+    - `event`: what the action led to, an index into `envs.EVENTS`
+    - `zone`: where the agent is now, an index into `envs.ZONES`
+    - `wrong_pings`: wrong PINGs so far in the episode
+    - `grid_reward`, `issuer_reward`: the two parts of the reward
 
     ## Arguments
     `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8, 6]})`.
-    `scenario` is a name, the path of a TOML file, or a `Scenario`; `overrides` replaces values of it.
+
+    - `scenario`: a name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's values
+    - `observation`: see Observation Space
+    - `overrides`: new values for keys of the scenario
+    - `render_mode`: `"ansi"` (text), `"rgb_array"` (image) or `"human"` (window)
 
     ## References
     Millan-Arias, Fernandes and Cruz (2021), Learning Proxemic Behavior Using Reinforcement Learning
     with Cognitive Agents, arXiv 2108.03730.
 
     ## Version History
-    v0: first version.
+    - v0: first version. Changed before its first release: the ids have a time limit of 200 steps (none
+      before), and `event` and `zone` in the info are integer codes (names before).
     """
 
     metadata = {"render_modes": list(render.MODES), "render_fps": 8}  # noqa: RUF012, as declared by Env
+    spec = JsonSpec()
 
     def __init__(
         self,
-        scenario: str | Path | Scenario = "S1",
+        scenario: ScenarioLike = "S1",
         observation: str = "index",
         overrides: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
@@ -78,7 +97,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         """Compiles the scenario.
 
         Raises:
-          InputError: A mistake in the scenario, an unknown observation or render mode.
+          InputError: The scenario has a mistake, or the observation or render mode is unknown.
         """
         if render_mode is not None and render_mode not in render.MODES:
             raise InputError(f"render_mode = {render_mode!r}; accepted: {', '.join(render.MODES)}.")
@@ -87,10 +106,11 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         table = observation_table(self.model, observation)
         self.observation_space = observation_space(table)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
-        self._observations: list[Observation] = table.tolist() if table.ndim == 1 else list(table)
+        cells: list[Observation] = table.tolist() if table.ndim == 1 else list(table)
+        self._observations = [cells[cell] for cell in self.model.observation.tolist()]  # (S,)
         self._window: render.Window | None = None
-        self.s = self.model.start  # the hidden state, as toy-text names it; may be set, to try things
-        self._event = EVENTS[0]
+        self.s = self.model.start  # the hidden state, called `s` as in toy-text; it may be set
+        self._event = 0
 
     @property
     def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
@@ -100,17 +120,16 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Puts the agent at the start."""
+        """Moves the agent to the start."""
         super().reset(seed=seed, options=options)
         self.s = self.model.start
-        self._event = EVENTS[0]
+        self._event = 0
         if self.render_mode == "human":
             self.render()
-        zone = ZONES[self.model.zone[self.s]]
-        return self._observe(), _info(EVENTS[0], zone, 0, 0.0, 0.0)
+        return self._observe(), _info(self._event, int(self.model.zone[self.s]), 0, 0.0, 0.0)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Takes one action; see the class for what comes back.
+        """Takes an action; the class describes what it returns.
 
         Raises:
           InputError: `action` is not one of 0 to 4.
@@ -134,13 +153,14 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         return self._observe(), t.grid_reward + issuer_reward, t.terminated, False, info
 
     def render(self) -> Any:
-        """Draws the scene: a string (`ansi`), an (H, W, 3) uint8 image (`rgb_array`), or a window."""
+        """Returns the scene as a string (`ansi`) or an (H, W, 3) uint8 image (`rgb_array`), or shows it."""
         if self.render_mode is None:
-            gymnasium.logger.warn("render() without a render_mode: give one to gymnasium.make.")
+            gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make takes.")
             return None
+        scene, agent = scene_of(self.model), int(self.model.observation[self.s])
         if self.render_mode == "ansi":
-            return render.to_text(self.model, self.s, self._event)
-        image = render.to_image(self.model, self.s)
+            return render.to_text(scene, agent, EVENTS[self._event])
+        image = render.to_image(scene, agent)
         if self.render_mode == "rgb_array":
             return image
         if self._window is None:
@@ -149,21 +169,21 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         return None
 
     def close(self) -> None:
-        """Closes the window, where there is one."""
+        """Closes the window, if there is one."""
         if self._window is not None:
             self._window.close()
             self._window = None
 
     def _observe(self) -> Observation:
-        """Returns the agent's observation, a copy."""
-        observation = self._observations[self.s % len(self._observations)]
+        """Returns a copy of the agent's observation."""
+        observation = self._observations[self.s]
         return observation if isinstance(observation, int) else observation.copy()
 
 
 def _info(
-    event: str, zone: str, wrong_pings: int, grid_reward: float, issuer_reward: float
+    event: int, zone: int, wrong_pings: int, grid_reward: float, issuer_reward: float
 ) -> dict[str, Any]:
-    """Names what a step tells beside observation and reward."""
+    """Returns the info of a step."""
     return {
         "event": event,
         "zone": zone,

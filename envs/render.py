@@ -1,4 +1,4 @@
-"""Draws a scene: as text, as an image, or in a window (which alone needs pygame-ce)."""
+"""Paints a scene as text or as an image, and shows images in a window (which requires pygame-ce)."""
 
 from typing import Any, Final
 
@@ -6,70 +6,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
-from envs.model import Model
-from envs.regions import ZONES
+from envs.scene import COLOURS, SYMBOLS, Colour, Scene
 
 MODES: Final = ("ansi", "rgb_array", "human")
 CELL_PIXELS: Final = 40
-SYMBOLS: Final = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
-# Okabe and Ito's colour-blind-safe palette, the regions lightened; distinct in grey, too.
-COLOURS: Final = {
-    "outside": (250, 250, 250),
-    "target": (150, 215, 195),
-    "uncomfortable": (225, 150, 95),
-    "issuer": (225, 150, 95),
-    "line": (200, 200, 200),
-    "person": (60, 60, 60),
-    "agent": (0, 114, 178),
-}
 
 
-def to_text(model: Model, state: int, event: str) -> str:
-    """Returns the grid as text: A the agent, I the issuer, + target, x uncomfortable, . elsewhere."""
-    columns = model.scenario.grid.columns
-    symbols = [SYMBOLS[ZONES[zone]] for zone in model.zone_of_cell]
-    symbols[model.observation[state]] = "A"
-    rows = [" ".join(symbols[i : i + columns]) for i in range(0, len(symbols), columns)]
+def to_text(scene: Scene, agent: int, event: str) -> str:
+    """Returns the scene as text: A the agent, I the issuer, + target, x uncomfortable, . elsewhere.
+
+    Args:
+      scene: Map of the scenario.
+      agent: The agent's cell.
+      event: Name of the last event.
+    """
+    symbols = [SYMBOLS[zone] for zone in scene.zone]
+    symbols[agent] = "A"
+    rows = [" ".join(symbols[i : i + scene.columns]) for i in range(0, scene.n_cells, scene.columns)]
     return "\n".join([*rows, f"event: {event}"]) + "\n"
 
 
-def to_image(model: Model, state: int) -> NDArray[np.uint8]:
-    """Returns the grid as an image, (rows * 40, columns * 40, 3) uint8.
+def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
+    """Returns the scene as an image, (rows * 40, columns * 40, 3) uint8.
 
-    The issuer is the ring, the agent the disc; where they meet both are seen.
+    The issuer is a ring and the agent a disc that fits inside it, so that both are visible in one cell.
+
+    Args:
+      scene: Map of the scenario.
+      agent: The agent's cell.
     """
-    grid = model.scenario.grid
-    palette = np.array([COLOURS[zone] for zone in ZONES], dtype=np.uint8)
-    cells = palette[model.zone_of_cell].reshape(grid.rows, grid.columns, 3)
-    image = cells.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
+    cells = np.array([COLOURS[zone] for zone in scene.zone], dtype=np.uint8)
+    image = cells.reshape(scene.rows, scene.columns, 3)
+    image = image.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
     image[::CELL_PIXELS] = COLOURS["line"]
     image[:, ::CELL_PIXELS] = COLOURS["line"]
-    issuer = model.scenario.issuer.position
-    agent = divmod(int(model.observation[state]), grid.columns)
-    _disc(image, issuer, 0.42, COLOURS["person"])
-    _disc(image, issuer, 0.30, COLOURS["issuer"])
-    _disc(image, agent, 0.26, COLOURS["agent"])
+    issuer = scene.cell_of("issuer")
+    _paint_disc(image, scene.centre(issuer), 0.42, COLOURS["person"])
+    _paint_disc(image, scene.centre(issuer), 0.30, COLOURS[scene.zone[issuer]])
+    _paint_disc(image, scene.centre(agent), 0.26, COLOURS["agent"])
     return image
 
 
-def _disc(
-    image: NDArray[np.uint8], cell: tuple[int, int], radius: float, colour: tuple[int, int, int]
-) -> None:
-    """Fills a disc in the middle of a cell; `radius` is in cells."""
+def _paint_disc(image: NDArray[np.uint8], centre: tuple[float, float], radius: float, colour: Colour) -> None:
+    """Paints a disc inside a cell; the centre, (row, column), and the radius are in cells."""
     offset = np.arange(CELL_PIXELS) - CELL_PIXELS / 2
     inside = offset[:, None] ** 2 + offset**2 <= (radius * CELL_PIXELS) ** 2
-    top, left = cell[0] * CELL_PIXELS, cell[1] * CELL_PIXELS
+    top, left = (int(coordinate) * CELL_PIXELS for coordinate in centre)
     image[top : top + CELL_PIXELS, left : left + CELL_PIXELS][inside] = colour
 
 
 class Window:
-    """A window that shows images one after the other."""
+    """A window that shows one image after another."""
 
     def __init__(self, image: NDArray[np.uint8], title: str) -> None:
         """Opens a window of the image's size.
 
         Raises:
-          InputError: pygame-ce is not installed, or there is no screen.
+          InputError: pygame-ce is not installed, or SDL cannot open a window.
         """
         try:
             import pygame
@@ -84,13 +77,15 @@ class Window:
             self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
         except pygame.error as error:
             raise InputError(f"no window can be opened: {error}.") from error
-        if pygame.display.get_driver() == "offscreen":  # what SDL falls back to where there is no screen
-            pygame.display.quit()
-            raise InputError("no window can be opened: there is no screen.")
         self._clock = pygame.time.Clock()
 
+    @property
+    def has_screen(self) -> bool:
+        """Whether the window is on a screen. If there is none, SDL paints into memory and nobody sees it."""
+        return bool(self._pygame.display.get_driver() != "offscreen")
+
     def show(self, image: NDArray[np.uint8], frames_per_second: int) -> None:
-        """Shows an image, (H, W, 3) uint8, and waits so as not to exceed the frame rate."""
+        """Shows an image, (H, W, 3) uint8, and waits as long as the frame rate requires."""
         surface = self._pygame.surfarray.make_surface(image.swapaxes(0, 1))
         self._screen.blit(surface, (0, 0))
         self._pygame.event.pump()
@@ -100,7 +95,7 @@ class Window:
     def pressed(self) -> list[str]:
         """Returns the keys pressed since the last call, by pygame's names: "space", "left", "q".
 
-        Escape and closing the window count as "q".
+        Escape and a click on the window's close button count as "q".
         """
         names = []
         for event in self._pygame.event.get():

@@ -1,7 +1,7 @@
-"""Scenarios: declared scenes, read from TOML and checked.
+"""Scenarios: grid, issuer, regions and rewards, read from TOML and checked.
 
-A scenario says what is where and what is rewarded; `envs.model` says how it moves. The values of
-the shipped files, and what each was read from, are in `envs/scenarios/*.toml`.
+`envs.model` computes a scenario's dynamics. The shipped scenarios are in `envs/scenarios/*.toml`; comments
+there name the paper's term for each value.
 """
 
 import re
@@ -21,7 +21,7 @@ Cell = tuple[int, int]  # (row, column), (0, 0) top left
 
 
 class Grid(Table):
-    """The floor: its size, and where every episode starts."""
+    """Size of the floor, and the cell in which every episode starts."""
 
     rows: Annotated[int, Field(ge=1, le=1000)]
     columns: Annotated[int, Field(ge=1, le=1000)]
@@ -29,14 +29,14 @@ class Grid(Table):
 
 
 class NoFeedback(Table):
-    """The issuer adds nothing."""
+    """The issuer gives no reward."""
 
     label: ClassVar[str] = "no feedback"
     kind: Literal["none"]
 
 
 class UniformFeedback(Table):
-    """The issuer adds a number drawn anew at each PING, uniform between two bounds."""
+    """The issuer's reward is drawn at each PING, uniformly between two bounds."""
 
     label: ClassVar[str] = "random feedback"
     kind: Literal["uniform"]
@@ -46,19 +46,19 @@ class UniformFeedback(Table):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.low >= self.high:
-            raise ValueError(f"low = {self.low} must lie below high = {self.high}")
+            raise ValueError(f"low = {self.low} must be less than high = {self.high}")
         return self
 
 
 class DistanceFeedback(Table):
-    """The issuer adds minus the L1 distance to the agent, as a share of that from the start."""
+    """The issuer's reward is minus its L1 distance from the agent, relative to that from the start cell."""
 
     label: ClassVar[str] = "feedback by distance"
     kind: Literal["distance"]
 
 
 class Issuer(Table):
-    """Whose personal space it is, and what it adds to the reward of every PING."""
+    """The person whose personal space matters, and the reward that this person adds to every PING."""
 
     position: Cell
     feedback: Annotated[NoFeedback | UniformFeedback | DistanceFeedback, Field(discriminator="kind")]
@@ -84,7 +84,7 @@ class Regions(Table):
 
 
 class Rewards(Table):
-    """The grid's reward for each event."""
+    """The grid's rewards, by event."""
 
     issuer_reached: Reward
     target_ping: Reward
@@ -96,7 +96,7 @@ class Rewards(Table):
 
 
 class Scenario(Table):
-    """A declared scene; its name is that of its file."""
+    """A checked scenario, named after its file."""
 
     name: str
     description: str
@@ -133,23 +133,26 @@ class Scenario(Table):
         return self
 
 
+ScenarioLike = str | Path | Scenario | Mapping[str, Any]
+
+
 def is_name(text: str) -> bool:
-    """Whether a scenario can be called so, as a part of its Gymnasium id."""
+    """Returns whether a text can be a scenario's name, and thus part of a Gymnasium id."""
     return re.fullmatch(r"[A-Za-z0-9_]+", text) is not None
 
 
 def scenario_names() -> list[str]:
-    """Lists the shipped scenarios: one TOML file each, named after it."""
+    """Returns the names of the shipped scenarios, which are those of their TOML files."""
     return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
 
 
-def load_scenario(scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """Reads a scenario and checks it.
 
     Args:
-      scenario: The name of a shipped scenario (`"S1"`), the path of a TOML file, or one already read.
-      overrides: Dotted key to the value that replaces the file's, for example
-        `{"issuer.position": [8, 6]}`.
+      scenario: The name of a shipped scenario (`"S1"`), the path of a TOML file, a `Scenario`, or a
+        mapping of its values as from `Scenario.model_dump`.
+      overrides: New values by dotted key, for example `{"issuer.position": [8, 6]}`.
 
     Raises:
       InputError: One sentence that names the file, the key, its value and what is accepted.
@@ -158,17 +161,19 @@ def load_scenario(scenario: str | Path | Scenario, overrides: Mapping[str, Any] 
     (6, 8)
     """
     if isinstance(scenario, Scenario):
-        data = scenario.model_dump(mode="json")
-        return (
-            parse(Scenario, override(data, overrides, scenario.name), scenario.name)
-            if overrides
-            else scenario
-        )
+        if not overrides:
+            return scenario
+        scenario = scenario.model_dump(mode="json")
+    if isinstance(scenario, Mapping):
+        source = str(scenario.get("name", "scenario"))
+        return parse(Scenario, override(scenario, overrides or {}, source), source)
     path = Path(scenario)
     if path.suffix != ".toml":
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"
         if str(scenario) not in scenario_names():
             unknown_name("scenarios", "scenario", str(scenario), scenario_names())
     if not is_name(path.stem):
-        raise InputError(f"{path}: the file's name is the scenario's; accepted: letters, digits and _.")
+        raise InputError(
+            f"{path}: the scenario is named after the file; accepted: a name of letters, digits and _."
+        )
     return parse(Scenario, override(read_toml(path), overrides or {}, str(path)), str(path), name=path.stem)

@@ -1,37 +1,48 @@
-"""A whole batch of envs over one `Model`: array look-ups, and no rules of its own."""
+"""A batch of envs over one `Model`: array look-ups instead of a Python object per env."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+import operator
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
-from envs.model import ACTIONS, EVENTS, compile_scenario, draw_issuer_reward
+from envs.model import ACTIONS, compile_scenario, draw_issuer_reward
 from envs.observations import observation_space, observation_table
-from envs.regions import ZONES
-from envs.scenario import Scenario, load_scenario
+from envs.scenario import ScenarioLike, load_scenario
+from envs.specs import JsonSpec
 
-_EVENT_NAMES = np.array(EVENTS, dtype=object)
-_ZONE_NAMES = np.array(ZONES, dtype=object)
+_BLOCK: Final = 256  # draws that an env takes from its generator at once
+_INFO: Final = {
+    "event": np.int64,
+    "zone": np.int64,
+    "wrong_pings": np.int64,
+    "grid_reward": np.float64,
+    "issuer_reward": np.float64,
+}
+
+Info = dict[str, Any]
 
 
 class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
-    """N proxemic envs stepped at once; what they are is told by `ProxemicEnv`.
+    """N proxemic envs that step together; `ProxemicEnv` describes them.
 
-    `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8, vectorization_mode="vector_entry_point")`
-    makes one. Noise comes from a single generator, one draw an env and step: with same-step autoreset
-    a batch of one equals `ProxemicEnv` of the same seed, draw for draw.
+    `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
+    `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions, in all three autoreset modes:
+    every env has a random generator, and `reset(seed=s)` seeds that of env i with s + i.
     """
+
+    spec = JsonSpec()
 
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: str | Path | Scenario = "S1",
+        scenario: ScenarioLike = "S1",
         observation: str = "index",
         overrides: Mapping[str, Any] | None = None,
         max_episode_steps: int | None = None,
@@ -42,78 +53,121 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Args:
           num_envs: N, at least 1.
-          scenario: A name, the path of a TOML file, or a scenario already read.
+          scenario: A name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's values.
           observation: `"index"`, `"one_hot"` or `"coordinates"`.
-          overrides: Replaces values of the scenario's file.
-          max_episode_steps: Steps until truncation; none by default.
-          autoreset_mode: Gymnasium's next-step (default) or same-step.
-          render_mode: None: a batch is not drawn.
+          overrides: New values for keys of the scenario.
+          max_episode_steps: Steps until truncation; None or -1 for no limit.
+          autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
+          render_mode: None; a batch cannot be rendered.
 
         Raises:
-          InputError: One of the arguments is not accepted.
+          InputError: An argument is not accepted.
         """
-        if not isinstance(num_envs, int) or num_envs < 1:
-            raise InputError(f"num_envs = {num_envs!r}; accepted: a whole number, at least 1.")
-        limited = max_episode_steps is not None
-        if limited and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
-            raise InputError(f"max_episode_steps = {max_episode_steps!r}; accepted: at least 1, or None.")
+        self.num_envs = n = _whole_number("num_envs", num_envs, "a whole number, at least 1")
+        self._limit: int = np.iinfo(np.int64).max
+        if max_episode_steps is not None and max_episode_steps != -1:
+            accepted = "at least 1, or None or -1 for no limit"
+            self._limit = _whole_number("max_episode_steps", max_episode_steps, accepted)
         if render_mode is not None:
-            raise InputError(f"render_mode = {render_mode!r}; accepted: None, a batch is not drawn.")
-        modes = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
-        if autoreset_mode not in (*modes, *(mode.value for mode in modes)):
-            raise InputError(f"autoreset_mode = {autoreset_mode}; accepted: NextStep, SameStep.")
-        mode = AutoresetMode(autoreset_mode)
+            raise InputError(
+                f"render_mode = {render_mode!r}; accepted: None, because a batch cannot be rendered."
+            )
+        try:
+            self._mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            accepted = ", ".join(mode.value for mode in AutoresetMode)
+            raise InputError(f"autoreset_mode = {autoreset_mode}; accepted: {accepted}.") from None
         self.model = compile_scenario(load_scenario(scenario, overrides))
-        self.num_envs = num_envs
-        self.metadata = {"autoreset_mode": mode, "render_modes": []}
+        self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         self._table = observation_table(self.model, observation)
         self.single_observation_space = observation_space(self._table)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._same_step = mode is AutoresetMode.SAME_STEP
-        self._limit = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
 
-        model = self.model  # flat views: one index, state * A + action, serves every table
+        model = self.model  # flat: the index state * A + action serves all tables over states and actions
         self._next_state = model.next_state.astype(np.intp).ravel()
         self._grid_reward = model.grid_reward.ravel()
         self._issuer_reward = model.issuer_reward.ravel()
         self._issuer_noise = model.issuer_noise.ravel()
         self._terminated = model.terminated.ravel()
-        self._event = _EVENT_NAMES[model.event].ravel()
-        self._wrong_pings = model.wrong_pings.ravel()
+        self._event = model.event.astype(np.int64).ravel()
+        self._wrong_pings = model.wrong_pings.astype(np.int64).ravel()
         self._observation = model.observation.astype(np.intp)
-        self._zone = _ZONE_NAMES[model.zone]
-        self._state = np.full(num_envs, model.start, dtype=np.intp)
-        self._steps = np.zeros(num_envs, dtype=np.int64)
-        self._over = np.zeros(num_envs, dtype=np.bool_)
+        self._zone = model.zone.astype(np.int64)
+
+        self._state = np.full(n, model.start, dtype=np.intp)
+        self._steps = np.zeros(n, dtype=np.int64)
+        self._over = np.zeros(n, dtype=np.bool_)  # episodes that wait for a reset; none in SameStep
+
+        self._generators: list[tuple[np.random.Generator, int] | None] = [None] * n  # with their seeds
+        self._draws = np.empty((n, _BLOCK if model.is_noisy else 0))
+        self._first_draw = np.arange(n) * _BLOCK  # of each env, in the flat array of draws
+        self._n_used = np.full(n, _BLOCK)  # draws of each env that are used up
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generators of the envs, as in `SyncVectorEnv`. Each is up to 256 draws ahead of its env."""
+        return tuple(self._generator(i)[0] for i in range(self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seeds of the envs, as in `SyncVectorEnv`."""
+        return tuple(self._generator(i)[1] for i in range(self.num_envs))
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Puts every agent at the start. Observations: (N, ...)."""
-        super().reset(seed=seed, options=options)
-        self._state[:] = self.model.start
-        self._steps[:] = 0
-        self._over[:] = False
-        return self.observe(), self._reset_info()
+        self,
+        *,
+        seed: int | np.integer | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[Any], Info]:
+        """Moves agents to the start.
+
+        Args:
+          seed: Seeds env i with `seed + i`, or with the item i of a sequence. An env with seed None goes on
+            with its generator, which is seeded from the operating system at first.
+          options: With `{"reset_mask": mask}`, (N,) bool, only these envs are reset and seeded.
+
+        Returns:
+          Observations, (N, ...), and the info of the envs that were reset.
+
+        Raises:
+          InputError: The mask or the number of seeds does not fit.
+        """
+        mask = np.ones(self.num_envs, dtype=np.bool_)
+        if options is not None and "reset_mask" in options:
+            mask = self._checked_mask(options["reset_mask"])
+        envs = np.flatnonzero(mask)
+        if seed is not None:
+            seeds = self._seeds(seed)
+            for i in envs.tolist():
+                if seeds[i] is not None:
+                    self._generators[i] = seeding.np_random(seeds[i])
+                    self._n_used[i] = _BLOCK
+        self.restart(envs)
+        self._over[envs] = False
+        info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
+        self._write_fresh_info(info, envs)
+        return self.observe(), _with_masks(info, mask)
 
     def step(
         self, actions: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Takes one action in every env.
+    ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
+        """Takes an action in every env.
 
         Args:
           actions: (N,) integers, 0 to 4.
 
         Returns:
           Observations (N, ...), rewards (N,), terminated (N,), truncated (N,), and the info of
-          `ProxemicEnv` with arrays (N,). After an episode's end the next step resets that env, its
-          action unread, or with same-step autoreset the same step does, and `final_obs` and
-          `final_info` hold what the episode ended with, as in `gymnasium.vector.SyncVectorEnv`.
+          `ProxemicEnv` as arrays (N,), each with a mask `_name` of the envs that it holds for. When an
+          episode has ended, the next step resets its env and ignores the action (NextStep); or the same
+          step resets it, and the info has `final_obs` and `final_info` of these envs (SameStep); or the
+          env waits for `reset` with a `reset_mask` (Disabled).
 
         Raises:
-          InputError: Wrong shape, or an action that is not one of 0 to 4.
+          InputError: The actions have the wrong shape or type, one of them is not in 0 to 4, or an
+            episode is over and autoreset is disabled.
         """
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
@@ -124,36 +178,55 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise InputError(
                 f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {len(ACTIONS) - 1}."
             )
-        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(actions.astype(np.intp))
-        info = self._info(self._event.take(taken), self._wrong_pings.take(taken), grid_reward, issuer_reward)
-        if self._over.any():  # next-step autoreset: these envs were not stepped, but begin anew
-            over = np.flatnonzero(self._over)
-            self.restart(over)
-            terminated[over] = truncated[over] = False
-            for name, values in self._reset_info(len(over)).items():
-                info[name][over] = values
+        fresh = np.flatnonzero(self._over)
+        if len(fresh) and self._mode is AutoresetMode.DISABLED:
+            raise InputError(
+                f"actions: the episodes of envs {fresh.tolist()} are over; "
+                "accepted: actions after a reset of these envs."
+            )
+        uniform = self._draw() if self.model.is_noisy else None
+        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
+            actions.astype(np.intp), uniform
+        )
+        info = {
+            "event": self._event.take(taken),
+            "zone": self._zone.take(self._state),
+            "wrong_pings": self._wrong_pings.take(taken),
+            "grid_reward": grid_reward,
+            "issuer_reward": issuer_reward,
+        }
+        if len(fresh):  # NextStep: these envs are reset instead
+            self.restart(fresh)
+            terminated[fresh] = truncated[fresh] = False
+            self._write_fresh_info(info, fresh)
         rewards = grid_reward + issuer_reward
         ended = terminated | truncated
-        if not self._same_step:
+        final: Info = {}
+        if self._mode is not AutoresetMode.SAME_STEP:
             self._over = ended
         elif ended.any():
-            info = self._end(np.flatnonzero(ended), info)
+            envs = np.flatnonzero(ended)
+            final = self._final(info, ended, envs)
+            self.restart(envs)
+            self._write_fresh_info(info, envs)
+        info = _with_masks(info, np.ones(self.num_envs, dtype=np.bool_)) | final
         return self.observe(), rewards, terminated, truncated, info
 
     def advance(
-        self, actions: NDArray[Any]
+        self, actions: NDArray[Any], uniform: NDArray[np.float64] | None
     ) -> tuple[
         NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
     ]:
         """Moves every env by one action: the core of `step`, for loops that need no info.
 
-        Actions are not checked, and no env is reset: see `observe` and `restart`.
+        It neither checks actions nor resets envs: see `observe` and `restart`.
 
         Args:
           actions: (N,) integers, 0 to 4.
+          uniform: (N,) draws from [0, 1) for the issuer's rewards; unused if `model.is_noisy` is False.
 
         Returns:
-          (N,) each: what was taken, as `state * A + action`; the grid's reward; the issuer's reward;
+          (N,) each: `state * A + action` before the move; the grid's reward; the issuer's reward;
           terminated; truncated.
         """
         taken = self._state * len(ACTIONS) + actions
@@ -161,63 +234,97 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._steps += 1
         issuer_reward = self._issuer_reward.take(taken)
         if self.model.is_noisy:
-            uniform = self.np_random.random(self.num_envs)
+            assert uniform is not None
             issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), uniform)
         truncated = self._steps >= self._limit
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
     def restart(self, envs: NDArray[np.intp]) -> None:
-        """Puts these envs at the start."""
+        """Moves the agents of these envs to the start."""
         self._state[envs] = self.model.start
         self._steps[envs] = 0
 
     def observe(self) -> NDArray[Any]:
-        """Returns the observations, (N, ...), a copy."""
+        """Returns a copy of the observations, (N, ...)."""
         return self._table.take(self._observation.take(self._state), axis=0)
 
-    def _end(self, ended: NDArray[np.intp], info: dict[str, Any]) -> dict[str, Any]:
-        """Starts these envs anew within the step; returns the info with `final_obs` and `final_info`."""
-        mask = np.zeros(self.num_envs, dtype=np.bool_)
-        mask[ended] = True
+    def _generator(self, env: int) -> tuple[np.random.Generator, int]:
+        """Returns an env's generator and its seed."""
+        generator = self._generators[env]
+        if generator is None:
+            self._generators[env] = generator = seeding.np_random()
+        return generator
+
+    def _draw(self) -> NDArray[np.float64]:
+        """Returns the next draw of every env, (N,); an env that is about to be reset does not use it up.
+
+        Draws are taken in blocks, which is many times as fast, and gives the numbers of single draws.
+        """
+        empty = np.flatnonzero(self._n_used == _BLOCK)
+        for i in empty.tolist():
+            self._generator(i)[0].random(out=self._draws[i])
+        self._n_used[empty] = 0
+        uniform: NDArray[np.float64] = self._draws.take(self._first_draw + self._n_used)
+        self._n_used += ~self._over
+        return uniform
+
+    def _final(self, info: Info, ended: NDArray[np.bool_], envs: NDArray[np.intp]) -> Info:
+        """Returns `final_obs` and `final_info` of the envs whose episodes have ended."""
         observations = self.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
-        for i in ended:
-            final_obs[i] = observations[i]
-        final_info = {name: values.copy() for name, values in info.items()}
-        self.restart(ended)
-        for name, values in self._reset_info(len(ended)).items():
-            info[name][ended] = values
-        final_info |= {f"_{name}": mask for name in info}
-        return info | {
-            "final_obs": final_obs,
-            "_final_obs": mask,
-            "final_info": final_info,
-            "_final_info": mask,
-        }
+        for i, observation in zip(envs.tolist(), observations[envs], strict=True):
+            # An index is a Python integer, as `ProxemicEnv` returns it.
+            final_obs[i] = observation.copy() if observations.ndim > 1 else int(observation)
+        final_info = {name: np.where(ended, values, np.zeros_like(values)) for name, values in info.items()}
+        return _with_masks({"final_obs": final_obs, "final_info": _with_masks(final_info, ended)}, ended)
 
-    def _info(
-        self,
-        event: NDArray[Any],
-        wrong_pings: NDArray[Any],
-        grid_reward: NDArray[np.float64],
-        issuer_reward: NDArray[np.float64],
-    ) -> dict[str, Any]:
-        """Names what a step tells beside observation and reward; arrays (N,)."""
-        return {
-            "event": event,
-            "zone": self._zone.take(self._state),
-            "wrong_pings": wrong_pings,
-            "grid_reward": grid_reward,
-            "issuer_reward": issuer_reward,
-        }
+    def _write_fresh_info(self, info: Info, envs: NDArray[np.intp]) -> None:
+        """Replaces the info of these envs by that after a reset."""
+        for name in _INFO:
+            info[name][envs] = 0
+        info["zone"][envs] = self._zone[self.model.start]
 
-    def _reset_info(self, n: int | None = None) -> dict[str, Any]:
-        """Returns the info of `n` envs just reset (all by default)."""
-        n = self.num_envs if n is None else n
-        return {
-            "event": np.full(n, EVENTS[0], dtype=object),
-            "zone": np.full(n, self._zone[self.model.start], dtype=object),
-            "wrong_pings": np.zeros(n, dtype=np.int32),
-            "grid_reward": np.zeros(n),
-            "issuer_reward": np.zeros(n),
-        }
+    def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
+        """Returns a reset mask.
+
+        Raises:
+          InputError: It is not (N,) bool, or selects no env.
+        """
+        if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            given = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
+            raise InputError(f"reset_mask: {given}; accepted: a bool array of shape ({self.num_envs},).")
+        if not mask.any():
+            raise InputError("reset_mask: no env is selected; accepted: at least one.")
+        return mask
+
+    def _seeds(self, seed: int | np.integer | Sequence[int | None]) -> Sequence[int | None]:
+        """Returns a seed for each env.
+
+        Raises:
+          InputError: There are fewer or more seeds than envs.
+        """
+        if isinstance(seed, int | np.integer):
+            return range(int(seed), int(seed) + self.num_envs)
+        if len(seed) != self.num_envs:
+            raise InputError(f"seed: {len(seed)} seeds; accepted: {self.num_envs}, one per env.")
+        return [None if item is None else operator.index(item) for item in seed]
+
+
+def _whole_number(name: str, value: Any, accepted: str) -> int:
+    """Returns an argument as a Python integer.
+
+    Raises:
+      InputError: It is not a whole number of at least 1.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise InputError(f"{name} = {value!r}; accepted: {accepted}.")
+    return number
+
+
+def _with_masks(info: Info, mask: NDArray[np.bool_]) -> Info:
+    """Returns an info with a mask of the envs that each entry holds for, as Gymnasium names them."""
+    return info | {f"_{name}": mask.copy() for name in info}

@@ -48,7 +48,7 @@ def test_only_the_deep_learners_load_torch() -> None:
 
 def test_torch_is_loaded_only_when_somebody_trains_a_net() -> None:
     code = (
-        "import sys; from benchmark.experiments.specification import *; "
+        "import sys; from benchmark.experiments import *; "
         "from benchmark.execution import driver; from benchmark.reports import draw\n"
         "all_specifications(load_experiment('compare_deep'))\n"
         "assert not {'torch', 'stable_baselines3', 'rliable'} & set(sys.modules)"

@@ -10,14 +10,12 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def command(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
@@ -107,22 +105,6 @@ def test_report_of_fewer_seeds(results: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert pd.read_csv(tmp_path / "reproduce_smoke" / "optimal.csv")["agents"].tolist() == [2, 2, 2]
     assert "**Partial: 2 of the 6 agents" in (tmp_path / "reproduce_smoke" / "README.md").read_text()
-
-
-def test_experiment_on_a_scenario_of_ones_own(tmp_path: Path) -> None:
-    scene = (ROOT / "envs" / "scenarios" / "S3.toml").read_text(encoding="utf-8")
-    (tmp_path / "corridor.toml").write_text(scene.replace("rows = 10", "rows = 9"), encoding="utf-8")
-    text = (ROOT / "benchmark" / "experiments" / "reproduce.toml").read_text(encoding="utf-8")
-    text = text.replace('["S1", "S2", "S3"]', f'["{tmp_path}/corridor.toml"]').split("[readings.epsilon]")[0]
-    text = text.replace("seeds = 100", "seeds = 3").replace("budget = 10000", "budget = 500")
-    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
-    done = command("run", tmp_path / "mine.toml", "--report", "--results", tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert set(pd.read_csv(tmp_path / "mine" / "q_values.csv")["scenario"]) == {"corridor"}
-    names = set(contents(tmp_path / "mine"))
-    assert {"figure.png", "learning.md", "README.md"} < names
-    assert "claims.csv" not in names  # they are about S1 to S3
-    assert "Claims of the paper" not in (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
 
 
 def test_results_of_shipped_experiments_are_not_overwritten(tmp_path: Path) -> None:
@@ -276,61 +258,7 @@ def test_failed_drawing_leaves_the_old_results(results: Path, tmp_path: Path) ->
     assert contents(folder, manifest=True) == before  # nor is anything left lying about
 
 
-# Every command of README and every target of make
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
-
-
-def test_readme_python_runs(tmp_path: Path) -> None:
-    assert blocks("python")
-    for code in blocks("python"):
-        done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", code], cwd=tmp_path, capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stderr
-
-
-def test_readme_findings_are_the_published_ones() -> None:
-    folder = ROOT / "results" / "reproduce"
-    claims = pd.read_csv(folder / "claims.csv").set_index("claim")
-    assert claims["verdict"].value_counts().to_dict() == {"holds": 6, "holds in part": 3}
-    assert "six hold, three hold in part, and none fails" in README
-    verdicts = pd.read_csv(folder / "sensitivity.csv").set_index(["reading", "claim"])["verdict"]
-    # What S3's feedback does.
-    changed = verdicts["equal_pay"][["variability-S3", "moves-focused", "ping-S1", "random-helps"]]
-    assert (changed == "does not hold").all()
-    # What one agent knows.
-    parts = claims["parts"]["identifies"]
-    mean = [float(value) for value in re.findall(r"mean map S\d: ([\d.]+)", parts)]
-    assert mean == pytest.approx([16 / 19, 1, 1], abs=0.001)
-    own = re.findall(r"precision ([\d.]+), recall ([\d.]+)", parts)
-    assert [float(recall) for _, recall in own] == pytest.approx([0.5, 0.5, 0.5], abs=0.08)
-    assert [float(precision) for precision, _ in own] == pytest.approx([0.5, 0.5, 1.0], abs=0.06)
-    # Learning.
-    optimal = pd.read_csv(folder / "optimal.csv").set_index("scenario")["optimal_share"]
-    assert optimal.to_dict() == {"S1": 1.0, "S2": 0.15, "S3": 1.0}
-    learning = pd.read_csv(folder / "learning.csv")
-    late = learning[(learning["scenario"] == "S2") & (learning["step"] >= 5000)]
-    assert (late["optimal_share"].min(), late["optimal_share"].max()) == (0.12, 0.26)
-    assert late["score"].iloc[-1] < 0
-    assert late["success"].mean() == pytest.approx(0.5, abs=0.03)
-    # Around 1.
-    near = (
-        pd.read_csv(folder / "sensitivity.csv").query("claim == 'max-near-1'").set_index("reading")["parts"]
-    )
-    s3 = near.str.extract(r"S3: ([\d.]+)")[0].astype(float)
-    assert s3["default"] == pytest.approx(0.78, abs=0.005)
-    assert s3.max() == pytest.approx(0.86, abs=0.005)
-    # Readings.
-    assert verdicts["ties"]["variability-S2"] == "holds in part"
-    assert verdicts["ties"]["identifies"] == "does not hold"
-    assert verdicts["default"]["variability-S3"] == "holds"
-    assert verdicts["max_q"]["variability-S3"] == "holds in part"
-    assert claims["value"]["variability-S2"] == pytest.approx(1.02, abs=0.005)
-    page = (folder / "README.md").read_text(encoding="utf-8")
-    assert re.search(r"- `time_limit`: .*\(Every agent learns the same values as by default\.\)", page)
+# Every target of make and every command
 
 
 def run_make(target: str, tmp_path: Path) -> str:
@@ -383,48 +311,8 @@ def test_every_make_target(target: str, tmp_path: Path) -> None:
         assert set(summary["n"]) == {2}
 
 
-def test_every_readme_command(tmp_path: Path) -> None:
-    known: dict[str, Callable[[list[str]], bool]] = {
-        "git": lambda words: words[1] == "clone",
-        "cd": lambda words: len(words) == 2,
-        "make": lambda words: words[1] in TARGETS and words[2:] in ([], ["SEEDS=30"]),
-        ".venv/bin/python": lambda words: words[1:3] == ["-m", "benchmark"],
-        ".venv/bin/pip": lambda words: words[1:] == ["install", "tensorboard"],
-        ".venv/bin/tensorboard": lambda words: words[1] == "--logdir",
-    }
-    lines = [line.split(" #")[0].strip() for block in blocks("sh") for line in block.splitlines()]
-    for line in filter(None, lines):
-        words = line.split()
-        assert known[words[0]](words), line
-        if words[0] == ".venv/bin/python":
-            small = {
-                "reproduce": "reproduce_smoke", "compare_deep": "compare_deep_smoke", "0-29": "0-1",
-                "100-101": "0-1", "film.webp": f"{tmp_path}/film.webp", "logs": f"{tmp_path}/logs",
-            }  # fmt: skip
-            arguments = [small.get(word, word) for word in words[3:]]
-            extra = ["--smoke"] if "speed" in arguments else []
-            if "watch" in arguments:
-                extra = ["--terminal", "--experiment", "compare_deep_smoke"]
-            if "--help" not in arguments:
-                extra += ["--results", str(tmp_path)]
-            done = command(*arguments, *extra)
-            assert done.returncode == 0, f"{line}: {done.stderr}"
-
-
 @pytest.mark.parametrize("name", ["list", "run", "report", "speed", "watch"])
 def test_every_command_explains_itself(name: str) -> None:
     done = command(name, "--help")
     assert done.returncode == 0
     assert "--results" in done.stdout
-
-
-def test_ci_does_what_readme_says() -> None:
-    lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    commands = [line for line in lines if line and not line.startswith(("#", "set "))]
-    assert commands[-2:] == ["make check", "make test"]
-    assert all(line in README for line in commands[-2:])
-    # Before them, what README says of a browser, where there is none and it can be had.
-    assert [line.split()[0] for line in commands[:-2]] == ["if", "apt-get", "fi"]
-    assert "`apt-get install chromium`" in README
-    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
-    assert ".ci/run" in workflow

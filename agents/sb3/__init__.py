@@ -1,1 +1,1 @@
-"""Stable-Baselines3's DQN and PPO."""
+"""Algorithms of Stable-Baselines3 (Raffin et al. 2021)."""

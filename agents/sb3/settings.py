@@ -1,40 +1,36 @@
-"""The deep learners: Stable-Baselines3's DQN and PPO (Raffin et al. 2021), and what they can be told.
+"""Settings of Stable-Baselines3's algorithms.
 
-Settings bear SB3's own argument names and, where nothing is said, SB3's own values. torch and SB3 are
-not imported here but by `agents.sb3.training`, when somebody trains.
+They bear SB3's argument names and have SB3's defaults. They are written out here for two reasons: experiments
+are checked without importing SB3, which would load torch, and SB3's signatures do not say which values make
+sense. A test compares names and defaults with SB3's signatures.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Self
+from abc import abstractmethod
+from typing import Annotated, Any, Final, Self
 
-from numpy.random import SeedSequence
 from pydantic import Field, model_validator
 
-from agents.contract import LearnerSettings, Schedule, Training
-from envs import InputError, Model
+from agents.contract import LearnerSettings
 from envs.inputs import Table
 
-VERSION: Final = 2  # part of every run's identity: raise it when a change alters what is learned
-OBSERVATIONS: Final = ("one_hot", "coordinates")
+Count = Annotated[int, Field(ge=1, le=10**9)]
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
-_Whole = Annotated[int, Field(ge=1, le=10**9)]
-_Positive = Annotated[float, Field(gt=0)]
-_Share = Annotated[float, Field(ge=0, le=1)]
+_NOT_SB3S: Final = {"budget", "time_limit", "n_envs"}  # settings that are not arguments of SB3's classes
 
 
 class PolicyArguments(Table):
-    """SB3's `policy_kwargs`, as far as they are offered."""
+    """The part of SB3's `policy_kwargs` that can be set."""
 
-    net_arch: Annotated[tuple[_Whole, ...], Field(max_length=8)] = (64, 64)  # hidden layers; none: linear
+    net_arch: Annotated[tuple[Count, ...], Field(max_length=8)] = (64, 64)  # hidden layers; none: linear
 
 
-class _Settings(LearnerSettings):
-    """What both have in common. Keys are SB3's argument names, but for the first three."""
+class Sb3Settings(LearnerSettings):
+    """What all of SB3's algorithms have in common; a subclass adds further arguments of its SB3 class."""
 
-    n_envs: Annotated[int, Field(ge=1, le=4096)] = 1  # envs stepped at once
-    gamma: _Share = 0.99
+    n_envs: Annotated[int, Field(ge=1, le=4096)] = 1  # envs that are stepped together
+    gamma: Share = 0.99
     policy_kwargs: PolicyArguments = PolicyArguments()
 
     @property
@@ -43,9 +39,14 @@ class _Settings(LearnerSettings):
         return self.gamma
 
     @property
+    @abstractmethod
     def rollout(self) -> int:
         """Environment steps from one round of gradient updates to the next."""
-        raise NotImplementedError
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of SB3's class, beside policy and env."""
+        return self.model_dump(mode="json", exclude=_NOT_SB3S, exclude_none=True)
 
     @model_validator(mode="after")
     def _rollouts_fill_the_budget(self) -> Self:
@@ -60,44 +61,49 @@ class _Settings(LearnerSettings):
         return self
 
 
-class DqnSettings(_Settings):
-    """SB3's arguments of DQN, and its defaults; a test compares both with SB3 itself."""
+class DqnSettings(Sb3Settings):
+    """Arguments and defaults of SB3's DQN."""
 
-    learning_rate: _Positive = 1e-4
-    buffer_size: _Whole = 1_000_000  # transitions; room is made for no more than the budget brings
+    learning_rate: Positive = 1e-4
+    buffer_size: Count = 1_000_000  # transitions; no more are allocated than the budget fills
     learning_starts: Annotated[int, Field(ge=0, le=10**9)] = 100
-    batch_size: _Whole = 32
-    tau: _Share = 1.0
-    train_freq: _Whole = 4
+    batch_size: Count = 32
+    tau: Share = 1.0
+    train_freq: Count = 4
     gradient_steps: Annotated[int, Field(ge=-1, le=10**6)] = 1
-    n_steps: _Whole = 1
-    target_update_interval: _Whole = 10_000
+    n_steps: Count = 1
+    target_update_interval: Count = 10_000
     exploration_fraction: Annotated[float, Field(gt=0, le=1)] = 0.1
-    exploration_initial_eps: _Share = 1.0
-    exploration_final_eps: _Share = 0.05
-    max_grad_norm: _Positive = 10.0
+    exploration_initial_eps: Share = 1.0
+    exploration_final_eps: Share = 0.05
+    max_grad_norm: Positive = 10.0
 
     @property
     def rollout(self) -> int:
         """`train_freq` steps of every env."""
         return self.train_freq * self.n_envs
 
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of SB3's class; a buffer larger than the budget would only take memory."""
+        return super().arguments | {"buffer_size": min(self.buffer_size, self.budget)}
 
-class PpoSettings(_Settings):
-    """SB3's arguments of PPO, and its defaults; a test compares both with SB3 itself."""
 
-    learning_rate: _Positive = 3e-4
-    n_steps: _Whole = 2048
+class PpoSettings(Sb3Settings):
+    """Arguments and defaults of SB3's PPO."""
+
+    learning_rate: Positive = 3e-4
+    n_steps: Count = 2048
     batch_size: Annotated[int, Field(ge=2, le=10**9)] = 64
-    n_epochs: _Whole = 10
-    gae_lambda: _Share = 0.95
-    clip_range: _Positive = 0.2
-    clip_range_vf: _Positive | None = None
+    n_epochs: Count = 10
+    gae_lambda: Share = 0.95
+    clip_range: Positive = 0.2
+    clip_range_vf: Positive | None = None
     normalize_advantage: bool = True
     ent_coef: Annotated[float, Field(ge=0)] = 0.0
     vf_coef: Annotated[float, Field(ge=0)] = 0.5
-    max_grad_norm: _Positive = 0.5
-    target_kl: _Positive | None = None
+    max_grad_norm: Positive = 0.5
+    target_kl: Positive | None = None
 
     @property
     def rollout(self) -> int:
@@ -107,57 +113,5 @@ class PpoSettings(_Settings):
     @model_validator(mode="after")
     def _advantages_vary(self) -> Self:
         if self.rollout == 1:
-            raise ValueError("n_steps * n_envs = 1: accepted: at least 2, or there is nothing to compare")
+            raise ValueError("n_steps * n_envs = 1: accepted: at least 2, or no advantage can be normalized")
         return self
-
-
-@dataclass(frozen=True)
-class Sb3Algorithm:
-    """One of SB3's algorithms, see `agents.contract.Algorithm`."""
-
-    name: str
-    settings: type[_Settings]
-    version: int = VERSION
-    family: Literal["tabular", "deep"] = "deep"
-    observations: tuple[str, ...] = OBSERVATIONS
-    packages: tuple[str, ...] = ("stable_baselines3", "torch")
-    batch_size: int = 1
-    placement: Literal["thread", "process"] = "process"
-    depends_on_batch: bool = False
-    writes_logs: bool = True
-
-    def train(
-        self,
-        model: Model,
-        settings: Any,
-        observation: str,
-        seeds: Sequence[SeedSequence],
-        schedule: Schedule,
-        logs: Sequence[Path] = (),
-    ) -> Training:
-        """Trains by `agents.sb3.training.train`.
-
-        Raises:
-          InputError: A package is not installed.
-        """
-        try:
-            from agents.sb3 import training
-        except ModuleNotFoundError as error:
-            raise InputError(
-                f"{self.name}: needs the package {error.name}, which is not installed; make compare-deep "
-                "installs it."
-            ) from error
-        return training.train(
-            self.name,
-            model,
-            settings,
-            observation,
-            seeds,
-            schedule.evaluation_steps,
-            schedule.map_steps,
-            logs,
-        )
-
-
-DQN: Final = Sb3Algorithm("dqn", DqnSettings)
-PPO: Final = Sb3Algorithm("ppo", PpoSettings)

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's `VecEnv` over the native vector env, in place of one Python env a member."""
+"""Stable-Baselines3's `VecEnv` over the native vector env, instead of one Python env per member."""
 
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -12,12 +12,12 @@ from envs import ProxemicVectorEnv
 
 
 class SB3VecEnv(VecEnv):
-    """A `ProxemicVectorEnv` as Stable-Baselines3 wants it.
+    """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
-    An `info` holds what SB3 reads and no more: `terminal_observation` and `TimeLimit.truncated` where an
-    episode ended, nothing elsewhere; to write five values an env costs more than the step. All arrays
-    are copies. One generator serves the batch, each env taking a draw of its own at every step, so that
-    no two envs of a run share draws; `seed(s)` seeds that generator, and no env with `s + i`.
+    An `info` has only what SB3 reads: `terminal_observation` and `TimeLimit.truncated` where an episode
+    ended. Writing all values for every env would take longer than the step. All arrays are copies. A single
+    generator serves the batch, and every env takes a new draw at each step, so no two envs share draws.
+    `seed(s)` seeds that generator; SB3's envs would seed env i with `s + i`.
 
     Attributes:
       disagreements: Wrong PINGs of all envs since the last reset.
@@ -27,7 +27,7 @@ class SB3VecEnv(VecEnv):
         """Wraps an env made with `autoreset_mode="SameStep"`.
 
         Raises:
-          ValueError: It resets at the next step, which SB3 would take for a step of its own.
+          ValueError: The env resets at the next step, which SB3 would count as a step.
         """
         if env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP:
             raise ValueError("env: accepted: a ProxemicVectorEnv with autoreset_mode = SameStep.")
@@ -35,29 +35,32 @@ class SB3VecEnv(VecEnv):
         self.disagreements = 0
         self._is_disagreement = env.model.is_wrong_ping.ravel()
         self._seed: int | None = None
+        self._generator = np.random.default_rng()
         self._actions: NDArray[Any] = np.zeros(env.num_envs, dtype=np.int64)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seeds the generator of the whole batch at the next reset; any whole number from 0 on."""
+        """Seeds the generator of the batch at the next reset; accepts any integer from 0."""
         self._seed = seed
         return [seed] * self.num_envs
 
     def reset(self) -> NDArray[Any]:
-        """Puts every agent at the start; observations (N, ...)."""
-        observations, _ = self.env.reset(seed=self._seed)
-        self._seed = None
+        """Resets every env; returns observations (N, ...)."""
+        if self._seed is not None:
+            self._generator, self._seed = np.random.default_rng(self._seed), None
+        observations, _ = self.env.reset()
         self.disagreements = 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Takes the actions of the next step, (N,)."""
+        """Sets the actions of the next step, (N,)."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
         """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos."""
-        taken, grid_reward, issuer_reward, terminated, truncated = self.env.advance(self._actions)
+        uniform = self._generator.random(self.num_envs) if self.env.model.is_noisy else None
+        taken, grid_reward, issuer_reward, terminated, truncated = self.env.advance(self._actions, uniform)
         observations = self.env.observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated
@@ -76,17 +79,17 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Returns an attribute of the batch once for every env asked for."""
+        """Returns an attribute of the batch, repeated for every requested env."""
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
-        """Returns that no env is wrapped."""
+        """Returns False for every requested env."""
         return [False] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> NoReturn:
-        """Refuses: the batch is one env."""
-        raise NotImplementedError(f"set_attr({attr_name!r}): the envs of a batch have no attributes apart.")
+        """Raises: all envs share the attributes of the batch."""
+        raise NotImplementedError(f"set_attr({attr_name!r}): all envs share the attributes of the batch.")
 
     def env_method(self, method_name: str, *_: Any, **__: Any) -> NoReturn:
-        """Refuses: the batch is one env."""
-        raise NotImplementedError(f"env_method({method_name!r}): the envs of a batch have no methods apart.")
+        """Raises: all envs share the methods of the batch."""
+        raise NotImplementedError(f"env_method({method_name!r}): all envs share the methods of the batch.")

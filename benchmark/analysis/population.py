@@ -14,7 +14,7 @@ from agents.dynamic_programming import evaluate, every_cell, solve
 from agents.policy import uniform_policy
 from benchmark.analysis.intervals import resample
 from benchmark.execution.store import Record, Store, evaluated
-from benchmark.experiments.specification import RunSpecification, evaluation_steps
+from benchmark.experiments import RunSpecification, evaluation_steps
 from envs import ZONES, InputError, Model, Scenario, compile_scenario
 from envs.model import PING
 

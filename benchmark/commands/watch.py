@@ -1,5 +1,6 @@
 """Shows how an agent learns: in a window, in the terminal, or as a file."""
 
+import argparse
 import os
 import sys
 import time
@@ -14,11 +15,18 @@ from rich.console import Console
 from rich.live import Live
 
 from benchmark.analysis.population import load_population
+from benchmark.commands import MOST_SEEDS
 from benchmark.drawing.film import Film, Moment, end_of, film_of, picture, write
 from benchmark.drawing.text import to_text
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import DEFAULT_READING, Experiment, RunSpecification, specifications
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
+    Experiment,
+    RunSpecification,
+    load_experiment,
+    specifications,
+)
 from envs import InputError
 from envs.inputs import unknown_name
 from envs.render import Window
@@ -52,7 +60,7 @@ def specification(
     paths = {Path(declared).stem: declared for declared in experiment.scenarios}
     if scenario not in paths:
         unknown_name(experiment.name, "scenario", scenario, paths)
-    return specifications(experiment, DEFAULT_READING, paths[scenario], arm, observation, [seed])[0]
+    return specifications(experiment, DEFAULT_CONDITION, paths[scenario], arm, observation, [seed])[0]
 
 
 def load_film(watched: RunSpecification, store: Store) -> Film:
@@ -92,6 +100,9 @@ def in_window(film: Film) -> None:
     """Plays the film in a window until the reader closes it.
 
     Space pauses, the left and right arrow keys go to the previous and next map, q quits.
+
+    Raises:
+      InputError: There is no window, or no screen to show it on.
     """
     shown = list(moments(film))
 
@@ -102,6 +113,8 @@ def in_window(film: Film) -> None:
     window = Window(image(shown[0]), title)
     frame, is_paused = 0, False
     try:
+        if not window.has_screen:
+            raise InputError("no window can be opened: there is no screen.")
         while True:
             for key in window.pressed():
                 if key == "q":
@@ -142,3 +155,32 @@ def to_file(film: Film, path: Path) -> None:
         write(frames, path)
     except OSError as error:
         raise InputError(f"--save {path}: cannot be written: {error.strerror or error}.") from error
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    experiment = load_experiment(options.experiment)
+    if not options.seed.isdecimal() or int(options.seed) >= MOST_SEEDS:
+        raise InputError(f"--seed {options.seed}: accepted: a whole number from 0 to {MOST_SEEDS - 1:,}.")
+    if options.save is not None and options.save.suffix.lower() not in (".webp", ".gif"):
+        raise InputError(f"--save {options.save}: accepted: a name that ends in .webp or .gif.")
+    if options.save is not None and not options.save.parent.is_dir():
+        raise InputError(f"--save {options.save}: there is no folder {options.save.parent}.")
+    watched = specification(
+        experiment, options.scenario, options.algorithm, options.observation, int(options.seed)
+    )
+    with Store(options.results / "runs.db") as store:
+        film = load_film(watched, store)
+    if options.save is not None:
+        to_file(film, options.save)
+        print(f"{film.title}: {options.save}")
+        return 0
+    if has_window() and not options.terminal:
+        try:
+            in_window(film)
+        except InputError as error:
+            print(f"{error} The terminal is used instead.", file=sys.stderr)
+        else:
+            return 0
+    in_terminal(film, Console())
+    return 0

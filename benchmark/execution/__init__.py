@@ -1,1 +1,1 @@
-"""Plans, executes and stores runs."""
+"""Plans runs, executes them and stores their records."""

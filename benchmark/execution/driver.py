@@ -1,43 +1,33 @@
-"""Runs what an experiment still lacks, and keeps what comes of it.
+"""Executes the runs that an experiment lacks, and stores their records.
 
-The unit of work is a job: runs that differ by their seed alone and are trained by one call. Training
-together equals training alone, so how runs fall into jobs changes no result. Jobs of an algorithm that
-leaves Python's lock alone run in this process's threads; others, one run each, in worker processes. Only
-this process writes to the store.
+Only the driver writes to the store. Jobs run in executors, by default in the one for the algorithm's
+placement.
 """
 
-import multiprocessing
-import os
-import platform
-import signal
-import subprocess
-import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import suppress
-from dataclasses import fields
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from agents import load_algorithm
+from benchmark.execution.executors import EXECUTORS, Executor, ExecutorFactory, load_executor
+from benchmark.execution.job import failures, now
+from benchmark.execution.plan import Job, plan
+from benchmark.execution.provenance import check_packages
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import RunSpecification
 
-from agents import check_training, load_algorithm
-from agents.dynamic_programming import Evaluation, evaluate, every_cell
-from agents.policy import Policy, mask_policy
-from benchmark.execution.store import Record, Store, evaluated
-from benchmark.experiments.specification import RunSpecification
-from envs import InputError, Model, compile_scenario
 
-Job = list[RunSpecification]
+@dataclass(frozen=True, eq=False)
+class _Submission:
+    """A job under way, and when it was submitted."""
 
-JOB_WORK = 10_000_000  # budget units at most, unless one run has more: an interrupt waits for running jobs
-_PACKAGES = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
+    job: Job
+    started_at: str
+    started: float  # of `time.perf_counter`
 
 
 def run(
@@ -47,61 +37,70 @@ def run(
     on_progress: Callable[[list[Record]], None] = lambda _: None,
     on_start: Callable[[Job], None] = lambda _: None,
     logs: Path | None = None,
+    executor: ExecutorFactory | None = None,
 ) -> list[str]:
-    """Executes the runs that are not done, and keeps their records as they come.
+    """Executes the runs that have no valid record, and stores their records as they come.
 
-    An interrupt waits for threads, whose jobs are short, and stops worker processes, whose runs are lost.
+    On an interrupt, executors end what is running; the records of jobs that have finished by then are stored.
 
     Args:
-      runs: Wanted runs.
-      store: Where records are kept; a failed run is kept with its error and tried again next time.
-      jobs: How many to have under way at a time.
-      on_progress: Called with the records of every job that has just ended.
-      on_start: Called with every job that begins, in whatever thread begins it.
-      logs: Where algorithms that can shall tell TensorBoard of their training; no result depends on it.
+      runs: The wanted runs.
+      store: Where records are stored. A failed run is stored with its error, and executed again next time.
+      jobs: How many jobs to have under way at a time.
+      on_progress: Called with the records of the wanted runs of every job that has ended.
+      on_start: Called with the wanted runs of every job that starts.
+      logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
+      executor: Executes all jobs; by default, each algorithm's placement decides.
 
     Returns:
-      The errors of the runs that failed, none in the ordinary case.
+      The errors of the runs that failed; empty if none failed.
 
     Raises:
       InputError: A package is missing that an algorithm needs.
     """
-    todo = plan(pending(runs, store))
-    provenance = _provenance(todo)
-    workers = Workers()
+    ended = store.ended()
+    todo = pending(runs, store)
+    wanted = {run.digest for run in todo}
+    check_packages(run.algorithm for run in todo)
+    waiting = iter(plan(todo))
+    executors: dict[str, Executor] = {}
+    under_way: dict[Future[list[Record]], _Submission] = {}
     errors: list[str] = []
 
+    def submit(job: Job, stack: ExitStack) -> None:
+        placement = load_algorithm(job[0].algorithm).placement
+        name = placement if executor is None else ""
+        if name not in executors:
+            executors[name] = (executor or load_executor(EXECUTORS[placement]))(jobs)
+            stack.callback(executors[name].cancel)
+        on_start([run for run in job if run.digest in wanted])
+        submission = _Submission(job, now(), time.perf_counter())
+        under_way[executors[name].submit(job, logs)] = submission
+
     def keep(future: Future[list[Record]]) -> None:
-        records = future.result()
-        store.add(records)
+        records = _records(future, under_way[future])
+        # Runs that were trained again for the sake of others in their batch keep their first records.
+        store.add(record for record in records if record.digest not in ended)
         errors.extend(record.error for record in records if record.error is not None)
-        on_progress(records)
+        on_progress([record for record in records if record.digest in wanted])
+        del under_way[future]  # or its arrays would stay in memory
 
-    def execute(job: Job) -> list[Record]:
-        on_start(job)
-        in_thread = load_algorithm(job[0].algorithm).placement == "thread"
-        return (execute_job if in_thread else workers.execute)(job, provenance, logs)
-
-    with ThreadPoolExecutor(jobs) as pool:
-        waiting: set[Future[list[Record]]] = set()
-        try:
-            waiting.update(pool.submit(execute, job) for job in todo)
-            for future in as_completed(list(waiting)):
-                keep(future)
-                waiting.discard(future)  # or its arrays would stay in memory
-        except KeyboardInterrupt:
-            workers.stop()
-            pool.shutdown(cancel_futures=True)  # waits for the jobs that are running
-            for future in waiting:
-                if not future.cancelled() and not isinstance(future.exception(), _StoppedError):
+    try:
+        with ExitStack() as stack:
+            done: set[Future[list[Record]]] = set()
+            while True:
+                for job in islice(waiting, jobs - len(under_way) + len(done)):
+                    submit(job, stack)
+                for future in done:
                     keep(future)
-            raise
-        except BaseException:
-            workers.stop()
-            pool.shutdown(cancel_futures=True)
-            raise
-        finally:
-            workers.stop()
+                if not under_way:
+                    break
+                done = wait(under_way, return_when=FIRST_COMPLETED).done
+    except KeyboardInterrupt:
+        for future in list(under_way):
+            if future.done() and not future.cancelled() and future.exception() is None:
+                keep(future)
+        raise
     return errors
 
 
@@ -111,227 +110,10 @@ def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecifica
     return [run for run in runs if run.digest not in ended]
 
 
-def plan(runs: Sequence[RunSpecification]) -> list[Job]:
-    """Splits runs into jobs, in the order in which each has its first run."""
-    populations: dict[str, Job] = {}
-    for one in runs:
-        populations.setdefault(one.population, []).append(one)
-    place = {one.digest: i for i, one in enumerate(runs)}
-    jobs = []
-    for together in populations.values():
-        preferred = load_algorithm(together[0].algorithm).batch_size
-        size = max(1, min(preferred, JOB_WORK // together[0].settings.budget))
-        jobs += [together[i : i + size] for i in range(0, len(together), size)]
-    return sorted(jobs, key=lambda job: place[job[0].digest])
-
-
-def execute_job(job: Job, provenance: dict[str, Any], logs: Path | None = None) -> list[Record]:
-    """Trains the runs of one job and judges every snapshot of them exactly.
-
-    Args:
-      job: Runs that differ by their seed alone.
-      provenance: What their records shall say of code and machine.
-      logs: See `run`.
-    """
-    started = time.perf_counter()
-    started_at = datetime.now(UTC).isoformat(timespec="seconds")
-    _reset_peak_memory()
+def _records(future: Future[list[Record]], submission: _Submission) -> list[Record]:
+    """Returns the records of a job that has ended; if it was lost, its runs have failed."""
     try:
-        arrays = _train_and_evaluate(job, logs)
-        error = None
-    except Exception as exception:  # a run's failure is its result: kept, told, and tried next time
-        arrays = [{} for _ in job]
-        error = f"{type(exception).__name__}: {exception}"
-    provenance = provenance | {
-        "started_at": started_at,
-        "wall_time_s": (time.perf_counter() - started) / len(job),
-        "peak_memory_mb": _peak_memory_mb(),
-    }
-    records = []
-    for one, own in zip(job, arrays, strict=True):
-        # Measured, and so no result: arrays are the same whenever a run is repeated.
-        seconds = own.pop("cpu_time_s", np.empty(0)).tolist()
-        records.append(_record(one, own, provenance | {"cpu_time_s": seconds}, error))
-    return records
-
-
-def _record(
-    one: RunSpecification, arrays: dict[str, NDArray[Any]], provenance: dict[str, Any], error: str | None
-) -> Record:
-    """Makes a run's record."""
-    status = "failed" if error is not None else "done" if arrays["diverged_at"] < 0 else "diverged"
-    return Record(
-        digest=one.digest,
-        specification=one.content,
-        status=status,
-        provenance=provenance,
-        arrays=arrays,
-        error=error,
-    )
-
-
-def _train_and_evaluate(job: Job, logs: Path | None) -> list[dict[str, NDArray[Any]]]:
-    """Returns each run's arrays."""
-    first = job[0]
-    model = compile_scenario(first.scenario)
-    training = load_algorithm(first.algorithm).train(
-        model,
-        first.settings,
-        first.observation,
-        [one.seed_sequence for one in job],
-        first.schedule,
-        [] if logs is None else [logs / one.folder for one in job],
-    )
-    check_training(training, model, len(job), first.schedule)
-    columns = {field.name: getattr(training, field.name) for field in fields(training)}
-    # Equal policies, as all are before the first step, are evaluated once.
-    masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
-    shape = training.greedy.shape[:2]  # (N, T)
-    for start in first.evaluated_from:
-        for name, values in _evaluate(model, mask_policy(masks), first.horizon, start).items():
-            columns[evaluated(name, "greedy", start)] = values[where.ravel()].reshape(
-                *shape, *values.shape[1:]
-            )
-        for name, values in _evaluate(model, training.stochastic, first.horizon, start).items():
-            columns[evaluated(name, "stochastic", start)] = values
-    return [{name: values[i] for name, values in columns.items()} for i in range(len(job))]
-
-
-def _evaluate(model: Model, policy: Policy, horizon: int, start: str) -> dict[str, NDArray[np.float64]]:
-    """Returns the fields of an evaluation; policies may be none."""
-    evaluation = evaluate(model, policy, horizon, every_cell(model) if start == "every_cell" else None)
-    return {field.name: getattr(evaluation, field.name) for field in fields(Evaluation)}
-
-
-class _StoppedError(Exception):
-    """The worker was stopped on purpose."""
-
-
-class Workers:
-    """One process for every thread that asks, made when it first asks, and anew when it has died."""
-
-    def __init__(self) -> None:
-        self._own = threading.local()
-        self._all: list[multiprocessing.process.BaseProcess] = []
-        self._lock = threading.Lock()
-        self._stopped = False
-
-    def execute(self, job: Job, provenance: dict[str, Any], logs: Path | None = None) -> list[Record]:
-        """Executes a job in this thread's process; if that dies, the job failed and nothing else did.
-
-        Raises:
-          _StoppedError: `stop` was called meanwhile.
-        """
-        started_at = datetime.now(UTC).isoformat(timespec="seconds")
-        started = time.perf_counter()
-        if getattr(self._own, "connection", None) is None:
-            self._start()
-        try:
-            self._own.connection.send((job, provenance, logs))
-            records: list[Record] = self._own.connection.recv()
-        except (EOFError, OSError):
-            if self._stopped:
-                raise _StoppedError from None
-            self._own.process.join()
-            self._own.connection = None
-            code = self._own.process.exitcode  # None if another thread has asked the system first
-            killed = code is not None and code < 0
-            reason = f"was killed by signal {-code}" if killed else f"ended with exit code {code}"
-            error = f"WorkerDied: its process {reason}"
-            provenance = provenance | {
-                "started_at": started_at,
-                "wall_time_s": time.perf_counter() - started,
-                "peak_memory_mb": None,
-                "cpu_time_s": [],
-            }
-            return [_record(one, {}, provenance, error) for one in job]
-        return records
-
-    def _start(self) -> None:
-        """Starts this thread's process, out of reach of the terminal's interrupt: the driver stops it."""
-        context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        resource_tracker.ensure_running()  # or the first start would begin it, and it unblocks the interrupt
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        try:
-            with self._lock:
-                if self._stopped:
-                    raise _StoppedError
-                process.start()
-                self._all.append(process)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        theirs.close()
-        self._own.process, self._own.connection = process, ours
-
-    def stop(self) -> None:
-        """Kills every process, whatever it is at; there is nothing in them to be saved."""
-        with self._lock:
-            self._stopped = True
-            for process in self._all:
-                process.kill()
-                process.join()
-
-
-def _serve(connection: Connection) -> None:
-    """Executes jobs as they come, in a process of its own, and ends with the driver."""
-    driver = multiprocessing.parent_process()
-    assert driver is not None
-
-    def end_with_the_driver() -> None:
-        driver.join()
-        os._exit(1)
-
-    threading.Thread(target=end_with_the_driver, daemon=True).start()
-    with suppress(EOFError):  # the driver has closed its end
-        while True:
-            connection.send(execute_job(*connection.recv()))
-
-
-def _provenance(jobs: Sequence[Job]) -> dict[str, Any]:
-    """Returns what runs' records say of the code and machine they ran on, or what is not installed."""
-    packages = dict.fromkeys(_PACKAGES)
-    for name in sorted({job[0].algorithm for job in jobs}):
-        packages |= dict.fromkeys(load_algorithm(name).packages)
-    versions = {"python": platform.python_version()}
-    for package in packages:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            raise InputError(
-                f"{package} is not installed, which the experiment needs; make compare-deep installs it."
-            ) from None
-    return {
-        "commit": _commit(),
-        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
-        "versions": versions,
-    }
-
-
-def _reset_peak_memory() -> None:
-    """Makes this process's peak memory that of now, where the system can: Linux."""
-    with suppress(OSError):  # the peak is then that of all runs of the process so far
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def _peak_memory_mb() -> float | None:
-    """Returns the most memory that this process held, in MB, where the system tells."""
-    try:
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-    except OSError:
-        return None
-    return int(status.split("VmHWM:")[1].split()[0]) / 1024
-
-
-def _commit() -> str | None:
-    """Returns the commit of the code, marked where files beside results differ from it."""
-    root = Path(__file__).parents[2]
-    try:
-        describe = ["git", "-C", str(root), "rev-parse", "--short=12", "HEAD"]
-        commit = subprocess.run(describe, check=True, capture_output=True, text=True).stdout.strip()
-        changes = ["git", "-C", str(root), "status", "--porcelain", "--", "envs", "agents", "benchmark"]
-        changed = subprocess.run(changes, check=True, capture_output=True, text=True).stdout
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return commit + ("-changed" if changed else "")
+        return future.result()
+    except Exception as error:
+        seconds = time.perf_counter() - submission.started
+        return failures(submission.job, error, submission.started_at, seconds)

@@ -1,6 +1,5 @@
-"""Shows an experiment's grid while it runs: what is done, running and failed, how fast, and how long yet."""
+"""Shows the progress of an experiment: runs done, running and failed, speed, and time left."""
 
-import json
 import threading
 import time
 from collections import Counter
@@ -14,15 +13,19 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 from rich.text import Text
 
-from benchmark.execution.driver import Job
+from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
-from benchmark.experiments.specification import Experiment, specifications
+from benchmark.experiments import Experiment, specifications
 
-_LINE_EVERY_S: Final = 30.0  # where the output is no terminal
+_LINE_EVERY_S: Final = 30.0  # where the output is not a terminal
 
 
 class Display:
-    """A table of the grid and a bar below; where the output is no terminal, a line now and then."""
+    """A table of all populations with a bar below, or occasional lines where the output is not a terminal.
+
+    The table has a column per scenario. Its rows are learners or conditions, or pairs of them if there are
+    several of both.
+    """
 
     def __init__(
         self,
@@ -32,45 +35,48 @@ class Display:
         jobs: Sequence[Job],
         console: Console | None = None,
     ) -> None:
-        """Lays out the grid: a row each learner, or each reading where there are several.
+        """Lays out the table.
 
         Args:
-          experiment: What is run.
+          experiment: What is executed.
           seeds: Other seeds than the declared ones.
-          ended: Digests of the runs that need not be run.
-          jobs: What is going to be run.
+          ended: Digests of the runs that have a valid record.
+          jobs: What will be executed.
           console: Where to show it; standard error by default.
         """
         self._console = console or Console(stderr=True)
         self._lock = threading.Lock()
-        self._place: dict[str, tuple[str, str]] = {}  # of a run: row and column
-        self._columns: list[str] = []
-        for reading in experiment.readings:
-            for scenario, arm, observation in experiment.cells:
-                row = reading if len(experiment.readings) > 1 else f"{arm}, {observation}"
-                for run in specifications(experiment, reading, scenario, arm, observation, seeds):
-                    self._place.setdefault(run.digest, (row, run.scenario.name))
-                    self._columns = list(dict.fromkeys([*self._columns, run.scenario.name]))
+        self._place: dict[str, tuple[str, str]] = {}  # of a run, by its digest: row and column
+        conditions = list(experiment.conditions)
+        learners = dict.fromkeys((arm, observation) for _, arm, observation in experiment.populations)
+        for condition in conditions:
+            for scenario, arm, observation in experiment.populations:
+                names = [condition] if len(conditions) > 1 else []
+                names += [arm, observation] if len(learners) > 1 or not names else []
+                for run in specifications(experiment, condition, scenario, arm, observation, seeds):
+                    # Runs that several conditions share are counted under the first.
+                    self._place.setdefault(run.digest, (", ".join(names), run.scenario.name))
         self._rows = list(dict.fromkeys(row for row, _ in self._place.values()))
+        self._columns = list(dict.fromkeys(column for _, column in self._place.values()))
         self._all = Counter(self._place.values())
         self._done = Counter(place for digest, place in self._place.items() if digest in ended)
         self._running: Counter[tuple[str, str]] = Counter()
         self._failed: Counter[tuple[str, str]] = Counter()
         self._title = experiment.name
-        self._steps = 0
-        self._started_s = self._told_s = time.monotonic()
+        self._updates = 0
+        self._started_s = self._line_s = time.monotonic()
         self._bar = Progress(
             TextColumn("{task.fields[runs]} of " + f"{len(self._place):,} runs,"),
             *([BarColumn()] if self._console.width >= 90 else []),
-            TextColumn("{task.fields[speed]} steps/s,"),
+            TextColumn("{task.fields[speed]} updates/s,"),
             TimeElapsedColumn(),
-            TextColumn("gone,"),
+            TextColumn("elapsed,"),
             TimeRemainingColumn(),
-            TextColumn("to go"),
+            TextColumn("left"),
             console=self._console,
             speed_estimate_period=120,
         )
-        # By jobs, not runs: a job of many tables is over at once.
+        # The time left is estimated from jobs, not runs: a job of many tables ends all at once.
         self._task = self._bar.add_task("", total=len(jobs), runs=f"{sum(self._done.values()):,}", speed="0")
         self._live = Live(get_renderable=self._render, console=self._console, refresh_per_second=4)
 
@@ -82,44 +88,44 @@ class Display:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._running.clear()  # after an interrupt, nothing is
+        self._running.clear()  # nothing is running after an interrupt
         if self._console.is_terminal:
             self._live.stop()
         else:
             self._console.print(self.line(), markup=False, soft_wrap=True)
 
     def start(self, job: Job) -> None:
-        """Notes that a job has begun, in whatever thread."""
+        """Notes that a job has started."""
         with self._lock:
             self._running.update(self._place[run.digest] for run in job)
 
     def advance(self, records: list[Record]) -> None:
-        """Notes the records of a job that has ended."""
+        """Notes that a job has ended, with these records."""
         with self._lock:
             for record in records:
                 place = self._place[record.digest]
                 self._running[place] -= 1
                 (self._failed if record.status == "failed" else self._done)[place] += 1
-                self._steps += _steps(record)
-            speed = f"{self._steps / (time.monotonic() - self._started_s):,.0f}"
+                self._updates += int(record.arrays.get("updates", 0))  # a failed run has none
+            speed = f"{self._updates / (time.monotonic() - self._started_s):,.0f}"
             self._bar.update(self._task, advance=1, runs=f"{sum(self._done.values()):,}", speed=speed)
-            if not self._console.is_terminal and time.monotonic() - self._told_s > _LINE_EVERY_S:
-                self._told_s = time.monotonic()
+            if not self._console.is_terminal and time.monotonic() - self._line_s > _LINE_EVERY_S:
+                self._line_s = time.monotonic()
                 self._console.print(self.line(), markup=False, soft_wrap=True)
 
     def line(self) -> str:
-        """Returns how far it is, in a line."""
+        """Returns the progress as one line."""
         task = self._bar.tasks[0]
         failed = f", {sum(self._failed.values())} failed" if any(self._failed.values()) else ""
         left = task.time_remaining
-        to_go = "" if left is None else f", about {left:,.0f} s to go"
+        time_left = "" if left is None else f", about {left:,.0f} s left"
         return (
             f"{self._title}: {task.fields['runs']} of {len(self._place):,} runs{failed}, "
-            f"{task.fields['speed']} steps/s{to_go}"
+            f"{task.fields['speed']} updates/s{time_left}"
         )
 
     def _render(self) -> Group:
-        """Returns the grid and the bar."""
+        """Returns the table and the bar."""
         with self._lock:
             table = Table(
                 title=Text(self._title), title_justify="left", box=None, header_style="", pad_edge=False
@@ -128,13 +134,13 @@ class Display:
             for column in self._columns:
                 table.add_column(Text(column), justify="right", min_width=16, no_wrap=True)
             for row in self._rows:
-                table.add_row(Text(row), *(self._cell((row, column)) for column in self._columns))
-        note = Text("done/all, > running, ! failed and to be tried again", style="dim")
+                table.add_row(Text(row), *(self._entry((row, column)) for column in self._columns))
+        note = Text("done/all   > running   ! failed, will be tried again", style="dim")
         return Group(table, note, self._bar)
 
-    def _cell(self, place: tuple[str, str]) -> Text:
-        """Returns one place of the grid."""
-        if not self._all[place]:  # its runs are another reading's, too, and counted there
+    def _entry(self, place: tuple[str, str]) -> Text:
+        """Returns an entry of the table."""
+        if not self._all[place]:  # its runs are counted under another condition
             return Text("-", style="dim")
         is_done = self._done[place] == self._all[place]
         text = Text(f"{self._done[place]}/{self._all[place]}", style="green" if is_done else "")
@@ -143,10 +149,3 @@ class Display:
         if self._failed[place]:
             text.append(f" !{self._failed[place]}", style="bold red")
         return text
-
-
-def _steps(record: Record) -> int:
-    """Returns how many environment steps a run took."""
-    if "steps_taken" in record.arrays:
-        return int(record.arrays["steps_taken"])
-    return int(json.loads(record.specification)["settings"]["budget"]) if record.arrays else 0

@@ -1,1 +1,33 @@
-"""Experiments: declared sets of runs."""
+"""Experiments: declared sets of runs, read from TOML and enumerated."""
+
+from benchmark.experiments.schema import (
+    DEFAULT_CONDITION,
+    EXPERIMENT_DIRECTORY,
+    Arm,
+    Condition,
+    Experiment,
+    Reading,
+    experiment_names,
+)
+from benchmark.experiments.specification import (
+    RunSpecification,
+    all_specifications,
+    evaluation_steps,
+    load_experiment,
+    specifications,
+)
+
+__all__ = [
+    "DEFAULT_CONDITION",
+    "EXPERIMENT_DIRECTORY",
+    "Arm",
+    "Condition",
+    "Experiment",
+    "Reading",
+    "RunSpecification",
+    "all_specifications",
+    "evaluation_steps",
+    "experiment_names",
+    "load_experiment",
+    "specifications",
+]

@@ -1,4 +1,4 @@
-"""What the explorer shows: one agent of every learner, packed small enough for the page."""
+"""What the explorer shows: one agent of every learner and scenario, packed small enough for the page."""
 
 import base64
 import json
@@ -14,130 +14,164 @@ from numpy.typing import NDArray
 
 from benchmark.analysis import snapshots
 from benchmark.page.sources import Folder, line_of, section
-from envs import ACTIONS, EVENTS, ZONES, Model, Scenario, compile_scenario
-from envs.scene import COLOUR_MAP
+from envs import ACTIONS, EVENTS, Model, Scenario, compile_scenario
+from envs import scene as scenes
 
-COLOURS: Final = [to_hex(mpl.colormaps[COLOUR_MAP](i / 32)) for i in range(33)]  # of the colour scale
-_NO_NUMBER: Final = -(2**31)  # among a map's values
+COLOURS: Final = [to_hex(mpl.colormaps[scenes.COLOUR_MAP](i / 32)) for i in range(33)]  # of the scale
+_PALETTE: Final = ("path", "over", "no value")  # colours of `envs.scene` that the script uses
+_NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
+_CURVES: Final = ("curves.csv", "learning.csv")  # files with the mean score over training
 
 
 def collect(folders: Sequence[Folder]) -> dict[str, Any] | None:
     """Returns what the explorer shows of the folders that have snapshots; None if there are none.
 
+    `agents`, `optima` and `scenes` are lists; an agent refers to its optimum and its scene by position.
+
     Raises:
       InputError: A folder is damaged, or was made by another version of this project.
     """
-    for folder in folders:
-        if "agent.csv" in folder:
-            return section(folder, _data_of)
-    return None
-
-
-def _data_of(folder: Folder) -> dict[str, Any]:
-    """Returns what the explorer shows; a map's values are in thousandths."""
-    agents = folder.read("agent.csv", as_text="discount")
-    if agents.empty:
-        raise ValueError("agent.csv is empty")
-    scenarios = {
-        name: compile_scenario(Scenario.model_validate_json(json.dumps(declared)))
-        for name, declared in folder.manifest["scenarios"].items()
-    }
-    curves_file = "curves.csv" if "curves.csv" in folder else "learning.csv"
-    curves = folder.read(curves_file)
-    maps = {name: folder.read(f"agent_{name}.csv", embed=False) for name in scenarios}
-    best = folder.read("optimum.csv", embed=False, as_text="discount")
-    settings = {arm: one["settings"] for arm, one in folder.manifest["algorithms"].items()}
-    blocks = []
-    for key, own in agents.groupby(["scenario", "algorithm", "observation"], sort=False):
-        scenario, algorithm, observation = map(str, key)
-        n_cells = scenarios[scenario].n_observations
-        frame = maps[scenario]
-        frame = frame[(frame["algorithm"] == algorithm) & (frame["observation"] == observation)]
-        if len(frame) != len(own) * n_cells:
-            raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
-        if not ((best["scenario"] == scenario) & (best["discount"] == own["discount"].iloc[0])).any():
-            raise ValueError(f"optimum.csv has no {scenario} with discount {own['discount'].iloc[0]}")
-        curve = curves[curves["scenario"] == scenario]
-        if "algorithm" in curve:
-            curve = curve[(curve["algorithm"] == algorithm) & (curve["observation"] == observation)]
-        mean = "score_mean" if "score_mean" in curve else "score"
-        blocks.append(
-            {
-                "scenario": scenario,
-                "algorithm": algorithm,
-                "observation": observation,
-                "kind": own["kind"].iloc[0],
-                "discount": own["discount"].iloc[0],
-                "seed": int(own["seed"].iloc[0]),
-                "unit": settings[algorithm].get("budget_unit", "steps"),
-                "steps": own["step"].tolist(),
-                "score": _listed(own["score"]),
-                "success": _listed(own["success"]),
-                "agent_row": line_of(own.index[0]),
-                "values": _packed(frame[list(ACTIONS)].to_numpy()),
-                "greedy": _masks(frame["greedy"]),
-                "map_row": line_of(frame.index[0]),
-                "curve": {
-                    "row": line_of(curve.index[0]),
-                    "step": curve["step"].tolist(),
-                    **{end: _listed(curve[f"{mean}{end}"]) for end in ("", "_low", "_high")},
-                },
-            }
-        )
-    optima = {
-        f"{scenario} {discount}": {
-            "row": line_of(own.index[0]),
-            "values": _packed(own[list(ACTIONS)].to_numpy()),
-            "optimal": _masks(own["optimal"]),
-        }
-        for (scenario, discount), own in best.groupby(["scenario", "discount"], sort=False)
-    }
+    parts = [section(folder, _read) for folder in folders if "agent.csv" in folder]
+    if not parts:
+        return None
+    data: dict[str, Any] = {"agents": [], "optima": [], "scenes": []}
+    for agents, optima, drawn in parts:
+        for name, scene in drawn.items():
+            if scene not in data["scenes"]:
+                data["scenes"].append(scene)
+            drawn[name] = data["scenes"].index(scene)
+        for agent in agents:
+            agent["scene"] = drawn[agent["scenario"]]
+            agent["optimum"] += len(data["optima"])
+        data["agents"] += agents
+        data["optima"] += optima
     return {
-        "prefix": folder.prefix,
-        "curves_file": curves_file,
-        "horizon": folder.manifest["horizon"],
         "actions": list(ACTIONS),
         "events": list(EVENTS),
-        "zones": list(ZONES),
         "decimals": snapshots.DECIMALS,
         "no_number": _NO_NUMBER,
         "colours": COLOURS,
-        "scenarios": {name: _scene(model) for name, model in scenarios.items()},
-        "blocks": blocks,
-        "optima": optima,
+        "palette": {name: "#{:02x}{:02x}{:02x}".format(*scenes.COLOURS[name]) for name in _PALETTE},
+        "clipped_share": scenes.CLIPPED_SHARE,
+        **data,
     }
 
 
+def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any]]:
+    """Returns a folder's agents, the optima that they refer to, and its scenes by scenario."""
+    frame = folder.read("agent.csv", as_text="discount")
+    if frame.empty:
+        raise ValueError("agent.csv is empty")
+    models = {
+        name: compile_scenario(Scenario.model_validate_json(json.dumps(scenario)))
+        for name, scenario in folder.manifest["scenarios"].items()
+    }
+    curves_file = next((name for name in _CURVES if name in folder), None)
+    curves = folder.read(curves_file) if curves_file else None
+    maps = {name: folder.read(f"agent_{name}.csv", embed=False) for name in models}
+    best = folder.read("optimum.csv", embed=False, as_text="discount")
+    optima = {
+        (str(scenario), str(discount)): {
+            "scenario": scenario,
+            "discount": discount,
+            **_place(folder, "optimum.csv", rows),
+            "columns": list(best.columns),
+            "values": _packed(rows[list(ACTIONS)].to_numpy()),
+            "optimal": _masks(rows["optimal"]),
+        }
+        for (scenario, discount), rows in best.groupby(["scenario", "discount"], sort=False)
+    }
+    agents = []
+    for key, rows in frame.groupby(["scenario", "algorithm", "observation"], sort=False):
+        scenario, arm, observation = map(str, key)
+        optimum = scenario, str(rows["discount"].iloc[0])
+        if optimum not in optima:
+            raise ValueError(f"optimum.csv has no {scenario} with discount {optimum[1]}")
+        snapshot = _of_learner(maps[scenario], arm, observation)
+        if len(snapshot) != len(rows) * models[scenario].n_observations:
+            raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
+        declared = folder.manifest["algorithms"][arm]
+        agents.append(
+            {
+                "experiment": folder.manifest["experiment"],
+                "scenario": scenario,
+                "algorithm": arm,
+                "observation": observation,
+                "method": declared["algorithm"],
+                "horizon": folder.manifest["horizon"],
+                "kind": rows["kind"].iloc[0],
+                "discount": optimum[1],
+                "seed": int(rows["seed"].iloc[0]),
+                "unit": declared["settings"].get("budget_unit", "steps"),
+                "steps": rows["step"].tolist(),
+                "score": _listed(rows["score"]),
+                "success": _listed(rows["success"]),
+                "evaluation": _place(folder, "agent.csv", rows),
+                "map": {
+                    **_place(folder, f"agent_{scenario}.csv", snapshot),
+                    "columns": list(snapshot.columns),
+                },
+                "values": _packed(snapshot[list(ACTIONS)].to_numpy()),
+                "greedy": _masks(snapshot["greedy"]),
+                "optimum": list(optima).index(optimum),
+                "curve": None if curves is None else _curve(folder, str(curves_file), curves, key),
+            }
+        )
+    return agents, list(optima.values()), {name: _scene(model) for name, model in models.items()}
+
+
+def _of_learner(frame: pd.DataFrame, arm: str, observation: str) -> pd.DataFrame:
+    """Returns a learner's rows; all rows of a file that does not tell learners apart."""
+    if "algorithm" not in frame:
+        return frame
+    return frame[(frame["algorithm"] == arm) & (frame["observation"] == observation)]
+
+
+def _curve(folder: Folder, file: str, curves: pd.DataFrame, key: tuple[Any, ...]) -> dict[str, Any]:
+    """Returns the mean score of a learner's runs over training, with its interval."""
+    scenario, arm, observation = map(str, key)
+    rows = _of_learner(curves[curves["scenario"] == scenario], arm, observation)
+    mean = "score_mean" if "score_mean" in rows else "score"
+    return {
+        **_place(folder, file, rows),
+        "step": rows["step"].tolist(),
+        "mean": _listed(rows[mean]),
+        "low": _listed(rows[f"{mean}_low"]),
+        "high": _listed(rows[f"{mean}_high"]),
+    }
+
+
+def _place(folder: Folder, file: str, rows: pd.DataFrame) -> dict[str, Any]:
+    """Returns where consecutive rows stand: the link to their file, and the line of the first of them."""
+    return {"file": folder.link(file), "line": line_of(rows.index[0])}
+
+
 def _listed(values: pd.Series) -> list[float | None]:
-    """Returns numbers for JSON, which has none that is not finite."""
+    """Returns numbers for JSON, which has no NaN."""
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
 def _packed(values: NDArray[np.float64]) -> str:
-    """Returns values in thousandths as 32-bit integers, little-endian, in base64."""
+    """Returns rounded values as 32-bit integers, little-endian, in base64."""
     scaled = np.rint(values * 10**snapshots.DECIMALS)
-    # Beyond two million there are only nets on their way to diverging, whose every digit is noise.
+    # Only the values of nets about to diverge exceed two million; their digits are noise.
     packed = np.where(np.isnan(scaled), _NO_NUMBER, np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1))
     return base64.b64encode(packed.astype("<i4").tobytes()).decode("ascii")
 
 
 def _masks(names: Iterable[str]) -> str:
-    """Returns sets of actions, `UP|PING`, as one byte each, in base64."""
+    """Returns sets of actions, such as `UP|PING`, as one byte each, in base64."""
     bit = {action: 1 << i for i, action in enumerate(ACTIONS)}
-    masks = bytes(sum(bit[action] for action in one.split("|")) for one in names)
+    masks = bytes(sum(bit[action] for action in actions.split("|")) for actions in names)
     return base64.b64encode(masks).decode("ascii")
 
 
 def _scene(model: Model) -> dict[str, Any]:
-    """Returns a compiled scenario for the page: all that a walk looks up, (S * A) lists."""
-    scenario = model.scenario
-    return {
-        "rows": scenario.grid.rows,
-        "columns": scenario.grid.columns,
-        "start": model.start,
-        "issuer": list(scenario.issuer.position),
-        "radii": [scenario.regions.uncomfortable_radius, scenario.regions.target_radius],
-        "zone": model.zone_of_cell.tolist(),
+    """Returns a scene and everything that a walk looks up: (O,), (S,) and flattened (S, A) lists."""
+    return scenes.scene_of(model).as_json() | {
+        "start": int(model.observation[model.start]),
+        "fresh": model.fresh_state.tolist(),
+        "observation": model.observation.tolist(),
         "next": model.next_state.ravel().tolist(),
         "terminated": model.terminated.ravel().astype(int).tolist(),
         "event": model.event.ravel().tolist(),

@@ -1,7 +1,7 @@
-"""Measures speed, each row against the stock way of doing the same in the same run.
+"""Measures speed: each row compares this project with the stock way of doing the same, in the same run.
 
-Machines are noisy, so all rows take turns, and in each row its two sides, for many rounds; the best of
-each side is compared.
+Machines are noisy, so all rows take turns for many rounds, and within a row its two sides do. The best round
+of each side counts.
 """
 
 import os
@@ -10,7 +10,6 @@ import random
 import time
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,13 +21,14 @@ from numpy.random import SeedSequence
 from rich.console import Console
 from rich.progress import track
 
+from agents import Schedule
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
-from agents.tabular import learner as q_learning
+from agents.tabular import learner
 from benchmark.drawing import tables
-from benchmark.execution.driver import Workers
-from benchmark.experiments.specification import (
-    DEFAULT_READING,
+from benchmark.execution.executors.processes import Processes
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
     RunSpecification,
     load_experiment,
     specifications,
@@ -42,7 +42,7 @@ _ENV = "envs:Proxemic/S1-v0"
 
 
 class Row(NamedTuple):
-    """Two ways to do the same; each callable does its work once and returns how much that was."""
+    """Two ways to do the same; each callable works once and returns how many units it has done."""
 
     name: str
     unit: str
@@ -56,7 +56,7 @@ def measure(directory: Path, *, smoke: bool) -> None:
 
     Args:
       directory: Where to write.
-      smoke: Whether to do very little, to try the code; the figures then mean nothing.
+      smoke: Whether to do very little, to try the code; the rates then mean nothing.
 
     Raises:
       InputError: The folder cannot be written.
@@ -69,12 +69,12 @@ def measure(directory: Path, *, smoke: bool) -> None:
             f"{directory}: cannot be written: {error.strerror}; choose another folder with --results."
         ) from error
     rows = []
-    workers = Workers()
+    workers = Processes(os.cpu_count() or 1)
     try:
         compared = [*_rows(smoke), *_deep_rows(smoke, workers)]
         rates = _compare(compared, rounds=1 if smoke else 15)
     finally:
-        workers.stop()
+        workers.cancel()
     for row, (ours, stock) in zip(compared, rates, strict=True):
         rows.append(
             {
@@ -94,7 +94,7 @@ def measure(directory: Path, *, smoke: bool) -> None:
 
 
 def _readme(frame: pd.DataFrame) -> str:
-    """Returns the page that says what was measured."""
+    """Returns the README of the folder."""
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
@@ -107,7 +107,7 @@ in the same run; machines differ and are noisy, `ratio` less so.
 def _compare(rows: list[Row], rounds: int) -> list[tuple[float, float]]:
     """Returns the best rates of both sides of every row, per second."""
     best = [[0.0, 0.0] for _ in rows]
-    for row in rows:  # compile, import, fill caches
+    for row in rows:  # compile, import and fill caches first
         row.ours()
         row.stock()
     for _ in track(range(rounds), "measuring", console=Console(stderr=True)):
@@ -120,7 +120,7 @@ def _compare(rows: list[Row], rounds: int) -> list[tuple[float, float]]:
 
 
 def _rows(smoke: bool) -> list[Row]:
-    """Returns what is compared, on S1 with the paper's constants."""
+    """Returns the rows without deep learning, on S1 with the paper's constants."""
     size = 0.01 if smoke else 1.0
     model = compile_scenario(load_scenario("S1"))
 
@@ -166,22 +166,23 @@ def _rows(smoke: bool) -> list[Row]:
     ]
 
 
-def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
-    """Returns what is compared of deep learning, with the settings of `compare_deep`, one-hot, S1."""
+def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
+    """Returns the rows of deep learning, with the settings of `compare_deep`, one-hot, on S1."""
     size = 0.01 if smoke else 1.0
     try:
         import torch
         from stable_baselines3.common.monitor import Monitor
         from stable_baselines3.common.vec_env import DummyVecEnv
 
-        from agents.sb3.training import CLASSES, make_agent, policy_table, sb3_arguments
+        from agents.sb3 import algorithms
+        from agents.sb3.training import make_agent, policy_table
         from agents.sb3.vec_env import SB3VecEnv
     except ModuleNotFoundError as error:
         raise InputError(
             f"speed: needs the package {error.name}, which is not installed; make speed installs it."
         ) from error
+    methods = {"dqn": algorithms.DQN.method, "ppo": algorithms.PPO.method}
     cores = os.cpu_count() or 1
-    slots = ThreadPoolExecutor(cores)
     declared = load_experiment("compare_deep")
     limit = declared.settings["time_limit"]
 
@@ -191,10 +192,10 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
     def runs(name: str) -> list[RunSpecification]:
         budget = {"budget": round(2000 * size) // 200 * 200 or 200}
         short = declared.model_copy(update={"settings": declared.settings | budget})
-        return specifications(short, DEFAULT_READING, "S1", name, "one_hot", range(cores))
+        return specifications(short, DEFAULT_CONDITION, "S1", name, "one_hot", range(cores))
 
     def ours(name: str) -> float:
-        for future in [slots.submit(workers.execute, [run], {}) for run in runs(name)]:
+        for future in [workers.submit([run]) for run in runs(name)]:
             assert future.result()[0].error is None
         return sum(run.settings.budget for run in runs(name))
 
@@ -203,7 +204,7 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
         env = DummyVecEnv([lambda: Monitor(make_env())] * settings.n_envs)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
-            CLASSES[name]("MlpPolicy", env, **sb3_arguments(settings)).learn(settings.budget)
+            methods[name].load()("MlpPolicy", env, **settings.arguments).learn(settings.budget)
         return float(settings.budget)
 
     def native(n_envs: int) -> SB3VecEnv:
@@ -218,13 +219,14 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
             env.step(action)
         return n_steps * env.num_envs
 
-    agent = make_agent("dqn", runs("dqn")[0].settings, native(1))  # type: ignore[arg-type]
+    dqn_settings: Any = runs("dqn")[0].settings
+    agent = make_agent(methods["dqn"], dqn_settings, native(1))
     table = np.eye(120, dtype=np.float32)
-    cells = torch.as_tensor(table)
+    observations = torch.as_tensor(table)
 
     def maps(times: int) -> float:
         for _ in range(times):
-            policy_table(agent, cells)
+            policy_table(methods["dqn"], agent, observations)
         return times
 
     def single_maps(times: int) -> float:
@@ -234,16 +236,16 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
         return times
 
     pool = f"the same over DummyVecEnv([Monitor(env)]), one process of {torch.get_num_threads()} threads"
-    rows = [Row(f"sb3_{name}", "steps", partial(ours, name), partial(stock, name), pool) for name in CLASSES]
+    rows = [Row(f"sb3_{name}", "steps", partial(ours, name), partial(stock, name), pool) for name in methods]
     for n_envs, n_steps in ((8, 1000), (64, 300)):
-        mine, theirs = native(n_envs), DummyVecEnv([make_env] * n_envs)
-        n_mine, n_theirs = max(round(n_steps * size), 5), max(round(n_steps * size / 4), 5)
+        native_env, stock_env = native(n_envs), DummyVecEnv([make_env] * n_envs)
+        n_native, n_stock = max(round(n_steps * size), 5), max(round(n_steps * size / 4), 5)
         rows.append(
             Row(
                 f"vec_env_{n_envs}",
                 "steps",
-                partial(steps, mine, n_mine),
-                partial(steps, theirs, n_theirs),
+                partial(steps, native_env, n_native),
+                partial(steps, stock_env, n_stock),
                 "stable_baselines3's DummyVecEnv",
             )
         )
@@ -255,16 +257,16 @@ def _deep_rows(smoke: bool, workers: Workers) -> list[Row]:
 
 
 def _kernel(model: Model, agents: int, steps: int, threads: int, record_every: int = 1) -> float:
-    """Trains agents with the kernel, the visited max Q recorded."""
-    settings = q_learning.Settings(budget=steps, record_every=record_every)
+    """Trains agents by Q-learning, with their visited max Q recorded; returns the number of updates."""
+    settings = learner.Settings(budget=steps, record_every=record_every)
     seeds = [SeedSequence([0, i]) for i in range(agents)]
-    q_learning.train(model, settings, seeds, threads=threads)
+    learner.train(model, settings, seeds, Schedule(steps), threads=threads)
     return agents * steps
 
 
 def _numpy_q_learning(steps: int) -> float:
-    """Q-learning as it is usually written."""
-    env = gymnasium.make(_ENV)
+    """Learns as Q-learning is usually written; returns the number of updates."""
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = np.random.default_rng(0)
     q = np.zeros((120, 5))
     visited_max = np.empty(steps)
@@ -285,8 +287,8 @@ def _numpy_q_learning(steps: int) -> float:
 
 
 def _list_q_learning(steps: int) -> float:
-    """The same without NumPy, whose calls cost more than the few numbers they handle."""
-    env = gymnasium.make(_ENV)
+    """Learns the same without NumPy, whose calls take longer than the arithmetic on a few numbers."""
+    env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = random.Random(0)
     q = [[0.0] * 5 for _ in range(120)]
     visited_max = []
@@ -307,9 +309,9 @@ def _list_q_learning(steps: int) -> float:
 
 
 def _vector_env(mode: str, steps: int) -> float:
-    """Steps 1,000 envs with random actions; making them is not counted, as `_ENVS` keeps them."""
+    """Steps 1,000 envs with random actions; `_ENVS` keeps them, so the time to make them does not count."""
     if mode not in _ENVS:
-        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode)
+        _ENVS[mode] = gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
         _ENVS[mode].reset(seed=0)
     env = _ENVS[mode]
     actions = np.random.default_rng(0).integers(0, 5, (50, 1000))
@@ -322,7 +324,7 @@ _ENVS: dict[str, gymnasium.vector.VectorEnv] = {}
 
 
 def _exact(model: Model, times: int) -> float:
-    """Evaluates the random policy exactly, the policy with the most states to visit."""
+    """Evaluates the uniform random policy exactly; no policy visits more states."""
     policy = uniform_policy(model)
     for _ in range(times):
         evaluate(model, policy, 200)
@@ -330,7 +332,7 @@ def _exact(model: Model, times: int) -> float:
 
 
 def _simulated(model: Model, episodes: int, per_evaluation: int) -> float:
-    """Simulates episodes of the same policy; returns how many evaluations they make."""
+    """Simulates episodes of the same policy; returns to how many evaluations they amount."""
     env = gymnasium.make(_ENV, max_episode_steps=200)
     rng = random.Random(0)
     weights = [list(row) for row in uniform_policy(model).cumsum(axis=1)]

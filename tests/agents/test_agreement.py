@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from envs import EVENTS, ZONES, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
+from agents.sb3.vec_env import SB3VecEnv
+from envs import EVENTS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 
 SCENARIOS = ("S1", "S2", "S3")
-READINGS: list[dict[str, Any]] = [
+OVERRIDES: list[dict[str, Any]] = [
     {},
     {"issuer.position": [8, 6]},
     {"rewards.wrong_ping_uncomfortable": -0.8},
@@ -22,10 +23,10 @@ def wandering(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
     return rng.choice(5, size=n, p=[0.12, 0.28, 0.12, 0.33, 0.15])
 
 
-@pytest.mark.parametrize("overrides", READINGS)
+@pytest.mark.parametrize("overrides", OVERRIDES)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any]) -> None:
-    env = gymnasium.make(f"envs:Proxemic/{name}-v0", overrides=overrides)
+    env = gymnasium.make(f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=-1)
     single = ProxemicVectorEnv(1, name, overrides=overrides, autoreset_mode="SameStep")
     model = compile_scenario(load_scenario(name, overrides))
     env.reset(seed=11)
@@ -51,20 +52,44 @@ def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any
         assert (p_following, p_terminated) == (following, terminated)
         if not model.is_noisy:
             assert p_reward == reward
-        told = batch[4]["final_info"] if terminated else batch[4]
-        shown = batch[4]["final_obs"] if terminated else batch[0]
-        assert shown[0] == observation
+        batch_info = batch[4]["final_info"] if terminated else batch[4]
+        batch_observation = batch[4]["final_obs"] if terminated else batch[0]
+        assert batch_observation[0] == observation
         assert (batch[1][0], batch[2][0], batch[3][0]) == (reward, terminated, False)
-        assert {key: values[0] for key, values in told.items() if not key.startswith("_")} == info
-        assert info["event"] == EVENTS[model.event[state, action]]
-        assert info["zone"] == ZONES[model.zone[following]]
+        assert {key: values[0] for key, values in batch_info.items() if not key.startswith("_")} == info
+        assert info["event"] == model.event[state, action]
+        assert info["zone"] == model.zone[following]
         assert info["wrong_pings"] == model.wrong_pings[state, action]
-        met.add(info["event"])
+        met.add(EVENTS[info["event"]])
         state = following
         if terminated:
             env.reset()
             state = model.start
     assert met == set(EVENTS) - {"none"}
+
+
+def test_batch_for_stable_baselines3_has_a_single_generator() -> None:
+    """The published runs' noise: n draws per step from the generator of the seed, whatever has ended."""
+    n, seed = 5, 2**65 + 1
+    model = compile_scenario(load_scenario("S2"))
+    env = SB3VecEnv(ProxemicVectorEnv(n, "S2", max_episode_steps=9, autoreset_mode="SameStep"))
+    env.seed(seed)
+    env.reset()
+    draws = np.random.default_rng(seed)
+    state, steps = np.full(n, model.start), np.zeros(n, dtype=int)
+    n_ends = 0
+    for actions in wandering(np.random.default_rng(2), 300 * n).reshape(300, n):
+        _, rewards, dones, _ = env.step(actions)
+        noise = model.issuer_noise[state, actions] * (2 * draws.random(n) - 1)
+        expected = model.grid_reward[state, actions] + noise
+        assert (rewards == expected.astype(np.float32)).all()
+        steps += 1
+        over = model.terminated[state, actions] | (steps == 9)
+        assert (dones == over).all()
+        state = np.where(over, model.start, model.next_state[state, actions])
+        steps[over] = 0
+        n_ends += over.sum()
+    assert n_ends > 100
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -12,7 +12,7 @@ from scipy import optimize, sparse
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import greedy_masks, mask_policy, uniform_policy
-from envs import ACTIONS, ZONES, Model, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import ACTIONS, EVENTS, ZONES, Model, ProxemicVectorEnv, compile_scenario, load_scenario
 
 SCENARIOS = ("S1", "S2", "S3")
 
@@ -136,17 +136,18 @@ def test_evaluation_equals_simulation(name: str) -> None:
         key: np.zeros(n)
         for key in ("grid_return", "scenario_return", "success", "steps", "wrong_pings", *ZONES)
     }
+    wrong = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
     for _ in range(horizon):
         uniform = rng.random((n, 1))
         actions = (uniform > policy[observation].cumsum(axis=1)[:, :-1]).sum(axis=1)
         observation, reward, terminated, _, info = env.step(actions)
         totals["grid_return"] += going * info["grid_reward"]
         totals["scenario_return"] += going * reward
-        totals["success"] += going * (info["event"] == "target_ping")
-        totals["wrong_pings"] += going * np.isin(info["event"].astype(str), ["wrong_ping", "last_wrong_ping"])
+        totals["success"] += going * (info["event"] == EVENTS.index("target_ping"))
+        totals["wrong_pings"] += going * np.isin(info["event"], wrong)
         totals["steps"] += going
         for zone in ZONES:
-            totals[zone] += going * (info["zone"] == zone)
+            totals[zone] += going * (info["zone"] == ZONES.index(zone))
         going &= ~terminated
     exact = evaluate(model, policy, horizon)
     for key, values in totals.items():

@@ -24,7 +24,7 @@ from agents.sb3 import training as sb3_training
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
 from agents.sb3.training import DeepTraining, make_agent, policy_table, sb3_arguments, train
 from agents.sb3.vec_env import SB3VecEnv
-from envs import InputError, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
 
@@ -102,7 +102,7 @@ def test_vec_env_counts_disagreements() -> None:
         plain.reset()
         for action in actions[:, i]:
             _, _, terminated, truncated, info = plain.step(action)
-            expected += info["event"] in ("wrong_ping", "last_wrong_ping")
+            expected += EVENTS[info["event"]] in ("wrong_ping", "last_wrong_ping")
             if terminated or truncated:
                 plain.reset()
     for action in actions:

@@ -81,7 +81,7 @@ def slow_learner(
     """Q-learning as in the textbook, over the Gymnasium env, nothing kept incrementally."""
     stream = xoshiro([int(word) for word in seed.generate_state(4, np.uint64)])
     env = gymnasium.make(
-        f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=settings.time_limit
+        f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=settings.time_limit or -1
     )
     q = np.zeros((120, 5))
     result: dict[str, Any] = {

@@ -7,7 +7,7 @@ import pytest
 from benchmark.commands import watch
 from benchmark.drawing.film import Film
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import load_experiment
+from benchmark.experiments import load_experiment
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.analysis.population import Population
-from benchmark.experiments.specification import load_experiment, specifications
+from benchmark.experiments import load_experiment, specifications
 
 
 def population(scenario: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:

@@ -20,7 +20,7 @@ from benchmark.analysis.population import Population
 from benchmark.execution import driver as runner
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Record, Store
-from benchmark.experiments.specification import (
+from benchmark.experiments import (
     EXPERIMENT_DIRECTORY,
     Experiment,
     RunSpecification,
@@ -323,8 +323,7 @@ def test_records_hold_what_training_gave(tmp_path: Path) -> None:
         model,
         q_learning.Settings.model_validate(runs[0].settings.model_dump()),
         [one.seed_sequence for one in runs],
-        runs[0].evaluation_steps,
-        runs[0].map_steps,
+        runs[0].schedule,
         record_table=True,
     )
     evaluation = evaluate(model, mask_policy(training.greedy), SMOKE.horizon)

@@ -28,7 +28,7 @@ from benchmark.drawing.tables import LINK, link, plain, write_csv
 from benchmark.execution import driver as runner
 from benchmark.execution.driver import pending, plan, run
 from benchmark.execution.store import Record, Store
-from benchmark.experiments.specification import (
+from benchmark.experiments import (
     EXPERIMENT_DIRECTORY,
     Experiment,
     RunSpecification,
@@ -111,7 +111,7 @@ def test_defaults_are_sb3s_own_but_for_what_the_budget_forces() -> None:
 def test_experiments_have_miniatures_of_the_same_learners() -> None:
     for name in ("compare_deep", "compare_deep_long"):
         full, small = load_experiment(name), load_experiment(f"{name}_smoke")
-        assert full.cells == small.cells
+        assert full.populations == small.populations
         assert len(all_specifications(small)) < 100
     assert load_experiment("compare_deep_long").settings["budget"] == 100_000
 
@@ -124,8 +124,8 @@ def test_every_learner_has_streams_of_its_own() -> None:
 
 def test_early_results_cover_the_whole_grid() -> None:
     jobs = plan(all_specifications(SMOKE))
-    first = jobs[: len(SMOKE.cells)]
-    assert {(j[0].scenario.name, j[0].arm, j[0].observation) for j in first} == set(SMOKE.cells)
+    first = jobs[: len(SMOKE.populations)]
+    assert {(j[0].scenario.name, j[0].arm, j[0].observation) for j in first} == set(SMOKE.populations)
     assert all(len(job) == 1 for job in jobs if job[0].algorithm != "q_learning")
 
 
@@ -707,66 +707,3 @@ def test_published_aggregates_follow_from_published_scores() -> None:
             assert value["mean"] == pytest.approx(own[f"{prefix}score"].mean(), abs=1e-5)
             trimmed = stats.trim_mean(own[f"{prefix}score"], 0.25)
             assert value["iqm"] == pytest.approx(trimmed, abs=1e-5)
-
-
-def test_readme_findings_of_the_comparison_are_the_published_ones() -> None:
-    folder, page = ROOT / "results" / "compare_deep", (ROOT / "README.md").read_text(encoding="utf-8")
-    keys = ["algorithm", "observation"]
-    success: Any = pd.read_csv(folder / "summary.csv").pivot(index=keys, columns="scenario", values="success")
-    paper, tuned = success.loc["q_learning", "index"], success.loc["q_learning_tuned", "index"]
-    assert paper.tolist() == pytest.approx([1, 0.63, 1], abs=0.005)
-    assert tuned["S2"] == pytest.approx(0.99, abs=0.005)
-    one_hot, coordinates = success.loc["dqn", "one_hot"], success.loc["dqn", "coordinates"]
-    assert (one_hot.min(), one_hot.max()) == pytest.approx((0.8, 1))
-    assert (coordinates.min(), coordinates.max()) == pytest.approx((0.6, 0.8))
-    one_hot, coordinates = success.loc["ppo", "one_hot"], success.loc["ppo", "coordinates"]
-    assert (one_hot.min(), one_hot.max()) == pytest.approx((0.9, 1))
-    assert (coordinates.min(), coordinates.max()) == pytest.approx((0, 0.7))
-    assert success.loc["dqn_default"].to_numpy().max() == 0
-    assert success.loc["ppo_default", ["S1", "S2"]].to_numpy().max() == 0
-    assert success.loc[("ppo_default", "one_hot"), "S3"] > 0.5
-    scores: Any = pd.read_csv(folder / "scores.csv")
-    quitters = scores[(scores["algorithm"] == "ppo_default") & scores["scenario"].isin(["S1", "S2"])]
-    assert quitters["wrong_pings"].median() == 5
-    assert quitters["steps"].median() <= 6
-    aggregate: Any = pd.read_csv(folder / "aggregate.csv").query("policy == 'greedy' and metric == 'mean'")
-    start = aggregate[aggregate["evaluated_from"] == "start"].set_index(keys)
-    everywhere = aggregate[aggregate["evaluated_from"] == "every_cell"].set_index(keys)
-    assert start["value"]["q_learning_tuned", "index"] == pytest.approx(0.99, abs=0.005)
-    nets = start[~start.index.get_level_values(0).str.startswith("q_learning")]
-    assert nets["value"].idxmax() == ("dqn_linear", "one_hot")
-    assert nets["value"].nlargest(3).tolist() == pytest.approx([0.85, 0.83, 0.70], abs=0.005)
-    stochastic: Any = pd.read_csv(folder / "aggregate.csv").query(
-        "policy == 'stochastic' and metric == 'mean'"
-    )
-    own = stochastic[stochastic["evaluated_from"] == "start"].set_index(keys)["value"]
-    assert own.idxmax() == ("ppo", "one_hot")
-    assert own.max() == pytest.approx(0.93, abs=0.005)
-    curves: Any = pd.read_csv(folder / "curves.csv").query("algorithm == 'q_learning' and scenario == 'S2'")
-    late = curves[curves["step"] > 5000]["success"]
-    assert (late.min(), late.max()) == pytest.approx((0.43, 0.70), abs=0.005)
-    runs: Any = pd.read_csv(folder / "scores.csv").query("observation == 'one_hot'")
-    bumping = runs[runs["score"] < -3].groupby("algorithm").size()
-    assert bumping["dqn"] - bumping["dqn_linear"] == 1
-    assert everywhere["value"].idxmax() == ("q_learning", "index")
-    assert everywhere["value"].max() == pytest.approx(0.24, abs=0.005)
-    improvement: Any = pd.read_csv(folder / "improvement.csv").set_index(["x", "y"])
-    for other in ("q_learning, index", "q_learning_tuned, index", "dqn, one_hot"):
-        low, high = improvement.loc[("dqn_linear, one_hot", other), ["low", "high"]]
-        assert low <= 0.5 <= high
-    cost: Any = pd.read_csv(folder / "cost.csv").set_index(keys)
-    assert cost["parameters"]["dqn", "one_hot"] == 32_645
-    seconds = cost["cpu_time_s"]
-    assert seconds["q_learning", "index"] < 0.0002
-    assert seconds["dqn_linear", "one_hot"] == pytest.approx(3, abs=1)
-    assert seconds["dqn", "one_hot"] == pytest.approx(8, abs=1.5)
-    region: Any = pd.read_csv(folder / "region.csv").groupby(keys)["overlap"].mean()
-    assert region["q_learning", "index"] == pytest.approx(0.40, abs=0.005)
-    knowing = region[~region.index.get_level_values(0).str.startswith("q_learning")]
-    assert knowing.idxmax() == ("dqn", "one_hot")
-    assert knowing.max() == pytest.approx(0.32, abs=0.005)
-    sentences = (folder / "README.md").read_text(encoding="utf-8")
-    assert "`q_learning, index` 124 and 116" in sentences
-    assert "`dqn_linear, one_hot` 59 and 9" in sentences
-    for told in ("63 %", "0.85, 0.83 (0.93", "0.70", "0.24", "116 disagreements", "0.40", "0.32", "32,645"):
-        assert told in page

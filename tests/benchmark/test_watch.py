@@ -13,7 +13,7 @@ from benchmark.__main__ import main
 from benchmark.execution.driver import plan
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
-from benchmark.experiments.specification import all_specifications, load_experiment
+from benchmark.experiments import all_specifications, load_experiment
 
 ROOT = Path(__file__).parents[2]
 SMOKE = load_experiment("compare_deep_smoke")

@@ -1,9 +1,10 @@
-"""The Gymnasium env and the native vector env, as their users would use them."""
+"""The Gymnasium env, as its users would use it."""
 
 import pickle
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -11,18 +12,21 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from envs import OBSERVATIONS, InputError, ProxemicEnv, ProxemicVectorEnv
+from envs import EVENTS, OBSERVATIONS, ZONES, InputError, ProxemicEnv, load_scenario
+from envs.render import Window
+from envs.scenario import SCENARIO_DIRECTORY
 
 SCENARIOS = ("S1", "S2", "S3")
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_gymnasium_checker_is_content(name: str, observation: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # the check opens every render mode, the window too
-    monkeypatch.setenv("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+def test_gymnasium_checker_passes_without_a_screen(
+    name: str, observation: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):  # the checker opens a window, too
+        monkeypatch.delenv(variable, raising=False)
     env = gymnasium.make(f"envs:Proxemic/{name}-v0", observation=observation, render_mode="rgb_array")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -31,9 +35,9 @@ def test_gymnasium_checker_is_content(name: str, observation: str, monkeypatch: 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_stable_baselines3_checker_is_content(name: str, observation: str) -> None:
+def test_stable_baselines3_checker_passes(name: str, observation: str) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what its own imports warn of
+        warnings.simplefilter("ignore")  # warnings of its imports
         from stable_baselines3.common.env_checker import check_env as check_env_sb3
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -63,8 +67,8 @@ def test_step_returns_python_values() -> None:
     assert type(terminated) is bool
     assert type(truncated) is bool
     assert {key: type(value) for key, value in info.items()} == {
-        "event": str,
-        "zone": str,
+        "event": int,
+        "zone": int,
         "wrong_pings": int,
         "grid_reward": float,
         "issuer_reward": float,
@@ -80,8 +84,8 @@ def test_paper_optimum_by_hand() -> None:
         observation, reward, terminated, _, info = env.step(action)
         rewards.append(reward)
     assert terminated
-    assert info["event"] == "target_ping"
-    assert info["zone"] == "target"
+    assert EVENTS[info["event"]] == "target_ping"
+    assert ZONES[info["zone"]] == "target"
     assert sum(rewards) == pytest.approx(0.0)
     assert np.asarray(observation).tolist() == pytest.approx([4 / 9, 6 / 11])
 
@@ -96,10 +100,20 @@ def test_fifth_wrong_ping_ends_the_episode() -> None:
     assert [step[4]["issuer_reward"] for step in steps] == [-1.0] * 5  # at the start, d1 / d1(start) = 1
 
 
-def test_time_limit_truncates() -> None:
-    env = gymnasium.make("envs:Proxemic/S1-v0", max_episode_steps=3)
+@pytest.mark.parametrize(("arguments", "limit"), [({}, 200), ({"max_episode_steps": 3}, 3)])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_time_limit_ends_the_episode_of_an_agent_at_a_wall(
+    name: str, arguments: dict[str, Any], limit: int
+) -> None:
+    env = gymnasium.make(f"envs:Proxemic/{name}-v0", **arguments)
     env.reset()
-    assert [env.step(0)[3] for _ in range(3)] == [False, False, True]
+    assert [env.step(0)[3] for _ in range(limit)] == [False] * (limit - 1) + [True]
+
+
+def test_time_limit_can_be_lifted() -> None:
+    env = gymnasium.make("envs:Proxemic/S1-v0", max_episode_steps=-1)
+    env.reset()
+    assert not any(env.step(0)[3] for _ in range(1000))
 
 
 def test_random_feedback_repeats_with_its_seed_and_stays_in_bounds() -> None:
@@ -129,15 +143,31 @@ def test_pickle_and_spec_round_trip(observation: str) -> None:
     )
     env.reset(seed=5)
     env.step(1)
-    again = pickle.loads(pickle.dumps(env.unwrapped))
+    copied = pickle.loads(pickle.dumps(env.unwrapped))
     for action in (4, 1, 4):
-        one, other = env.step(action), again.step(action)
-        assert np.array_equal(one[0], other[0])
-        assert one[1:] == other[1:]
+        expected, found = env.step(action), copied.step(action)
+        assert np.array_equal(found[0], expected[0])
+        assert found[1:] == expected[1:]
     assert env.spec is not None
     rebuilt = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
     assert rebuilt.unwrapped.model is env.unwrapped.model  # type: ignore[attr-defined]
     assert rebuilt.observation_space == env.observation_space
+
+
+@pytest.mark.parametrize("kind", ["path", "scenario", "mapping"])
+def test_spec_is_json_for_every_kind_of_scenario(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "corridor.toml"
+    path.write_text((SCENARIO_DIRECTORY / "S2.toml").read_text().replace("rows = 10", "rows = 20"))
+    scenario = load_scenario(path)
+    given: dict[str, Any] = {"path": path, "scenario": scenario, "mapping": scenario.model_dump()}
+    env = gymnasium.make("envs:Proxemic/S1-v0", scenario=given[kind], overrides={"ping_limit": 3})
+    assert env.spec is not None
+    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    model = again.unwrapped.model  # type: ignore[attr-defined]
+    assert model is env.unwrapped.model  # type: ignore[attr-defined]
+    assert (model.scenario.name, model.scenario.grid.rows, model.scenario.ping_limit) == ("corridor", 20, 3)
+    assert again.spec is not None
+    assert again.spec.to_json() == env.spec.to_json()
 
 
 def test_text_rendering() -> None:
@@ -175,6 +205,17 @@ def test_window_shows_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
     env.close()
 
 
+@pytest.mark.parametrize(("driver", "expected"), [("offscreen", False), ("dummy", True)])
+def test_window_knows_whether_there_is_a_screen(
+    driver: str, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", driver)
+    window = Window(np.zeros((40, 40, 3), dtype=np.uint8), "test")
+    assert window.has_screen == expected
+    window.close()
+
+
 def test_window_without_pygame_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = ProxemicEnv(render_mode="human")
@@ -202,142 +243,3 @@ def test_wrong_action_is_refused(action: Any) -> None:
     env.reset()
     with pytest.raises(InputError, match="accepted: 0 to 4"):
         env.step(action)
-
-
-@pytest.mark.parametrize("action", [-1, 5])
-def test_wrong_action_in_a_batch_is_refused(action: int) -> None:
-    batch = ProxemicVectorEnv(2)
-    batch.reset()
-    with pytest.raises(InputError, match="accepted: 0 to 4"):
-        batch.step(np.array([0, action]))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ({"num_envs": 0}, "num_envs = 0"),
-        ({"max_episode_steps": 0}, "max_episode_steps = 0"),
-        ({"autoreset_mode": AutoresetMode.DISABLED}, "accepted: NextStep, SameStep"),
-        ({"autoreset_mode": "Sometimes"}, "accepted: NextStep, SameStep"),
-        ({"render_mode": "human"}, "a batch is not drawn"),
-    ],
-)
-def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:
-    with pytest.raises(InputError, match=expected):
-        ProxemicVectorEnv(**arguments)
-
-
-@pytest.mark.parametrize("actions", [np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int)])
-def test_wrong_batch_actions_are_refused(actions: np.ndarray[Any, Any]) -> None:
-    batch = ProxemicVectorEnv(2)
-    batch.reset()
-    with pytest.raises(InputError, match=r"accepted: \(2,\) integers"):
-        batch.step(actions)
-
-
-def test_make_vec_makes_the_native_one() -> None:
-    env = gymnasium.make_vec(
-        "envs:Proxemic/S1-v0",
-        num_envs=3,
-        vectorization_mode="vector_entry_point",
-        observation="one_hot",
-        max_episode_steps=7,
-    )
-    assert isinstance(env.unwrapped, ProxemicVectorEnv)
-    assert env.reset(seed=0)[0].shape == (3, 120)
-    for _ in range(6):
-        assert not env.step(np.zeros(3, int))[3].any()
-    assert env.step(np.zeros(3, int))[3].all()
-
-
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-@pytest.mark.parametrize("name", ["S1", "S3"])
-def test_batch_equals_gymnasium_sync_batch(name: str, observation: str, mode: AutoresetMode) -> None:
-    n = 6
-    ours = ProxemicVectorEnv(n, name, observation, max_episode_steps=20, autoreset_mode=mode)
-    stock = SyncVectorEnv(
-        [
-            lambda: gymnasium.make(f"envs:Proxemic/{name}-v0", observation=observation, max_episode_steps=20)
-            for _ in range(n)
-        ],
-        autoreset_mode=mode,
-    )
-    assert ours.single_observation_space == stock.single_observation_space
-    assert ours.observation_space == stock.observation_space
-    assert ours.action_space == stock.action_space
-    _assert_same(ours.reset(seed=0), stock.reset(seed=0))
-    rng = np.random.default_rng(1)
-    ends = 0
-    for _ in range(300):
-        actions = rng.integers(0, 5, n)
-        one, other = ours.step(actions), stock.step(actions)
-        _assert_same((one[0], one[4]), (other[0], other[4]))
-        for a, b in zip(one[1:4], other[1:4], strict=True):
-            assert (a == b).all()
-            assert a.dtype == b.dtype
-        ends += int((one[2] | one[3]).sum())
-    assert ends > 50  # both kinds of end were met
-
-
-def _assert_same(one: tuple[Any, dict[str, Any]], other: tuple[Any, dict[str, Any]]) -> None:
-    """Compares observations and info; Gymnasium's masks of which env gave what are optional."""
-    assert np.array_equal(one[0], other[0])
-    assert one[0].dtype == other[0].dtype
-    for key, values in other[1].items():
-        if key == "final_info":
-            for name, inner in values.items():
-                mask = other[1]["_final_info"]
-                assert (np.asarray(one[1][key][name])[mask] == np.asarray(inner)[mask]).all()
-        elif key == "final_obs":
-            for a, b in zip(one[1][key], values, strict=True):
-                assert np.array_equal(a, b)
-        elif not key.startswith("_"):
-            assert (one[1][key] == values).all(), key
-
-
-def test_random_feedback_in_a_batch_is_each_envs_own_and_none_on_reset() -> None:
-    env = ProxemicVectorEnv(500, "S2")
-    env.reset(seed=0)
-    pings = np.full(500, 4)
-    rewards = np.array([env.step(pings)[4]["issuer_reward"] for _ in range(6)])
-    assert (abs(rewards[:5]) < 1).all()
-    assert len(np.unique(rewards[:5])) == 2500
-    assert abs(rewards[:5].mean()) < 4.5 / np.sqrt(3 * 2500)
-    assert not rewards[5].any()  # after the fifth PING the sixth step resets
-
-
-@pytest.mark.parametrize("kind", [np.uint64, np.int8])
-def test_batch_takes_any_integers_and_pickles(kind: type) -> None:
-    env = ProxemicVectorEnv(3, "S2", "coordinates")
-    env.reset(seed=4)
-    env.step(np.array([1, 3, 4], dtype=kind))
-    again = pickle.loads(pickle.dumps(env))
-    one, other = env.step(np.array([4, 4, 4], dtype=kind)), again.step(np.array([4, 4, 4]))
-    assert (one[0] == other[0]).all()
-    assert (one[1] == other[1]).all()
-
-
-def test_reset_forgets_which_episodes_were_over() -> None:
-    env = ProxemicVectorEnv(2)
-    env.reset()
-    for _ in range(5):
-        _, _, terminated, *_ = env.step(np.array([4, 1]))
-    assert terminated.tolist() == [True, False]
-    env.reset()
-    observation, reward, *_ = env.step(np.array([1, 1]))
-    assert observation.tolist() == [12, 12]  # a step down, and no second reset in its place
-    assert reward.tolist() == [-0.1, -0.1]
-
-
-def test_batch_returns_copies() -> None:
-    env = ProxemicVectorEnv(2, observation="one_hot")
-    first, _ = env.reset()
-    kept = first.copy()
-    second, rewards, *_ = env.step(np.array([1, 3]))
-    first[:] = 9
-    rewards_before = rewards.copy()
-    third, *_ = env.step(np.array([1, 3]))
-    assert (env.reset()[0] == kept).all()
-    assert (rewards == rewards_before).all()
-    assert not np.shares_memory(second, third)

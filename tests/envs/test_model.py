@@ -68,6 +68,27 @@ def test_every_state_and_action_follows_the_reward_table(name: str) -> None:
                     assert model.issuer_noise[state, action] == (1.0 if name == "S2" and is_ping else 0.0)
 
 
+def test_cells_and_their_states() -> None:
+    model = compile_scenario(load_scenario("S1"))
+    assert model.fresh_state.tolist() == list(range(120))
+    assert model.position.shape == (120, 2)
+    assert model.position[[0, 11, 12, 80, 119]].tolist() == [[0, 0], [0, 11], [1, 0], [6, 8], [9, 11]]
+    # The issuer's cell, 6 * 12 + 8, with none to four wrong PINGs.
+    assert np.flatnonzero(model.is_over).tolist() == [80, 200, 320, 440, 560]
+
+
+def test_fresh_states_have_no_wrong_ping_and_states_that_are_over_absorb() -> None:
+    model = compile_scenario(load_scenario("S1", {"grid.rows": 12, "grid.columns": 13, "ping_limit": 3}))
+    assert (model.observation[model.fresh_state] == np.arange(12 * 13)).all()
+    wrong = model.event[model.fresh_state, ACTIONS.index("PING")] == EVENTS.index("wrong_ping")
+    assert (model.wrong_pings[model.fresh_state, ACTIONS.index("PING")][wrong] == 1).all()
+    assert wrong.sum() == 12 * 13 - 16 - 1  # every cell but the target region's and the issuer's
+    row, column = model.position.T
+    assert (row * 13 + column == np.arange(12 * 13)).all()
+    stays = model.next_state == np.arange(len(model.next_state))[:, None]
+    assert (model.is_over == (stays & model.terminated).all(axis=1)).all()
+
+
 def test_regions_have_the_paper_sizes() -> None:
     zones = compile_scenario(load_scenario("S1")).zone_of_cell
     assert np.bincount(zones).tolist() == [120 - 25, 16, 8, 1]

@@ -1,4 +1,4 @@
-"""Scenarios: what is accepted, and what the sentence says of what is not."""
+"""Scenarios: what is accepted, and the messages for what is not."""
 
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ def test_paper_scenarios_are_shipped() -> None:
         ({"rewards.target_ping": "much"}, 'rewards.target_ping = "much"'),
         ({"rewards.target_ping": float("nan")}, "rewards.target_ping"),
         ({"issuer.feedback": {"kind": "loud"}}, "issuer.feedback"),
-        ({"issuer.feedback": {"kind": "uniform", "low": 1.0, "high": 1.0}}, "must lie below high"),
+        ({"issuer.feedback": {"kind": "uniform", "low": 1.0, "high": 1.0}}, "must be less than high"),
         ({"issuer.feedback.volume": 1.0}, "[issuer.feedback.none]: unknown key volume; accepted: kind."),
         ({"issuer.feedback": "none"}, 'issuer.feedback = "none": accepted: a table'),
         ({"issuer.feedback": {}}, "accepted: a table with a key kind"),
@@ -76,13 +76,23 @@ def test_unreadable_files_get_one_sentence(tmp_path: Path) -> None:
         load_scenario(tmp_path / "bytes.toml")
 
 
-def test_misnamed_file_is_told_of(tmp_path: Path) -> None:
+def test_misnamed_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "my scene.toml"
     path.write_text((SCENARIO_DIRECTORY / "S1.toml").read_text())
     with pytest.raises(
-        InputError, match=r"my scene\.toml: the file's name .* accepted: letters, digits and _"
+        InputError, match=r"my scene\.toml: .* named after the file; .* letters, digits and _"
     ):
         load_scenario(path)
+
+
+def test_mapping_is_accepted_and_checked() -> None:
+    scenario = load_scenario("S2", {"ping_limit": 3})
+    assert load_scenario(scenario.model_dump()) == scenario
+    assert load_scenario(S1, {"grid.rows": 20}) == load_scenario("S1", {"grid.rows": 20})
+    with pytest.raises(InputError, match=r"^S1: grid.rows = 0"):
+        load_scenario(S1, {"grid.rows": 0})
+    with pytest.raises(InputError, match=r"^scenario: the key name is missing"):
+        load_scenario({key: value for key, value in S1.items() if key != "name"})
 
 
 def test_unknown_scenario_names_the_nearest() -> None:
@@ -90,7 +100,7 @@ def test_unknown_scenario_names_the_nearest() -> None:
         load_scenario("s1")
 
 
-def test_a_file_of_ones_own_is_accepted(tmp_path: Path) -> None:
+def test_another_file_is_accepted(tmp_path: Path) -> None:
     path = tmp_path / "corridor.toml"
     path.write_text((SCENARIO_DIRECTORY / "S1.toml").read_text().replace("rows = 10", "rows = 20"))
     scenario = load_scenario(path)

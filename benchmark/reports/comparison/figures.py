@@ -55,8 +55,8 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
                 for learner in learners:
-                    one = _of(frame, learner, scenario)
-                    _curve(axis, one, x, "score_mean", learner, frame)
+                    rows = _of(frame, learner, scenario)
+                    _curve(axis, rows, x, "score_mean", learner, frame)
                 axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
                 axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
                 lowest = max(float(frame["score_mean"].min()) - 0.15, _FLOOR)

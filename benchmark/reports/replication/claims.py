@@ -18,6 +18,7 @@ from scipy import stats
 
 from benchmark.analysis.intervals import interval
 from benchmark.analysis.population import Population, overlap
+from benchmark.reports import independent
 from envs.model import PING
 from envs.regions import target_distance
 
@@ -73,6 +74,7 @@ class Claim:
     threshold: float
     because: str  # why this threshold
     parts: Callable[[Populations, str], list[Part]]  # of the populations and the curve, as for `judge`
+    note: str = ""  # what an independent check found; for README and page, not a column of the table
 
 
 def judge(populations: Populations, curve: str) -> pd.DataFrame:
@@ -274,6 +276,7 @@ CLAIMS: Final = (
         "A ratio of 1 is equal variability; the value says how much more it is. Most of the spread of the "
         "visited cell's maximum is where agents stand, which the reading max_q leaves out.",
         _variability_against("S2"),
+        independent.VARIABILITY_S2,
     ),
     Claim(
         "max-near-1",

@@ -9,7 +9,7 @@ import pytest
 from benchmark.analysis.population import load_population, optimal_values, overlap
 from benchmark.execution.driver import run
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import load_experiment, specifications
+from benchmark.experiments import load_experiment, specifications
 from envs import InputError
 from envs.model import PING
 from tests.benchmark.populations import population

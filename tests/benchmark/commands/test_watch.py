@@ -16,7 +16,7 @@ from benchmark.__main__ import main
 from benchmark.commands import watch
 from benchmark.drawing.film import Film, Moment, picture
 from benchmark.execution.store import Store
-from benchmark.experiments.specification import all_specifications, load_experiment
+from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
 from envs.render import Window
 
@@ -116,6 +116,13 @@ def test_without_a_screen_there_is_no_window(monkeypatch: pytest.MonkeyPatch) ->
     assert watch.has_window()
     monkeypatch.setattr(watch, "find_spec", lambda _: None)
     assert not watch.has_window()
+
+
+def test_window_that_nobody_sees_is_refused(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")  # SDL's choice where there is no screen
+    with pytest.raises(InputError, match="there is no screen"):
+        watch.in_window(film)
 
 
 def test_watch_command(watched: Path) -> None:

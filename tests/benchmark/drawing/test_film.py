@@ -79,14 +79,14 @@ def test_agent_issuer_and_greedy_pings_are_marked(film: Film) -> None:
 def test_borders_of_any_shape_lie_on_the_cells_inside(film: Film, seed: int) -> None:
     inside = np.random.default_rng(seed).random((10, 12)) < 0.6  # with holes, and touching the edges
     border = Outline("target", "", is_dashed=False, loops=outlines(inside))
-    image = picture(replace(film, scene=replace(film.scene, outlines=(border,))), Moment(25, (0,)), 40)
+    image = picture(replace(film, scene=replace(film.scene, outlines=(border,))), Moment(25, (0,)), 60)
     padded = np.pad(inside, 1)
     for row, column in np.ndindex(inside.shape):
         for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             is_border = inside[row, column] and not padded[row + 1 + down, column + 1 + right]
-            # Three pixels inside the cell's edge, off the middle, where arrows point.
-            at = 0.425 * down + 0.2 * right, 0.425 * right + 0.2 * down
-            assert (min(pixel(image, row, column, *at, side=40)) > 150) == is_border
+            # Near the cell's edge, but not in its middle, where the arrow is.
+            at = 0.417 * down + 0.2 * right, 0.417 * right + 0.2 * down
+            assert (min(pixel(image, row, column, *at, side=60)) > 220) == is_border
 
 
 def test_dashes_have_gaps(film: Film) -> None:

@@ -1,0 +1,63 @@
+"""Stable-Baselines3's DQN and PPO as algorithms of this project."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from numpy.random import SeedSequence
+
+from agents.contract import Schedule, Training
+from agents.sb3.method import ACTOR, Q_NET, Method
+from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
+from envs import InputError, Model
+
+VERSION: Final = 2  # part of every run's identity: raise it when a change alters what is learned
+
+
+@dataclass(frozen=True)
+class Sb3Algorithm:
+    """One of SB3's algorithms, see `agents.contract.Algorithm`."""
+
+    method: Method
+    version: int = VERSION
+    family: Literal["tabular", "deep"] = "deep"
+    observations: tuple[str, ...] = ("one_hot", "coordinates")
+    packages: tuple[str, ...] = ("stable_baselines3", "torch")
+    batch_size: int = 1
+    placement: Literal["thread", "process"] = "process"
+    depends_on_batch: bool = False
+    writes_logs: bool = True
+
+    @property
+    def settings(self) -> type[Sb3Settings]:
+        """The method's settings."""
+        return self.method.settings
+
+    def train(
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
+        logs: Sequence[Path] = (),
+    ) -> Training:
+        """Trains by `agents.sb3.training.train`.
+
+        Raises:
+          InputError: A package is not installed.
+        """
+        try:
+            self.method.load()
+            from agents.sb3 import training
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"{self.method.path}: needs the package {error.name}, which is not installed; "
+                "make compare-deep installs it."
+            ) from error
+        return training.train(self.method, model, settings, observation, seeds, schedule, logs)
+
+
+DQN: Final = Sb3Algorithm(Method("stable_baselines3:DQN", DqnSettings, Q_NET, log_interval=10))
+PPO: Final = Sb3Algorithm(Method("stable_baselines3:PPO", PpoSettings, ACTOR))

@@ -1,0 +1,54 @@
+"""Draws an experiment's tables and figures from its stored runs, and builds the page."""
+
+import argparse
+import os
+
+from benchmark.commands import parse_seeds
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment, load_experiment
+from benchmark.page import build as page
+from benchmark.reports import draw, load_report
+from envs import InputError
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    if options.experiment is None:
+        if options.partial or options.seeds is not None:
+            raise InputError("--partial and --seeds: accepted: together with an experiment.")
+        print(f"the page is {page.write(options.results)}.")
+        return 0
+    experiment = load_experiment(options.experiment)
+    check(experiment, is_required=True)
+    seeds = parse_seeds(options.seeds)
+    directory = options.results / (f"{experiment.name}_partial" if options.partial else experiment.name)
+    with Store(options.results / "runs.db", read_only=True) as store:
+        made = draw.draw(
+            experiment, store, directory, seeds, partial=options.partial, jobs=os.cpu_count() or 1
+        )
+    print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
+    is_published = made.certificate is not None and made.certificate.is_identical
+    print(
+        f"{experiment.name}: the page is {page.update(options.results, directory.name, is_published=is_published)}."
+    )
+    if made.certificate is not None:
+        print(made.certificate)
+    return 0
+
+
+def check(experiment: Experiment, *, is_required: bool) -> None:
+    """Checks that an experiment's report can be drawn of it.
+
+    Args:
+      experiment: As loaded.
+      is_required: Whether it must have a report.
+
+    Raises:
+      InputError: It has none although it must, or its report asks for something else.
+    """
+    if experiment.report:
+        load_report(experiment.report, experiment.argument).check(experiment)
+    elif is_required:
+        raise InputError(
+            f"{experiment.argument}: has no report; accepted: an experiment with the key report."
+        )

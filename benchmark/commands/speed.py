@@ -1,0 +1,14 @@
+"""Measures speed."""
+
+import argparse
+
+from benchmark.page import build as page
+from benchmark.reports import speed
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    speed.measure(options.results / ("speed_smoke" if options.smoke else "speed"), smoke=options.smoke)
+    if not options.smoke and page.published(options.results):
+        print(f"the page is {page.write(options.results)}.")
+    return 0

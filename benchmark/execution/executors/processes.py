@@ -1,0 +1,113 @@
+"""Worker processes: for jobs that hold Python's global lock, such as those of Stable-Baselines3."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from benchmark.execution.job import execute_job
+from benchmark.execution.plan import Job
+from benchmark.execution.store import Record
+
+
+class WorkerDiedError(Exception):
+    """A worker process ended before its job did."""
+
+
+class Processes:
+    """Executes jobs in worker processes, see `benchmark.execution.executors.Executor`.
+
+    Every thread of a pool has a worker of its own, which it starts when it first needs one, keeps for its
+    following jobs, and replaces when it has died.
+    """
+
+    # No library is used, because a killed worker may cost nothing but its own job: Pebble's workers share a
+    # pipe, which breaks if one is killed while it starts or writes, and loky gives up all jobs of the pool.
+
+    def __init__(self, jobs: int) -> None:
+        """Makes room for this many jobs at a time."""
+        self._pool = ThreadPoolExecutor(jobs)
+        self._worker = threading.local()
+        self._processes: list[multiprocessing.process.BaseProcess] = []
+        self._lock = threading.Lock()
+        self._is_cancelled = False
+
+    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
+        """Executes a job in the worker of the next free thread."""
+        return self._pool.submit(self._execute, job, logs)
+
+    def cancel(self) -> None:
+        """Kills every worker, whatever it does; there is nothing in them to be saved."""
+        with self._lock:
+            self._is_cancelled = True
+            for process in self._processes:
+                process.kill()
+                process.join()
+        self._pool.shutdown(cancel_futures=True)
+
+    def _execute(self, job: Job, logs: Path | None) -> list[Record]:
+        """Has this thread's worker execute a job.
+
+        Raises:
+          WorkerDiedError: It died.
+          CancelledError: It was killed by `cancel`, or would have been.
+        """
+        if getattr(self._worker, "connection", None) is None:
+            self._start()
+        try:
+            self._worker.connection.send((job, logs))
+            records: list[Record] = self._worker.connection.recv()
+        except (EOFError, OSError):
+            if self._is_cancelled:
+                raise CancelledError from None
+            self._worker.connection = None
+            self._worker.process.join()
+            code = self._worker.process.exitcode
+            reason = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+            raise WorkerDiedError(f"its process {reason}") from None
+        return records
+
+    def _start(self) -> None:
+        """Starts this thread's worker."""
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        with interrupts_blocked(), self._lock:
+            if self._is_cancelled:
+                raise CancelledError
+            process.start()
+            self._processes.append(process)
+        theirs.close()
+        self._worker.process, self._worker.connection = process, ours
+
+
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Makes processes that start meanwhile ignore the terminal's interrupt: `cancel` ends them."""
+    resource_tracker.ensure_running()  # the first start would begin it, and that unblocks the interrupt
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _serve(connection: Connection) -> None:
+    """Executes jobs as they come, until the driver closes its end or ends."""
+    driver = multiprocessing.parent_process()
+    assert driver is not None
+
+    def end_with_the_driver() -> None:
+        driver.join()
+        os._exit(1)
+
+    threading.Thread(target=end_with_the_driver, daemon=True).start()
+    with suppress(EOFError):
+        while True:
+            connection.send(execute_job(*connection.recv()))

@@ -1,0 +1,109 @@
+"""Executes a job where the work is done: trains its runs, evaluates them, and makes their records."""
+
+import time
+from dataclasses import fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents import check_training, load_algorithm
+from agents.dynamic_programming import Evaluation, evaluate, every_cell
+from agents.policy import Policy, mask_policy
+from benchmark.execution.plan import Job
+from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
+from benchmark.execution.store import Record, evaluated
+from envs import Model, compile_scenario
+
+
+def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
+    """Trains the runs of a job and evaluates every snapshot of them exactly.
+
+    Args:
+      job: Runs that differ by their seed alone.
+      logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
+
+    Returns:
+      The records of the runs, in their order. If training raises an exception, all of them have failed.
+    """
+    started, started_at = time.perf_counter(), now()
+    reset_peak_memory()
+    try:
+        columns = _train_and_evaluate(job, logs)
+    except Exception as exception:
+        return failures(job, exception, started_at, time.perf_counter() - started)
+    measured = provenance(job[0].algorithm) | {
+        "started_at": started_at,
+        "wall_time_s": (time.perf_counter() - started) / len(job),
+        "peak_memory_mb": peak_memory_mb(),
+    }
+    # CPU time is measured, so it is no result: arrays are the same whenever a run is repeated.
+    cpu_time_s = columns.pop("cpu_time_s")
+    return [
+        Record(
+            digest=run.digest,
+            specification=run.content,
+            status="done" if columns["diverged_at"][i] < 0 else "diverged",
+            provenance=measured | {"cpu_time_s": cpu_time_s[i].tolist()},
+            arrays={name: values[i] for name, values in columns.items()},
+        )
+        for i, run in enumerate(job)
+    ]
+
+
+def failures(job: Job, error: BaseException, started_at: str, wall_time_s: float) -> list[Record]:
+    """Returns the records of a job that failed.
+
+    Args:
+      job: Its runs.
+      error: Why it failed.
+      started_at: When it started, as `now` says it.
+      wall_time_s: How long it took until it failed.
+    """
+    measured = provenance(job[0].algorithm) | {
+        "started_at": started_at,
+        "wall_time_s": wall_time_s / len(job),
+        "peak_memory_mb": None,
+        "cpu_time_s": [],
+    }
+    message = f"{type(error).__name__}: {error}"
+    return [Record(run.digest, run.content, "failed", measured, {}, message) for run in job]
+
+
+def now() -> str:
+    """Returns the time as records have it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
+    """Returns the arrays of all runs by name, each (N, ...)."""
+    first = job[0]
+    model = compile_scenario(first.scenario)
+    training = load_algorithm(first.algorithm).train(
+        model,
+        first.settings,
+        first.observation,
+        [run.seed_sequence for run in job],
+        first.schedule,
+        [] if logs is None else [logs / run.folder for run in job],
+    )
+    check_training(training, model, len(job), first.schedule)
+    columns = {field.name: getattr(training, field.name) for field in fields(training)}
+    # Equal policies, as all are before the first step, are evaluated once.
+    masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
+    shape = training.greedy.shape[:2]  # (N, T)
+    for start in first.evaluated_from:
+        for name, values in _evaluate(model, mask_policy(masks), first.horizon, start).items():
+            greedy = values[where.ravel()].reshape(*shape, *values.shape[1:])
+            columns[evaluated(name, "greedy", start)] = greedy
+        for name, values in _evaluate(model, training.stochastic, first.horizon, start).items():
+            columns[evaluated(name, "stochastic", start)] = values
+    return columns
+
+
+def _evaluate(model: Model, policy: Policy, horizon: int, start: str) -> dict[str, NDArray[np.float64]]:
+    """Returns the fields of an evaluation, (..., as policy's leading axes)."""
+    evaluation = evaluate(model, policy, horizon, every_cell(model) if start == "every_cell" else None)
+    return {field.name: getattr(evaluation, field.name) for field in fields(Evaluation)}

@@ -1,0 +1,90 @@
+"""What a record says of the code and the machine that made it, collected where the run is executed."""
+
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+from agents import load_algorithm
+from envs import InputError
+
+_PACKAGES: Final = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
+
+
+def check_packages(algorithms: Iterable[str]) -> None:
+    """Checks that everything is installed that runs of these algorithms need.
+
+    Raises:
+      InputError: A package is missing.
+    """
+    for algorithm in sorted(set(algorithms)):
+        versions(algorithm)
+
+
+@cache
+def provenance(algorithm: str) -> dict[str, Any]:
+    """Returns the commit of the code, the machine, and the versions that a run of an algorithm depends on."""
+    return {
+        "commit": commit(Path(__file__)),
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "versions": versions(algorithm),
+    }
+
+
+def versions(algorithm: str) -> dict[str, str]:
+    """Returns the versions of Python and of the packages that an algorithm's runs depend on.
+
+    Raises:
+      InputError: A package is missing.
+    """
+    found = {"python": platform.python_version()}
+    for package in (*_PACKAGES, *load_algorithm(algorithm).packages):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            raise InputError(
+                f"{package} is not installed, but {algorithm} needs it; make compare-deep installs it."
+            ) from None
+    return found
+
+
+def commit(file: Path) -> str | None:
+    """Returns the commit of the repository that tracks a file of this code, if one does.
+
+    It ends in `-changed` if the code differs from the commit. An installed copy has no commit, even if it
+    lies in the folder of another repository.
+    """
+    root = str(file.parents[2])
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(
+            ["git", "-C", root, *arguments], check=True, capture_output=True, text=True
+        ).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", "--", str(file))
+        head = git("rev-parse", "--short=12", "HEAD")
+        changes = git("status", "--porcelain", "--", "envs", "agents", "benchmark")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return head + ("-changed" if changes else "")
+
+
+def reset_peak_memory() -> None:
+    """Starts measuring this process's peak memory anew, where the system can: Linux."""
+    with suppress(OSError):  # elsewhere the peak is that of all runs of the process so far
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def peak_memory_mb() -> float | None:
+    """Returns the most memory that this process has used, in MB; None where the system does not say."""
+    try:
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+    except OSError:
+        return None
+    return int(status.split("VmHWM:")[1].split()[0]) / 1024

@@ -1,0 +1,199 @@
+"""The tables of an experiment, as read from TOML.
+
+An experiment is a product: conditions x scenarios x learners x seeds. A learner is an arm, that is an
+algorithm with settings, together with one observation. A condition changes values of scenarios and settings.
+The readings of the paper are conditions. A sweep adds axes, and each point of their product is a condition.
+"""
+
+import json
+from collections.abc import Mapping
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import Field, model_validator
+
+from envs import InputError
+from envs.inputs import Table, override, parse, read_toml, unknown_name
+
+EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
+DEFAULT_CONDITION: Final = "default"
+
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # without the / and = of a condition's name
+
+
+class Arm(Table):
+    """An algorithm with its settings, and the observations from which it learns."""
+
+    algorithm: str
+    observations: Annotated[tuple[str, ...], Field(min_length=1)]
+    seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition: seeds 0 to seeds - 1
+    group: str = ""  # arms of a group are drawn together; an arm without a group is drawn with every group
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+
+class Condition(Table):
+    """Changes of scenarios and settings, as dotted keys. All conditions have the same random streams."""
+
+    scenario: dict[str, Any] = Field(default_factory=dict)
+    scenarios: tuple[str, ...] | None = None  # names of the scenarios it changes; all by default
+    settings: dict[str, Any] = Field(default_factory=dict)  # of every arm
+
+
+class Reading(Condition):
+    """One way to read the paper, or a control."""
+
+    question: Annotated[str, Field(min_length=1)]
+    answer: Annotated[str, Field(min_length=1)]
+    curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
+
+
+class Experiment(Table):
+    """A declared set of runs: every condition, scenario, arm and observation, each with its seeds."""
+
+    name: str
+    description: str
+    report: str = (
+        ""  # the kind of report, see `benchmark.reports`; without one, runs are stored and not drawn
+    )
+    items: tuple[str, ...] = ()  # further tables and figures of the report, each as module:attribute
+    note: str = ""  # for readers of the results, for example how settings were chosen
+    stream: str = ""  # experiments with the same stream share runs; by default, the experiment's name
+    scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
+    horizon: Annotated[int, Field(ge=1, le=100_000)]
+    evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
+    map_every: Annotated[int, Field(ge=1, le=10**9)]  # a multiple of `evaluation_every`
+    # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
+    evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
+    settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
+    algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
+    readings: dict[_Name, Reading] = Field(
+        default_factory=lambda: {
+            DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
+        }
+    )
+    sweep: dict[_Name, dict[_Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
+
+    @model_validator(mode="after")
+    def _maps_are_evaluated(self) -> Self:
+        if self.map_every % self.evaluation_every:
+            raise ValueError(
+                f"map_every = {self.map_every}: accepted: a multiple of "
+                f"evaluation_every = {self.evaluation_every}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _axes_change_different_keys(self) -> Self:
+        axis_of_key: dict[str, str] = {}
+        for axis, conditions in self.sweep.items():
+            if not conditions:
+                raise ValueError(f"sweep.{axis}: accepted: a table with at least one condition")
+            keys = {
+                f"{table}.{key}"
+                for condition in conditions.values()
+                for table in ("scenario", "settings")
+                for key in getattr(condition, table)
+            }
+            for key in sorted(keys):
+                other = axis_of_key.setdefault(key, axis)
+                if other != axis:
+                    raise ValueError(f"sweep.{axis} and sweep.{other} both change {key}")
+        return self
+
+    @property
+    def argument(self) -> str:
+        """How the experiment is given on the command line."""
+        return self.name if self.name in experiment_names() else f"PATH/{self.name}.toml"
+
+    @property
+    def populations(self) -> list[tuple[str, str, str]]:
+        """(scenario, arm, observation) of every population of one condition, as declared."""
+        return [
+            (scenario, name, observation)
+            for scenario in self.scenarios
+            for name, arm in self.algorithms.items()
+            for observation in arm.observations
+        ]
+
+    @property
+    def conditions(self) -> dict[str, Mapping[str, Condition]]:
+        """The changes of every condition, by its name.
+
+        A condition is a reading together with a point of the sweep. Its name is that of the reading, followed
+        by /AXIS=NAME for each axis. Its changes are named by their tables, and made in this order.
+        """
+        axes = [
+            [(f"{axis}={name}", f"sweep.{axis}.{name}", change) for name, change in changes.items()]
+            for axis, changes in self.sweep.items()
+        ]
+        return {
+            "/".join([name, *(part for part, _, _ in point)]): {
+                f"readings.{name}": reading,
+                **{table: change for _, table, change in point},
+            }
+            for name, reading in self.readings.items()
+            for point in product(*axes)
+        }
+
+
+class _Extension(Table):
+    """An experiment that differs from another in some values."""
+
+    extends: str  # a shipped experiment's name, or the path of a TOML file
+    description: str
+    changes: dict[str, Any]  # dotted key to value
+
+
+def experiment_names() -> list[str]:
+    """Lists the shipped experiments: one TOML file each, named after it."""
+    return sorted(path.stem for path in EXPERIMENT_DIRECTORY.glob("*.toml"))
+
+
+def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
+    """Reads an experiment's tables and checks their form, not yet what they name.
+
+    Args:
+      experiment: The name of a shipped experiment, or the path of a TOML file.
+
+    Returns:
+      The experiment and its file.
+
+    Raises:
+      InputError: The file cannot be read, or a key or value is not accepted.
+    """
+    path = _path(experiment)
+    read = parse(Experiment, _read(path), str(path), name=path.stem)
+    if DEFAULT_CONDITION not in read.readings:
+        raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
+    return read, path
+
+
+def _path(experiment: str | Path) -> Path:
+    """Returns the file of an experiment."""
+    path = Path(experiment)
+    shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
+    if path.suffix != ".toml":
+        if str(experiment) not in experiment_names():
+            accepted = [*experiment_names(), "or the path of a .toml file"]
+            unknown_name("experiments", "experiment", str(experiment), accepted)
+        return shipped
+    if path.stem in experiment_names() and path.resolve() != shipped.resolve():
+        raise InputError(
+            f"{path}: results are named after the experiment's file, and {path.stem} is a shipped one; "
+            "rename it."
+        )
+    return path
+
+
+def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Reads an experiment's tables; those of an extension are those of its base with changes."""
+    data = read_toml(path)
+    if "extends" not in data:
+        return data
+    extension = parse(_Extension, data, str(path))
+    base = _path(extension.extends)
+    if base in (path, *extended_by):
+        raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
+    changes = {"description": extension.description} | extension.changes
+    return override(_read(base, (path, *extended_by)), changes, str(path))

@@ -1,0 +1,27 @@
+// The address: the page's fragment says what the explorer shows, so that it can be cited and shared.
+import { KEYS } from "./panel.js";
+
+const START = "#explorer=";
+const escaped = (text) => encodeURIComponent(text).replaceAll(".", "%2E").replaceAll("~", "%7E");
+
+function unescaped(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return ""; // a mistyped address
+  }
+}
+
+const wishOf = (text = "") => Object.fromEntries(text.split(".").slice(0, KEYS.length).map((part, i) => [KEYS[i], unescaped(part)]));
+
+// What the address asks for, or null; nothing of it need exist.
+export function asked() {
+  if (!location.hash.startsWith(START)) return null;
+  const [left, right, step, kind] = location.hash.slice(START.length).split("~");
+  return { wishes: [wishOf(left), wishOf(right)], step: Number(step), kind };
+}
+
+export function addressOf(agents, { step, kind }) {
+  const named = agents.map((agent) => KEYS.map((key) => escaped(agent[key])).join("."));
+  return START + [...named, step, kind].join("~");
+}

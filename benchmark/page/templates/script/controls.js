@@ -1,0 +1,119 @@
+// The controls: the slider through training, what is shown, both players, and the walk's buttons.
+import { byId, grouped } from "./elements.js";
+import { agents } from "./agents.js";
+import { Panel } from "./panel.js";
+import { addressOf, asked } from "./address.js";
+
+const slider = byId("step");
+const kinds = byId("shown");
+const shown = { step: 0, kind: "values", marks: true };
+const panels = [];
+let hasAddress = false; // whether the address follows what is shown
+let addressTimer;
+
+// All steps at which one of the two agents has a map.
+const allSteps = () => [...new Set(panels.flatMap((panel) => panel.agent.steps))].sort((a, b) => a - b);
+
+function refresh() {
+  const steps = allSteps();
+  const place = Math.max(steps.findLastIndex((step) => step <= shown.step), 0);
+  shown.step = steps[place];
+  slider.max = steps.length - 1;
+  slider.value = place;
+  const text = `${grouped(shown.step)} of ${grouped(steps.at(-1))}`;
+  byId("step-text").textContent = text;
+  slider.setAttribute("aria-valuetext", text);
+  byId("step-label").textContent = `Training ${[...new Set(panels.map((panel) => panel.agent.unitName))].join(" or ")}`;
+  panels[0].draw(shown, panels[1]);
+  panels[1].draw(shown, panels[0]);
+  clearTimeout(addressTimer); // browsers allow few changes of the address a second
+  const address = addressOf(panels.map((panel) => panel.agent), shown);
+  if (hasAddress) addressTimer = setTimeout(() => history.replaceState(null, "", address), 150);
+}
+
+// Shows what an address asks for, as far as it exists.
+function follow({ wishes, step, kind }) {
+  panels.forEach((panel, i) => panel.choose(wishes[i]));
+  shown.step = step >= 0 ? step : allSteps().at(-1);
+  if ([...kinds.options].some((option) => option.value === kind)) shown.kind = kind;
+  kinds.value = shown.kind;
+}
+
+// A button that starts and stops `tick`, which returns whether there is more to come; returns what stops it.
+function player(button, pause, tick) {
+  const label = button.textContent;
+  let timer = 0;
+  const stop = () => {
+    clearInterval(timer);
+    timer = 0;
+    button.setAttribute("aria-pressed", "false");
+    button.textContent = label;
+  };
+  button.addEventListener("click", () => {
+    if (timer) return stop();
+    button.setAttribute("aria-pressed", "true");
+    button.textContent = "Pause";
+    timer = setInterval(() => tick() || stop(), pause);
+  });
+  return stop;
+}
+
+function toPlace(place) {
+  shown.step = allSteps()[place];
+  refresh();
+}
+
+function nextMap() {
+  const [place, last] = [Number(slider.value), Number(slider.max)];
+  toPlace(place >= last ? 0 : place + 1);
+  return Number(slider.value) < last;
+}
+
+function nextStep() {
+  const going = panels.map((panel) => panel.walk.step());
+  for (const panel of panels) panel.drawWalk();
+  return going.some(Boolean);
+}
+
+export function start() {
+  const stopTraining = player(byId("learn"), 450, nextMap);
+  const stopWalking = player(byId("walk-all"), 250, nextStep);
+  byId("walk-one").addEventListener("click", () => {
+    stopWalking();
+    nextStep();
+  });
+  byId("walk-again").addEventListener("click", () => {
+    stopWalking();
+    for (const panel of panels) panel.startWalk(panel.agent.scene.start);
+  });
+  slider.addEventListener("input", () => {
+    stopTraining();
+    stopWalking();
+    toPlace(Number(slider.value));
+  });
+  kinds.addEventListener("change", () => {
+    shown.kind = kinds.value;
+    refresh();
+  });
+  byId("marks").addEventListener("change", (event) => {
+    shown.marks = event.target.checked;
+    refresh();
+  });
+  addEventListener("hashchange", () => {
+    const wanted = asked();
+    if (!wanted) return;
+    stopTraining();
+    stopWalking();
+    follow(wanted);
+    refresh();
+    byId("explorer").scrollIntoView();
+  });
+
+  panels.push(...["left", "right"].map((side) => new Panel(document.querySelector(`[data-side="${side}"]`), refresh)));
+  const [first] = agents;
+  const other = agents.find((agent) => agent.scene === first.scene && agent.method !== first.method) ?? agents.at(-1);
+  follow({ wishes: [first, other] });
+  if (asked()) follow(asked());
+  refresh();
+  hasAddress = true;
+}

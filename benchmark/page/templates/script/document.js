@@ -1,0 +1,15 @@
+// The document as a whole: tells the style sheet that scripts run, and unfolds folded parts for printing.
+document.documentElement.classList.add("js");
+
+addEventListener("beforeprint", () => {
+  for (const folded of document.querySelectorAll("details:not([open])")) {
+    folded.setAttribute("open", "");
+    folded.setAttribute("data-folded", "");
+  }
+});
+addEventListener("afterprint", () => {
+  for (const unfolded of document.querySelectorAll("[data-folded]")) {
+    unfolded.removeAttribute("open");
+    unfolded.removeAttribute("data-folded");
+  }
+});

@@ -1,0 +1,90 @@
+// A panel: menus that choose an agent, its map with a cursor, its readout, curve and walk.
+import { element } from "./elements.js";
+import { agents } from "./agents.js";
+import { SceneView } from "./scene.js";
+import { paint, paintLegend, sharedRange } from "./colours.js";
+import { curveOf } from "./curve.js";
+import { described, readoutOf } from "./readout.js";
+import { Walk } from "./walk.js";
+
+export const KEYS = ["scenario", "algorithm", "observation", "experiment"]; // of an agent
+
+export class Panel {
+  // `refresh` is called after the reader has chosen another agent.
+  constructor(root, refresh) {
+    this.find = (selector) => root.querySelector(selector);
+    this.root = root;
+    this.menus = Object.fromEntries(KEYS.map((key) => [key, this.find(`[name=${key}]`)]));
+    for (const [key, menu] of Object.entries(this.menus)) {
+      menu.parentElement.hidden = key === "experiment" && new Set(agents.map((agent) => agent[key])).size === 1;
+      menu.addEventListener("change", () => {
+        this.choose(this.agent, { [key]: menu.value });
+        refresh();
+      });
+    }
+    this.find(".map").addEventListener("keydown", (event) => this.key(event));
+  }
+  // Chooses the agent that has what is wished for, as far as there is one.
+  choose(...wishes) {
+    const wish = Object.assign({}, ...wishes.map((each) => Object.fromEntries(KEYS.filter((key) => key in (each ?? {})).map((key) => [key, each[key]]))));
+    let left = agents;
+    for (const [key, menu] of Object.entries(this.menus)) {
+      const names = [...new Set(left.map((agent) => agent[key]))];
+      const name = names.includes(wish[key]) ? wish[key] : names[0];
+      menu.replaceChildren(...names.map((value) => element("option", { value }, value)));
+      menu.value = name;
+      left = left.filter((agent) => agent[key] === name);
+    }
+    const before = this.agent;
+    this.agent = left[0];
+    if (this.agent === before) return;
+    if (before?.scene !== this.agent.scene) {
+      this.view = new SceneView(this.agent.scene, (cell) => this.look(cell));
+      this.find(".map").replaceChildren(this.view.image);
+      this.cursor = this.agent.scene.start;
+    }
+    this.map = 0;
+    this.startWalk(this.agent.scene.start);
+  }
+  key(event) {
+    const { rows, columns } = this.agent.scene;
+    const [row, column] = [Math.floor(this.cursor / columns), this.cursor % columns];
+    const moved = { ArrowUp: [row - 1, column], ArrowDown: [row + 1, column], ArrowLeft: [row, column - 1], ArrowRight: [row, column + 1] }[event.key];
+    if (event.key === "Enter") this.startWalk(this.cursor);
+    else if (!moved) return;
+    else if (moved[0] >= 0 && moved[0] < rows && moved[1] >= 0 && moved[1] < columns) this.look(moved[0] * columns + moved[1]);
+    event.preventDefault();
+  }
+  look(cell) {
+    this.cursor = cell;
+    this.view.showCursor(cell);
+    this.find(".readout").replaceChildren(...readoutOf(this.agent, this.map, cell));
+  }
+  // Starts the walk in a cell, unless the episode is over there.
+  startWalk(cell = this.walk.start) {
+    if (this.agent.isOver(cell)) return;
+    this.walk = new Walk(this.agent, this.map, cell);
+    this.drawWalk();
+  }
+  // Draws what the agent knows at a step; a walk starts again if that is another map.
+  draw({ step, kind, marks }, other) {
+    const map = this.agent.mapAt(step);
+    if (map !== this.map) {
+      this.map = map;
+      this.startWalk();
+    }
+    const range = sharedRange(this.agent, other.agent, kind);
+    paint(this.view, this.agent, map, kind, range, marks);
+    paintLegend(this.root, kind, range);
+    this.find(".about").replaceChildren(...described(this.agent, map, step));
+    this.find(".curve").replaceChildren(curveOf(this.agent, map));
+    const { algorithm, observation, scenario, unitName, steps } = this.agent;
+    this.find(".map").setAttribute("aria-label", `Map of ${algorithm}, ${observation}, in ${scenario}, ${unitName} ${steps[map]}. Arrow keys choose a cell, Enter starts the walk there.`);
+    this.look(this.cursor);
+  }
+  drawWalk() {
+    this.view.showPath(this.walk.path);
+    this.find(".walked").textContent = this.walk.summary;
+    this.find(".walk").replaceChildren(...this.walk.table);
+  }
+}

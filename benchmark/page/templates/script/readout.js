@@ -1,0 +1,55 @@
+// The readout: what an agent is about, and the numbers of the cell under the cursor, each with its source.
+import { element, grouped, show, sourced } from "./elements.js";
+import { explorer } from "./data.js";
+import { rowAndColumn } from "./agents.js";
+
+const ZONES = {
+  outside: "outside the regions",
+  target: "in the target region",
+  uncomfortable: "in the uncomfortable region",
+  issuer: "the issuer's cell",
+};
+
+// What the map shows, and how good the agent and all runs of its learner are at this time.
+export function described(agent, map, step) {
+  const { evaluation, curve, scene } = agent;
+  const shown = agent.steps[map];
+  const time = shown === step ? "" : `At ${agent.unitName} ${grouped(shown)}: `;
+  const values = agent.kind === "q" ? `Q-values, discount ${agent.discount}.` : "Probabilities of the stochastic policy.";
+  const hasDiverged = Number.isNaN(agent.valueAt(map, scene.start, 0));
+  const diverged = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
+  const place = curve ? curve.step.indexOf(shown) : -1;
+  const mean = place < 0 ? [] : [
+    ". Mean score of all runs: ", sourced(curve.file, curve.line + place, show(curve.mean[place])),
+    ` [${show(curve.low[place])}, ${show(curve.high[place])}]`,
+  ];
+  return [
+    `${time}${values}${diverged} This agent (seed ${agent.seed}): score `, sourced(evaluation.file, evaluation.line + map, show(agent.score[map])),
+    ", success probability ", sourced(evaluation.file, evaluation.line + map, show(agent.success[map])), ...mean, ".",
+  ];
+}
+
+export function readoutOf(agent, map, cell) {
+  const { row, column } = rowAndColumn(agent.scene, cell);
+  const zone = agent.scene.zone[cell];
+  const title = element("p", {}, element("strong", {}, `Row ${row}, column ${column}`), `, ${ZONES[zone] ?? zone}`);
+  if (agent.isOver(cell)) return [title, element("p", {}, "The episode ends when the agent gets here: there are no actions.")];
+  const { optimum } = agent;
+  const best = agent.optimumAt(cell);
+  const isIn = (mask, action) => (mask >> action) & 1;
+  const number = (...content) => element("td", { class: "number" }, ...content);
+  const lines = explorer.actions.map((action, a) => {
+    const value = agent.valueAt(map, cell, a);
+    const words = [isIn(agent.greedyAt(map, cell), a) && "greedy", isIn(optimum.optimal[cell], a) && "optimal"];
+    return element("tr", {},
+      element("th", { scope: "row" }, action),
+      number(sourced(agent.map.file, agent.lineOf(map, cell), show(value))),
+      number(sourced(optimum.file, optimum.line + cell, show(best[a]))),
+      number(show(value - best[a])),
+      element("td", {}, words.filter(Boolean).join(", ")));
+  });
+  const head = (text, isNumber) => element("th", { scope: "col", ...(isNumber ? { class: "number" } : {}) }, text);
+  const value = agent.kind === "q" ? "Q" : "probability";
+  const heads = element("tr", {}, head("action"), head(value, true), head("optimum", true), head("difference", true), head("is"));
+  return [title, element("table", {}, element("thead", {}, heads), element("tbody", {}, ...lines))];
+}

@@ -1,0 +1,84 @@
+// Sources: a click on a number opens a dialog with the lines of the CSV file that it comes from.
+import { byId, element } from "./elements.js";
+import { csv } from "./data.js";
+import { packedLine } from "./agents.js";
+
+const parsed = new Map();
+
+function parsedFile(file) {
+  if (!parsed.has(file)) parsed.set(file, parse(csv[file]));
+  return parsed.get(file);
+}
+
+function parse(text) {
+  const rows = [[]];
+  for (const [, quoted, plain, end] of text.matchAll(/(?:"((?:[^"]|"")*)"|([^",\n]*))(,|\n|$)/g)) {
+    rows.at(-1).push(quoted === undefined ? plain : quoted.replaceAll('""', '"'));
+    if (end === "\n") rows.push([]);
+    if (end === "") break;
+  }
+  return rows.filter((row) => row.length > 1 || row[0] !== "");
+}
+
+// The columns and cells of a line; null if the page does not hold the file.
+function lineOf(file, line) {
+  return file in csv ? [parsedFile(file)[0], parsedFile(file)[line - 1]] : packedLine(file, line);
+}
+
+// The line numbers of a selection such as "3;7-9".
+function selected(selection) {
+  return selection.split(";").flatMap((part) => {
+    const [first, last = first] = part.split("-").map(Number);
+    return Array.from({ length: last - first + 1 }, (_, i) => first + i);
+  });
+}
+
+// The columns that hold the number shown, or whose mean it is.
+function cited(text, columns, rows) {
+  const [number] = text.replaceAll("\u2212", "-").replaceAll(",", "").split(" ");
+  const decimals = number.replace("%", "").split(".")[1]?.length ?? 0;
+  const isNumber = (value) => [value.toFixed(decimals), String(+value.toPrecision(3)), `${Math.round(100 * value)}%`].includes(number);
+  return columns.map((_, i) => i).filter((i) => {
+    const cells = rows.map((row) => row[i]).filter((cell) => cell !== "");
+    if (!cells.length) return false;
+    if (cells.some((cell) => Number.isNaN(Number(cell)))) return rows.length === 1 && cells[0] === text;
+    return isNumber(cells.reduce((sum, cell) => sum + Number(cell), 0) / cells.length);
+  });
+}
+
+// One line is shown as a table of names and cells, several as they are in the file.
+function tableOf(columns, rows, marked) {
+  const mark = (i) => (marked.includes(i) ? { class: "cited" } : {});
+  if (rows.length === 1) {
+    const lines = columns.map((name, i) =>
+      element("tr", {}, element("th", { scope: "row", ...mark(i) }, name), element("td", mark(i), rows[0][i])));
+    return element("table", {}, element("tbody", {}, ...lines));
+  }
+  const line = (kind, cells) => element("tr", {}, ...cells.map((cell, i) => element(kind, mark(i), cell)));
+  return element("table", { class: "many" }, element("thead", {}, line("th", columns)), element("tbody", {}, ...rows.map((row) => line("td", row))));
+}
+
+function showSource(text, file, selection) {
+  const found = selected(selection).map((line) => lineOf(file, line));
+  if (found.includes(null)) return false;
+  const [columns] = found[0];
+  const rows = found.map(([, cells]) => cells);
+  const marked = cited(text, columns, rows);
+  const several = marked.length ? `, the mean of ${columns[marked[0]]} over these lines` : ", computed from these lines";
+  byId("source-title").textContent = `${file}, line${rows.length > 1 ? "s" : ""} ${selection.replaceAll(";", ", ")}`;
+  byId("source-rows").replaceChildren(
+    element("p", {}, `Shown as ${text}${rows.length > 1 ? several : ""}.`),
+    element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Lines of the file" }, tableOf(columns, rows, marked)),
+  );
+  byId("source-file").href = `${file}#row=${selection}`;
+  byId("source").showModal();
+  byId("source").querySelector("td.cited")?.scrollIntoView({ block: "nearest", inline: "center" });
+  return true;
+}
+
+document.addEventListener("click", (event) => {
+  const link = event.target.closest("a.n");
+  if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
+  const [file, selection] = link.getAttribute("href").split("#row=");
+  if (selection && showSource(link.textContent, file, selection)) event.preventDefault();
+});

@@ -1,0 +1,322 @@
+"""The native vector env against Gymnasium's `SyncVectorEnv`, and what is its business alone."""
+
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
+from numpy.typing import NDArray
+
+from envs import OBSERVATIONS, ZONES, InputError, ProxemicVectorEnv, load_scenario
+
+SCENARIOS = ("S1", "S2", "S3")
+MODES = tuple(AutoresetMode)
+PING = 4
+
+
+def sync_env(
+    n: int, name: str, observation: str = "index", limit: int = -1, mode: AutoresetMode = MODES[0]
+) -> SyncVectorEnv[Any, Any]:
+    def make() -> gymnasium.Env[Any, Any]:
+        return gymnasium.make(
+            f"envs:Proxemic/{name}-v0",
+            observation=observation,
+            max_episode_steps=limit,
+            disable_env_checker=True,
+        )
+
+    return SyncVectorEnv([make] * n, autoreset_mode=mode)
+
+
+def assert_same(ours: Any, theirs: Any, place: str = "") -> None:
+    """Compares values, types, shapes and dtypes, at all depths."""
+    assert type(ours) is type(theirs), place
+    if isinstance(theirs, dict):
+        assert ours.keys() == theirs.keys(), place
+        for key, value in theirs.items():
+            assert_same(ours[key], value, f"{place}.{key}")
+    elif isinstance(theirs, tuple):
+        assert len(ours) == len(theirs), place
+        for i, value in enumerate(theirs):
+            assert_same(ours[i], value, f"{place}.{i}")
+    elif isinstance(theirs, np.ndarray):
+        assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape), place
+        if theirs.dtype == object:
+            for i, value in enumerate(theirs):
+                assert_same(ours[i], value, f"{place}.{i}")
+        else:
+            assert np.array_equal(ours, theirs), place
+    else:
+        assert ours == theirs, place
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_batch_equals_gymnasiums(name: str, observation: str, mode: AutoresetMode) -> None:
+    n, limit = 5, 12
+    ours = ProxemicVectorEnv(n, name, observation, max_episode_steps=limit, autoreset_mode=mode)
+    theirs = sync_env(n, name, observation, limit, mode)
+    assert ours.single_observation_space == theirs.single_observation_space
+    assert ours.observation_space == theirs.observation_space
+    assert ours.single_action_space == theirs.single_action_space
+    assert ours.action_space == theirs.action_space
+    assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
+    assert_same(ours.reset(seed=7), theirs.reset(seed=7))
+    assert ours.np_random_seed == theirs.np_random_seed == (7, 8, 9, 10, 11)
+    rng = np.random.default_rng(1)
+    n_ends = n_resets = 0
+    for _ in range(300):
+        actions = rng.choice(5, size=n, p=[0.15, 0.15, 0.15, 0.15, 0.4])
+        mine, its = ours.step(actions), theirs.step(actions)
+        assert_same(mine, its)
+        ended = its[2] | its[3]
+        n_ends += int(ended.sum())
+        mask = rng.random(n) < 0.1
+        if mode is AutoresetMode.DISABLED:
+            mask |= ended
+        if mask.any():
+            seeds = [int(s) if s < 50 else None for s in rng.integers(0, 100, n)]
+            seed = None if rng.random() < 0.5 else seeds
+            assert_same(
+                ours.reset(seed=seed, options={"reset_mask": mask}),
+                theirs.reset(seed=seed, options={"reset_mask": mask}),
+            )
+            n_resets += 1
+        elif rng.random() < 0.05:
+            assert_same(ours.reset(), theirs.reset())
+    assert n_ends > 50
+    assert n_resets > 50
+
+
+def test_noise_equals_gymnasiums_over_many_blocks_of_draws() -> None:
+    ours, theirs = ProxemicVectorEnv(3, "S2"), sync_env(3, "S2")
+    ours.reset(seed=[5, 5, 2**70])
+    theirs.reset(seed=[5, 5, 2**70])
+    rng = np.random.default_rng(0)
+    for _ in range(1500):
+        actions = rng.choice(5, size=3, p=[0.1, 0.1, 0.1, 0.1, 0.6])
+        assert (ours.step(actions)[1] == theirs.step(actions)[1]).all()
+
+
+def test_seed_may_be_a_numpy_integer_or_array() -> None:
+    env, expected = ProxemicVectorEnv(2, "S2"), ProxemicVectorEnv(2, "S2")
+    pings = np.full(2, PING)
+    expected.reset(seed=3)
+    rewards = expected.step(pings)[1]
+    for seed in (np.int64(3), np.array([3, 4]), (3, 4)):
+        env.reset(seed=seed)  # type: ignore[arg-type]
+        assert (env.step(pings)[1] == rewards).all()
+
+
+def test_envs_without_a_seed_draw_apart() -> None:
+    env = ProxemicVectorEnv(50, "S2")
+    env.reset()
+    first = env.step(np.full(50, PING))[1]
+    env.reset()  # goes on with the same generators
+    second = env.step(np.full(50, PING))[1]
+    assert len(np.unique([first, second])) == 100
+
+
+def test_random_feedback_is_uniform_and_none_on_reset() -> None:
+    env = ProxemicVectorEnv(500, "S2")
+    env.reset(seed=0)
+    pings = np.full(500, PING)
+    rewards = np.array([env.step(pings)[4]["issuer_reward"] for _ in range(6)])
+    assert (abs(rewards[:5]) < 1).all()
+    assert len(np.unique(rewards[:5])) == 2500
+    assert abs(rewards[:5].mean()) < 4.5 / np.sqrt(3 * 2500)
+    assert not rewards[5].any()  # after the fifth PING the sixth step resets
+
+
+def test_final_info_holds_for_the_envs_that_ended_alone() -> None:
+    env = ProxemicVectorEnv(3, max_episode_steps=5, autoreset_mode="SameStep")
+    env.reset()
+    for _ in range(4):
+        assert "final_info" not in env.step(np.array([PING, 1, 3]))[4]
+    env.reset(options={"reset_mask": np.array([False, False, True])})
+    *_, info = env.step(np.array([PING, 1, 3]))
+    assert info["final_obs"].tolist() == [0, 60, None]  # row 5, column 0 is cell 60
+    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == [True, True, False]
+    assert info["final_info"]["wrong_pings"].tolist() == [5, 0, 0]
+    assert info["final_info"]["_wrong_pings"].tolist() == [True, True, False]
+    assert info["wrong_pings"].tolist() == [0, 0, 0]
+
+
+def test_list_of_infos_has_final_info_of_the_envs_that_ended_alone() -> None:
+    env = DictInfoToList(ProxemicVectorEnv(2, autoreset_mode="SameStep"))
+    env.reset()
+    for _ in range(5):
+        *_, infos = env.step(np.array([PING, 0]))
+    assert ["final_info" in info for info in infos] == [True, False]
+
+
+def test_disabled_autoreset_waits_for_a_reset() -> None:
+    env = ProxemicVectorEnv(3, max_episode_steps=2, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset()
+    down = np.full(3, 1)
+    env.step(down)
+    observation, _, _, truncated, _ = env.step(down)
+    assert truncated.all()
+    env.reset(options={"reset_mask": np.array([True, False, False])})
+    with pytest.raises(InputError, match=r"the episodes of envs \[1, 2\] are over"):
+        env.step(down)
+    env.reset(options={"reset_mask": np.array([False, True, True])})
+    observation, *_ = env.step(down)
+    assert observation.tolist() == [12, 12, 12]
+
+
+def test_partial_reset_works_below_a_wrapper() -> None:
+    env = RecordEpisodeStatistics(ProxemicVectorEnv(2, max_episode_steps=3, autoreset_mode="Disabled"))
+    env.reset()
+    for _ in range(2):
+        env.step(np.array([1, 1]))
+    observation, _ = env.reset(options={"reset_mask": np.array([True, False])})
+    assert observation.tolist() == [0, 24]
+    *_, truncated, info = env.step(np.array([1, 1]))
+    assert truncated.tolist() == [False, True]
+    assert info["episode"]["l"].tolist() == [0, 3]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_info_is_numbers_for_wrappers_that_convert_arrays(name: str) -> None:
+    torch = pytest.importorskip("torch")
+    env = ProxemicVectorEnv(4, name, max_episode_steps=3)
+    for info in (env.reset()[1], *(env.step(np.array([0, 1, 3, PING]))[4] for _ in range(4))):
+        for values in info.values():
+            assert torch.from_numpy(values).shape == (4,)
+    assert ZONES[env.reset()[1]["zone"][0]] == "outside"
+
+
+def test_reset_forgets_which_episodes_were_over() -> None:
+    env = ProxemicVectorEnv(2)
+    env.reset()
+    for _ in range(5):
+        _, _, terminated, *_ = env.step(np.array([PING, 1]))
+    assert terminated.tolist() == [True, False]
+    env.reset()
+    observation, reward, *_ = env.step(np.array([1, 1]))
+    assert observation.tolist() == [12, 12]  # a step down, and no second reset in its place
+    assert reward.tolist() == [-0.1, -0.1]
+
+
+def test_batch_returns_copies() -> None:
+    env = ProxemicVectorEnv(2, observation="one_hot")
+    first, info = env.reset()
+    start = first.copy()
+    second, rewards, *_ = env.step(np.array([1, 3]))
+    first[:] = 9
+    info["_event"][:] = False
+    assert info["_zone"].all()
+    rewards_before = rewards.copy()
+    third, *_ = env.step(np.array([1, 3]))
+    assert (env.reset()[0] == start).all()
+    assert (rewards == rewards_before).all()
+    assert not np.shares_memory(second, third)
+
+
+@pytest.mark.parametrize("kind", [np.uint64, np.int8])
+def test_batch_takes_any_integers_and_pickles(kind: type) -> None:
+    env = ProxemicVectorEnv(3, "S2", "coordinates")
+    env.reset(seed=4)
+    env.step(np.array([1, 3, 4], dtype=kind))
+    copied = pickle.loads(pickle.dumps(env))
+    assert_same(copied.step(np.array([4, 4, 4])), env.step(np.array([4, 4, 4], dtype=kind)))
+
+
+# Making
+
+
+@pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
+def test_registered_time_limit_and_how_to_lift_it(mode: str) -> None:
+    up = np.zeros(3, dtype=int)  # into the wall: an episode without end
+    cases: list[tuple[dict[str, Any], int | None]] = [
+        ({}, 200),
+        ({"max_episode_steps": 7}, 7),
+        ({"max_episode_steps": -1}, None),
+    ]
+    for arguments, first_truncated in cases:
+        env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=3, vectorization_mode=mode, **arguments)
+        env.reset(seed=0)
+        truncated = [bool(env.step(up)[3].all()) for _ in range(201)]
+        assert (truncated.index(True) + 1 if any(truncated) else None) == first_truncated
+
+
+def test_make_vec_makes_the_native_env_by_default() -> None:
+    env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=3, observation="one_hot")
+    assert isinstance(env.unwrapped, ProxemicVectorEnv)
+    assert env.reset(seed=0)[0].shape == (3, 120)
+
+
+def test_spec_of_a_batch_is_json_and_makes_it_again() -> None:
+    env = gymnasium.make_vec(
+        "envs:Proxemic/S1-v0",
+        num_envs=np.int64(4),  # type: ignore[arg-type]
+        scenario=load_scenario("S3", {"issuer.position": [8, 6]}),
+        autoreset_mode=AutoresetMode.SAME_STEP,
+        max_episode_steps=9,
+    )
+    assert env.spec is not None
+    again = gymnasium.make_vec(EnvSpec.from_json(env.spec.to_json()))
+    assert isinstance(env, ProxemicVectorEnv)
+    assert isinstance(again, ProxemicVectorEnv)
+    assert again.num_envs == 4
+    assert again.model is env.model
+    assert again.metadata == env.metadata
+    again.reset()
+    truncated = [again.step(np.zeros(4, dtype=int))[3].all() for _ in range(9)]
+    assert truncated == [False] * 8 + [True]
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ({"num_envs": 0}, "num_envs = 0; accepted: a whole number, at least 1"),
+        ({"num_envs": 2.0}, r"num_envs = 2\.0"),
+        ({"max_episode_steps": 0}, "max_episode_steps = 0; accepted: at least 1, or None or -1"),
+        ({"max_episode_steps": -2}, "max_episode_steps = -2"),
+        ({"autoreset_mode": "Sometimes"}, "Sometimes; accepted: NextStep, SameStep, Disabled"),
+        ({"render_mode": "human"}, "a batch cannot be rendered"),
+    ],
+)
+def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        ProxemicVectorEnv(**arguments)
+
+
+@pytest.mark.parametrize("actions", [np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int)])
+def test_actions_of_the_wrong_shape_or_type_are_refused(actions: NDArray[Any]) -> None:
+    batch = ProxemicVectorEnv(2)
+    batch.reset()
+    with pytest.raises(InputError, match=r"accepted: \(2,\) integers"):
+        batch.step(actions)
+
+
+@pytest.mark.parametrize("action", [-1, 5])
+def test_unknown_actions_are_refused(action: int) -> None:
+    batch = ProxemicVectorEnv(2)
+    batch.reset()
+    with pytest.raises(InputError, match="accepted: 0 to 4"):
+        batch.step(np.array([0, action]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ({"seed": [1, 2, 3]}, "seed: 3 seeds; accepted: 2, one per env"),
+        ({"options": {"reset_mask": [True, False]}}, "reset_mask: list; accepted: a bool array"),
+        ({"options": {"reset_mask": np.array([1, 0])}}, r"reset_mask: int64 \(2,\)"),
+        ({"options": {"reset_mask": np.ones(3, dtype=bool)}}, r"reset_mask: bool \(3,\)"),
+        ({"options": {"reset_mask": np.zeros(2, dtype=bool)}}, "no env is selected"),
+    ],
+)
+def test_wrong_resets_are_refused(arguments: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        ProxemicVectorEnv(2).reset(**arguments)

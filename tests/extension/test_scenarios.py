@@ -1,0 +1,107 @@
+"""A scenario and an experiment from outside: two TOML files, and nothing else."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import pandas as pd
+import pytest
+
+import envs
+
+ROOT = Path(__file__).parents[2]
+RIGHT, PING = 3, 4
+CORRIDOR = """
+description = "A corridor with the issuer at its end."
+ping_limit = 2
+
+[grid]
+rows = 3
+columns = 6
+start = [1, 0]
+
+[issuer]
+position = [1, 5]
+feedback = { kind = "none" }
+
+[regions]
+uncomfortable_radius = 1
+target_radius = 2
+
+[rewards]
+issuer_reached = -1.0
+target_ping = 2.0
+last_wrong_ping = -1.0
+wrong_ping = -0.5
+wrong_ping_uncomfortable = -0.5
+uncomfortable = -0.75
+other = -0.25
+"""
+EXPERIMENT = """
+description = "Q-learning in a corridor."
+report = "replication"
+scenarios = ["SCENARIO"]
+horizon = 50
+evaluation_every = 500
+map_every = 500
+
+[algorithms.table]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 3
+
+[algorithms.table.settings]
+learning_rate = 0.5
+discount = 0.9
+epsilon = 0.3
+budget = 2000
+record_every = 10
+"""
+OPTIMUM = 3 * -0.25 + 2.0  # three moves RIGHT to the nearest cell at distance 2 from the issuer, then PING
+
+
+@pytest.fixture
+def corridor(tmp_path: Path) -> Path:
+    path = tmp_path / "corridor.toml"
+    path.write_text(CORRIDOR, encoding="utf-8")
+    return path
+
+
+def test_a_scenario_is_given_by_its_path(corridor: Path) -> None:
+    env = gymnasium.make("Proxemic/S1-v0", scenario=corridor)
+    env.reset(seed=0)
+    rewards = [float(env.step(action)[1]) for action in (RIGHT, RIGHT, RIGHT)]
+    _, reward, terminated, _, _ = env.step(PING)
+    assert terminated
+    assert sum(rewards) + float(reward) == OPTIMUM
+    assert env.observation_space == gymnasium.spaces.Discrete(3 * 6)
+
+
+def test_a_scenario_in_the_folder_is_registered(corridor: Path, tmp_path: Path) -> None:
+    package = Path(envs.__file__).parent
+    shutil.copytree(package, tmp_path / "envs", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.move(corridor, tmp_path / "envs" / "scenarios")
+    code = "import envs, gymnasium; print(gymnasium.make('Proxemic/corridor-v0').observation_space)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout == "Discrete(18)\n", done.stderr
+
+
+def test_an_experiment_on_it_runs_and_is_drawn(corridor: Path, tmp_path: Path) -> None:
+    experiment = tmp_path / "mine.toml"
+    experiment.write_text(EXPERIMENT.replace("SCENARIO", str(corridor)), encoding="utf-8")
+    command = ["run", experiment, "--report", "--results", tmp_path]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmark", *map(str, command)], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    optimal = pd.read_csv(tmp_path / "mine" / "optimal.csv").set_index("scenario")
+    assert optimal.index.tolist() == ["corridor"]
+    assert optimal["agents"]["corridor"] == 3
+    assert optimal["grid_return_optimal"]["corridor"] == pytest.approx(OPTIMUM)
+    assert optimal["grid_return_learned"]["corridor"] == pytest.approx(OPTIMUM)
+    names = {path.name for path in (tmp_path / "mine").iterdir()}
+    assert {"figure.png", "learning.md", "README.md"} < names
+    assert "claims.csv" not in names  # the paper's claims are about S1 to S3
+    assert "Claims of the paper" not in (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
