@@ -1,4 +1,4 @@
-"""Moving pictures and what is shown while it runs, against the records and exact evaluation."""
+"""The command that shows how an agent learns: the run it shows, and how it is played."""
 
 import os
 import subprocess
@@ -7,45 +7,26 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
 from rich.console import Console
 
-from agents.dynamic_programming import evaluate
-from agents.policy import mask_policy
 from benchmark.__main__ import main
 from benchmark.commands import watch
-from benchmark.drawing import film as animation
-from benchmark.drawing.film import Film
+from benchmark.drawing.film import Film, Moment, picture
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
-from envs.model import PING
 from envs.render import Window
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 COMPARED = load_experiment("compare_deep")
-SMOKE = load_experiment("compare_deep_smoke")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("watched")
-
-
-@pytest.fixture(scope="module")
-def film(folder: Path) -> Film:
-    """A table in S1, trained by being watched."""
-    with Store(folder / "runs.db") as store:
-        return watch.load_film(watch.specification(COMPARED, "S1", "q_learning", None, 0), store)
-
-
-def test_watched_run_is_the_run_of_the_experiment_and_is_kept(film: Film, folder: Path) -> None:
-    with Store(folder / "runs.db") as store:
-        record = store.get(list(store.ended()))[0]
-        assert len(store.ended()) == 1
+def test_the_run_is_that_of_the_experiment_and_is_stored(film: Film, watched: Path) -> None:
+    with Store(watched / "runs.db", read_only=True) as store:
+        (record,) = store.get(list(store.ended()))
         again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store)
     assert record.digest == all_specifications(COMPARED)[0].digest
     assert (again.values == film.values).all()
@@ -54,87 +35,23 @@ def test_watched_run_is_the_run_of_the_experiment_and_is_kept(film: Film, folder
     assert film.scores[-1] == pytest.approx(1)
 
 
-def test_walk_is_as_long_as_exact_evaluation_says(film: Film) -> None:
-    way, event = animation.walk(film.model, film.greedy[-1])
-    exact = evaluate(film.model, mask_policy(film.greedy[-1]), 200)
-    assert exact.success == pytest.approx(1)
-    assert event == "target_ping"
-    assert way[0] == film.model.start
-    assert len(way) - 1 == pytest.approx(float(exact.steps))
-    assert way[-1] == way[-2]  # a PING does not move
-    at_first, _ = animation.walk(film.model, film.greedy[0])
-    assert len(at_first) <= 41
-
-
 def test_moments_walk_cell_by_cell_at_every_map(film: Film) -> None:
     shown = list(watch.moments(film))
+    assert [moment.place for moment in shown] == sorted(moment.place for moment in shown)
     assert {moment.place for moment in shown} == set(range(26))
     last = [moment for moment in shown if moment.place == 25]
-    assert [len(moment.way) for moment in last[:11]] == list(range(1, 12))
-    assert last[-1].event == "target_ping"
-
-
-def pixel(image: Image.Image, row: int, column: int, down: float, right: float, cell: int = 30) -> Any:
-    """Returns the colour beside a cell's centre; offsets are in cells."""
-    y = int(1.5 * cell + (row + 0.5 + down) * cell)
-    return image.getpixel((int((column + 0.5 + right) * cell), y))
-
-
-@pytest.mark.parametrize(
-    ("action", "down", "right"), [(0, -0.3, 0.1), (1, 0.3, 0.1), (2, 0.1, -0.3), (3, 0.1, 0.3)]
-)
-def test_picture_shows_the_values_where_the_moves_point(
-    film: Film, action: int, down: float, right: float
-) -> None:
-    image = animation.picture(film, 25, [film.model.start], marks=False)
-    low, high = film.limits
-    for row, column in ((2, 3), (3, 8), (7, 2), (9, 6)):
-        value = film.values[25, row * 12 + column, action]
-        expected = np.array(mpl.colormaps["cividis"](np.clip((value - low) / (high - low), 0, 1))[:3]) * 255
-        assert pixel(image, row, column, down, right) == pytest.approx(expected, abs=3)
-
-
-def test_picture_shows_agent_issuer_and_the_dots_of_ping(film: Film) -> None:
-    issuer = film.model.scenario.issuer.position
-    image = animation.picture(film, 25, [0, 12, 3 * 12 + 4], marks=False)
-    assert pixel(image, 3, 4, 0, 0) == (213, 94, 0)
-    assert pixel(image, *issuer, 0, 0) == (255, 255, 255)
-    only_ping = np.flatnonzero(film.greedy[25] == 1 << PING)
-    others = np.flatnonzero(film.greedy[25] != 1 << PING)
-    assert len(only_ping) > 2
-    for o in only_ping:
-        assert min(pixel(image, *divmod(int(o), 12), 0, 0)) > 230
-    plain = [o for o in others if o not in (0, 12, 40, film.model.start) and divmod(int(o), 12) != issuer]
-    assert not any(min(pixel(image, *divmod(int(o), 12), 0, 0)) > 230 for o in plain)
+    assert [len(moment.cells) for moment in last[:11]] == list(range(1, 12))
+    assert all(last[i].cells == last[-1].cells[: i + 1] for i in range(11))
+    assert {moment.ending for moment in last[:11]} == {""}
+    assert last[-1].ending == "target_ping"
 
 
 @pytest.mark.parametrize("name", ["film.webp", "film.GIF"])
-def test_film_is_written_with_a_frame_a_map(film: Film, tmp_path: Path, name: str) -> None:
+def test_file_has_a_frame_per_map(film: Film, tmp_path: Path, name: str) -> None:
     watch.to_file(film, tmp_path / name)
     with Image.open(tmp_path / name) as image:
         assert getattr(image, "n_frames", 1) == 26
         assert image.size == (421, 366)
-        image.seek(1)
-        image.load()
-        assert image.info["duration"] == 350
-
-
-def test_text_shows_the_greedy_actions_and_the_agent(film: Film) -> None:
-    text = watch.to_text(film, list(watch.moments(film))[-1]).plain.splitlines()
-    assert text[1] == "step 10,000, score 1.00  success"
-    rows = text[2:12]
-    assert {len(row) for row in rows} == {36}
-    agent = film_end(film)
-    assert rows[agent // 12][agent % 12 * 3 + 1] == "@"
-    assert rows[6][8 * 3 + 1] == "*"
-    assert rows[4][6 * 3] == "["
-    signs = {1 << a: sign for a, sign in enumerate("↑↓←→P")}
-    for o in (13, 40, 50, 111):
-        assert rows[o // 12][o % 12 * 3 + 1] == (signs | {31: "."}).get(int(film.greedy[-1, o]), "+")
-
-
-def film_end(film: Film) -> int:
-    return animation.walk(film.model, film.greedy[-1])[0][-1]
 
 
 def test_no_terminal_gets_the_end_of_every_walk(film: Film, tmp_path: Path) -> None:
@@ -155,7 +72,7 @@ def test_terminal_plays_every_moment(film: Film, tmp_path: Path, monkeypatch: py
 
 @pytest.fixture
 def keys(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[list[str]]]:
-    """What is pressed, one list before each frame; then the window is closed."""
+    """Keys to be pressed: a list before each frame. Then the window is closed."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     script: list[list[str]] = []
     monkeypatch.setattr(Window, "pressed", lambda _: script.pop(0) if script else ["q"])
@@ -167,19 +84,18 @@ def test_window_plays_pauses_and_goes_through_training(
     film: Film, keys: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[tuple[int, int]] = []
-    picture = animation.picture
 
-    def noting(film: Film, place: int, way: list[int], event: str = "", **options: Any) -> Image.Image:
-        shown.append((place, len(way)))
-        return picture(film, place, way, event, **options)
+    def noting(film: Film, moment: Moment, **options: Any) -> Image.Image:
+        shown.append((moment.place, len(moment.cells)))
+        return picture(film, moment, **options)
 
-    monkeypatch.setattr(animation, "picture", noting)
+    monkeypatch.setattr(watch, "picture", noting)
     keys += [[], [], ["space"], [], ["right"], [], ["right", "right", "left"], ["space"], []]
     watch.in_window(film)
     assert shown[1:] == [(0, 1), (0, 2), (0, 3), (0, 3), (1, 1), (1, 1), (2, 1), (2, 1), (2, 2)]
 
 
-def test_window_tells_what_was_pressed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_window_returns_the_keys_that_were_pressed(monkeypatch: pytest.MonkeyPatch) -> None:
     pygame = pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     window = Window(np.zeros((40, 40, 3), dtype=np.uint8), "test")
@@ -209,11 +125,11 @@ def test_window_that_nobody_sees_is_refused(film: Film, monkeypatch: pytest.Monk
         watch.in_window(film)
 
 
-def test_watch_command(folder: Path) -> None:
+def test_watch_command(watched: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     done = subprocess.run(
         [sys.executable, "-m", "benchmark", "watch", "--scenario", "S1", "--algorithm", "q_learning",
-         "--results", str(folder)],
+         "--results", str(watched)],
         cwd=ROOT, capture_output=True, text=True, env=environment,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -234,11 +150,11 @@ def test_mistakes_get_one_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
 ) -> None:
     assert main(["watch", "--results", str(tmp_path), *arguments]) == 2
-    told = capsys.readouterr().err
-    assert expected in told
-    assert told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert expected in message
+    assert message.count("\n") == 1
 
 
-def test_film_that_cannot_be_written(film: Film, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_reported(film: Film, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--save .*film\.gif: cannot be written: "):
         watch.to_file(film, tmp_path / "nowhere" / "film.gif")
