@@ -1,4 +1,4 @@
-# `make reproduce` and `make test` do all the set-up there is. Everything else: `make help`.
+# Each target first installs what it needs into $(VENV). `make help` lists the targets.
 PYTHON ?= python3
 VENV ?= .venv
 PY ?= $(VENV)/bin/python
@@ -9,30 +9,30 @@ TESTS ?=
 CHECKED ?= .
 SPEED ?=
 
-# What has been installed; empty these to use a Python that has all it needs: make reproduce PY=python BASE=
+# Files that mark what is installed. To use a Python that already has it, leave them empty: make reproduce PY=python BASE=
 BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
-# SEEDS=30 runs seeds 0 to 29 of everything; by default each algorithm has as many as its experiment declares.
+# SEEDS=30 runs seeds 0 to 29 of every arm; by default each arm has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
 .PHONY: help reproduce compare-deep report test check speed clean
 
-help: ## this list
+help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
 
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/
+compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=30: with 30 seeds each)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
-report: $(BASE) ## the page that shows it all, results/index.html, from the results that are there
+report: $(BASE) ## the page alone, results/index.html, from the results that are there
 	$(PY) -m benchmark report --results $(RESULTS)
 
-test: $(DEV) ## every test
+test: $(DEV) ## every test (TESTS=PATH: some of them)
 	$(PY) -m pytest $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
@@ -41,12 +41,12 @@ check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m mypy $(CHECKED)
 	$(PY) -m codespell_lib $(CHECKED)
 
-speed: $(DEEP) ## speed against the stock way, in results/speed/
+speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
 	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
 
-clean: ## remove what was installed, cached and run; published results stay
+clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/.*-*
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/.*-* $(RESULTS)/*/.stamp $(RESULTS)/*/.page-stamp
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.base: pyproject.toml constraints.txt

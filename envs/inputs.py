@@ -1,7 +1,7 @@
-"""Turns TOML tables into checked values; every mistake becomes one clear sentence.
+"""Turns TOML tables into checked values, and mistakes into messages of one sentence.
 
-The one home of input checking: scenarios, experiments and algorithm settings are all declared
-as `Table` subclasses and read through `parse`.
+All input is checked here: scenarios, experiments and algorithm settings are subclasses of `Table`,
+and `parse` reads them.
 """
 
 import difflib
@@ -16,11 +16,11 @@ from pydantic_core import ErrorDetails
 
 
 class InputError(ValueError):
-    """A mistake in what the user gave; its message is one sentence fit to be shown as it is."""
+    """A mistake in the user's input; the message is a sentence that can be shown as it is."""
 
 
 class Table(BaseModel):
-    """A frozen table of named values: unknown keys, wrong types, NaN and infinity are refused."""
+    """A frozen table of named values. It refuses unknown keys, wrong types, NaN and infinity."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -49,7 +49,7 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
     Args:
       data: Tables as read from TOML.
       overrides: Dotted key to new value, for example `{"issuer.position": [8, 6]}`.
-      source: What `data` was read from, for the message.
+      source: The origin of `data`, for the message.
 
     Raises:
       InputError: A key passes through a value that is not a table.
@@ -67,26 +67,26 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
 
 
 def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any) -> TableT:
-    """Checks raw tables and returns them typed.
+    """Checks tables and returns them as a typed object.
 
     Args:
-      cls: What the tables should hold.
+      cls: Class of the object.
       data: Tables as read from TOML.
-      source: The file they came from, for the message.
-      **given: Values that do not come from the file, and that it may not give.
+      source: The file of `data`, for the message.
+      **given: Values that are not in the file; the file must not contain these keys.
 
     Raises:
-      InputError: Names the file, the key, its value and what would be accepted.
+      InputError: Names the file, the key, its value and what is accepted.
     """
     for key in given:
         if key in data:
             unknown_name(source, "key", key, cls.model_fields.keys() - given.keys())
     try:
-        # By way of JSON, because strict validation of Python objects refuses a list for a tuple.
+        # From JSON, because the strict validation of Python objects refuses a list in place of a tuple.
         return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
-        # An unknown key first: a misspelt one is missing, too, and its name says more.
-        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+        # Unknown keys first: a misspelt key is also reported as missing, which says less.
+        first = min(error.errors(), key=lambda details: details["type"] != "extra_forbidden")
         key = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
             *table, name = first["loc"]
@@ -99,7 +99,7 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
 
 
 def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> NoReturn:
-    """Refuses a name, saying which ones would be accepted and the nearest of them.
+    """Refuses a name; the message lists the accepted names and points to the most similar.
 
     Raises:
       InputError: Always.
@@ -111,7 +111,7 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
 
 
 def _reason(error: ErrorDetails) -> str:
-    """Says in plain words why a value is refused."""
+    """Returns why a value is refused, in plain words."""
     details = error.get("ctx", {})
     match error["type"]:
         case "too_short":
@@ -127,13 +127,13 @@ def _reason(error: ErrorDetails) -> str:
 
 
 def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
-    """Lists the keys of the table at a place in nested tables."""
+    """Returns the keys that a table accepts, by its location in nested tables."""
     for part in location:
-        if get_origin(annotation) in (dict, Mapping):  # tables with names of the user's own
+        if get_origin(annotation) in (dict, Mapping):  # tables that users name
             annotation = get_args(annotation)[1]
         elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
             annotation = annotation.model_fields[str(part)].annotation
-        else:  # one of several tables, told apart by their kind
+        else:  # a union of tables that differ in their kind
             annotation = next(
                 table
                 for table in get_args(annotation)

@@ -1,7 +1,7 @@
-"""The regions around the issuer: the zone of each cell, its distance from the target region, and borders.
+"""The regions around the issuer: zones of cells, distances from the target region, and outlines.
 
-The only place that knows the regions' shape. Everything else reads zones, distances and outlines. Cells are
-numbered `row * columns + column`, O of them.
+This is the only place that knows the regions' shape: everything else reads zones, distances and outlines.
+The O cells are numbered `row * columns + column`.
 """
 
 from typing import Final
@@ -13,12 +13,11 @@ from envs.scenario import Scenario
 
 ZONES: Final = ("outside", "target", "uncomfortable", "issuer")
 
-Corner = tuple[
-    int, int
-]  # (row, column) of a grid line crossing; cell (r, c) has corners (r, c) to (r + 1, c + 1)
-Loop = tuple[
-    Corner, ...
-]  # a closed line: the corners at which it turns, clockwise, from its topmost leftmost one
+# (row, column) of a crossing of grid lines; cell (r, c) lies between the corners (r, c) and (r + 1, c + 1).
+Corner = tuple[int, int]
+# The corners at which a closed line turns, from the leftmost of its topmost corners. The enclosed cells are
+# on the right of the line, so that it runs clockwise, or anticlockwise around a hole.
+Loop = tuple[Corner, ...]
 
 
 def zones(scenario: Scenario) -> NDArray[np.int8]:
@@ -31,9 +30,9 @@ def zones(scenario: Scenario) -> NDArray[np.int8]:
 
 
 def target_distance(scenario: Scenario) -> NDArray[np.int_]:
-    """Returns how far every cell is from the target region, (O,) cells, by Chebyshev distance.
+    """Returns the Chebyshev distance of every cell from the target region, (O,).
 
-    The region counts as whole, also where the grid's edge cuts it.
+    The region counts as complete even if the grid's edge cuts it.
     """
     distance, regions = _from_issuer(scenario), scenario.regions
     outside, within = distance - regions.target_radius, regions.uncomfortable_radius + 1 - distance
@@ -41,16 +40,16 @@ def target_distance(scenario: Scenario) -> NDArray[np.int_]:
 
 
 def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
-    """Returns the border of a set of cells as closed loops; cells beyond the grid count as outside.
+    """Returns the border of a set of cells as closed loops. Cells beyond the grid count as outside.
 
     Args:
-      inside: (rows, columns) which cells belong to the set.
+      inside: Cells of the set, (rows, columns).
 
     >>> outlines(np.array([[False, True, True]]))
     (((0, 1), (0, 3), (1, 3), (1, 1)),)
     """
     padded = np.pad(inside, 1)
-    following: dict[Corner, list[Corner]] = {}  # edges, with the set on their right
+    following: dict[Corner, list[Corner]] = {}  # ends of the edges that start here
     for row, column in np.argwhere(padded).tolist():
         top, left = row - 1, column - 1
         corners = ((top, left), (top, left + 1), (top + 1, left + 1), (top + 1, left))
@@ -64,12 +63,12 @@ def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
         line: list[Corner] = [(start[0] + 1, start[1]), start]
         while len(line) == 2 or line[-1] != start:
             ways = following[line[-1]]
-            # Where two cells touch at a corner alone, the line turns right and keeps to its cell.
+            # Two edges start where cells touch only at a corner: the line turns right and follows its cell.
             ways.sort(key=lambda way: _turn(line[-2], line[-1], way))
             line.append(ways.pop(0))
             if not ways:
                 del following[line[-2]]
-        closed = line[1:-1]  # the start once
+        closed = line[1:-1]  # without the point before the start, and the start once
         turns = zip([closed[-1], *closed[:-1]], closed, [*closed[1:], closed[0]], strict=True)
         loops.append(tuple(at for before, at, after in turns if _turn(before, at, after)))
     return tuple(loops)
@@ -82,7 +81,7 @@ def _turn(before: Corner, at: Corner, to: Corner) -> int:
 
 
 def _from_issuer(scenario: Scenario) -> NDArray[np.int_]:
-    """Returns every cell's Chebyshev distance from the issuer, (O,)."""
+    """Returns the Chebyshev distance of every cell from the issuer, (O,)."""
     row, column = np.indices((scenario.grid.rows, scenario.grid.columns)).reshape(2, -1)
     issuer = scenario.issuer.position
     return np.asarray(np.maximum(abs(row - issuer[0]), abs(column - issuer[1])))

@@ -1,26 +1,26 @@
-"""Reports: the tables and figures of an experiment. `REPORTS` maps a name to a report."""
+"""Reports: what is computed, drawn and said of an experiment. `REPORTS` maps a name to a report.
 
-from collections.abc import Callable
-from dataclasses import dataclass
+A report is imported when it is asked for. Reports, and further items of a report, can live in any module that
+Python can import.
+"""
+
 from importlib import import_module
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
+from benchmark.reports.item import Item, Report
 from envs.inputs import InputError, unknown_name
 
 if TYPE_CHECKING:
-    from benchmark.experiments import Experiment
+    from collections.abc import Sequence
+
+__all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 
 REPORTS: Final = {
     "comparison": "benchmark.reports.comparison:REPORT",
     "replication": "benchmark.reports.replication:REPORT",
 }
 
-
-@dataclass(frozen=True)
-class Report:
-    """A kind of report."""
-
-    check: Callable[["Experiment"], None]  # raises InputError if it cannot report on the experiment
+_T = TypeVar("_T")
 
 
 def load_report(name: str, source: str = "benchmark.reports") -> Report:
@@ -35,11 +35,43 @@ def load_report(name: str, source: str = "benchmark.reports") -> Report:
     """
     if name not in REPORTS and ":" not in name:
         unknown_name(source, "report", name, [*REPORTS, "module:attribute"])
-    module, _, attribute = REPORTS.get(name, name).partition(":")
+    return _imported(REPORTS.get(name, name), source, "report", Report)
+
+
+def load_items(report: Report, names: "Sequence[str]", source: str = "benchmark.reports") -> tuple[Item, ...]:
+    """Returns a report's items and, after them, others that an experiment names.
+
+    Args:
+      report: As loaded.
+      names: `module:attribute` of each further item.
+      source: The file that named them, for the message.
+
+    Raises:
+      InputError: A module that cannot be imported, an object that is not an item, an item whose name is
+        taken, or one in a section that the report does not have.
+    """
+    items = list(report.items)
+    sections = [section.key for section in report.sections]
+    for name in names:
+        item = _imported(name, source, "item", Item)
+        if item.name in [other.name for other in items]:
+            raise InputError(f"{source}: items: {name}: the report has an item {item.name} already.")
+        if item.section and item.section not in sections:
+            unknown_name(f"{source}: items: {name}", f"section of a {report.name}", item.section, sections)
+        items.append(item)
+    return tuple(items)
+
+
+def _imported(name: str, source: str, kind: str, cls: type[_T]) -> _T:
+    """Returns what `module:attribute` names."""
+    module, _, attribute = name.partition(":")
     try:
-        report: object = getattr(import_module(module), attribute)
+        found: object = getattr(import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"{source}: report {name} cannot be imported: {error}.") from error
-    if not isinstance(report, Report):
-        raise InputError(f"{source}: {name} is not a report; accepted: a benchmark.reports.Report.")
-    return report
+        raise InputError(f"{source}: {kind} {name} cannot be imported: {error}.") from error
+    if not isinstance(found, cls):
+        article = "an" if kind.startswith(tuple("aeiou")) else "a"
+        raise InputError(
+            f"{source}: {name} is not {article} {kind}; accepted: a {cls.__module__}.{cls.__name__}."
+        )
+    return found

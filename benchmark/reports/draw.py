@@ -1,14 +1,21 @@
-"""Draws an experiment's folder of results from the store."""
+"""Makes an experiment's folder of results from the store: tables, figures and texts.
+
+What is up to date is not made again.
+"""
 
 import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Sequence
-from importlib import import_module
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Final, NamedTuple
 
+import pandas as pd
+
+from agents import load_algorithm
+from benchmark.drawing import tables
 from benchmark.execution.store import Store
 from benchmark.experiments import (
     DEFAULT_CONDITION,
@@ -16,12 +23,21 @@ from benchmark.experiments import (
     all_specifications,
     specifications,
 )
+from benchmark.reports import certificate, load_items, load_report, stamp, texts
+from benchmark.reports.certificate import Certificate
+from benchmark.reports.figures import Drawing
+from benchmark.reports.item import Data, Frames, Item, Report, measured_files
+from benchmark.reports.published import MANIFEST
 from envs import InputError
 
-_REPORTS = {
-    "replication": "benchmark.reports.replication.report",
-    "comparison": "benchmark.reports.comparison.report",
-}
+STAMP: Final = ".stamp"  # beside the files, see `benchmark.reports.stamp`
+
+
+class Made(NamedTuple):
+    """What became of a folder of results."""
+
+    is_new: bool  # else it was up to date
+    certificate: Certificate | None  # None if nothing comparable is published
 
 
 def draw(
@@ -31,37 +47,54 @@ def draw(
     seeds: Sequence[int] | None = None,
     *,
     partial: bool = False,
-) -> None:
-    """Writes every table and figure of the experiment.
+    jobs: int = 1,
+) -> Made:
+    """Writes every table, figure and text of the experiment, unless they are up to date.
 
-    Files are made aside and moved when all are there, so a failure leaves the folder as it was.
+    Files are made aside and moved when all are there, so a failure leaves the folder as it was. If they are
+    identical to the published ones, the manifest is the published one, too.
 
     Args:
       experiment: As loaded.
       store: Where its records are.
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
-      partial: Whether to draw what is there where runs are missing.
+      partial: Whether to report on the runs that are there if some are missing.
+      jobs: How many processes draw; no result depends on it.
 
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
     """
-    try:
-        report: Any = import_module(_REPORTS[experiment.report])
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{experiment.name}: its report needs the package {error.name}, which is not installed; "
-            "make compare-deep installs it."
-        ) from error
+    report = load_report(experiment.report, experiment.name)
+    items = load_items(report, experiment.items, experiment.name)
+    check_packages(report, experiment.name)
+    report.check(experiment)
+    is_as_declared = seeds is None and not partial  # and so comparable with the published results
+    measured = measured_files(items)
+    inputs = _inputs(experiment, store, seeds, partial=partial)
+    if stamp.is_up_to_date(directory / STAMP, inputs):
+        compared = certificate.compare(directory, experiment.name, measured) if is_as_declared else None
+        return Made(is_new=False, certificate=compared)
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
     except OSError as error:
         raise _unwritable(directory, error) from error
     try:
-        note = report.write(experiment, store, aside, seeds, partial=partial)
-        manifest = _manifest(experiment, store, seeds, note)
-        (aside / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        with Drawing(jobs) as drawing:
+            data = report.load(experiment, store, seeds, partial)
+            frames = compute(items, data)
+            drawing.start(items, frames, data.context, aside, is_partial=data.is_incomplete)
+            write_tables(items, frames, data, aside)
+            manifest = _manifest(experiment, store, seeds, data)
+            (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+            drawing.finish()
+        texts.write(aside)
+        compared = certificate.compare(aside, experiment.name, measured) if is_as_declared else None
+        if compared is not None and compared.is_identical:
+            published = certificate.published_file(experiment.name, MANIFEST)
+            (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
+        stamp.write(aside / STAMP, inputs, list(aside.iterdir()))
         directory.mkdir(exist_ok=True)
         for path in aside.iterdir():
             path.replace(directory / path.name)
@@ -69,6 +102,55 @@ def draw(
         raise _unwritable(directory, error) from error
     finally:
         shutil.rmtree(aside)
+    return Made(is_new=True, certificate=compared)
+
+
+def _inputs(experiment: Experiment, store: Store, seeds: Sequence[int] | None, *, partial: bool) -> str:
+    """Returns the digest of what a folder of results depends on: what is declared, and the records."""
+    ended = store.ended()
+    digests = [run.digest for run in all_specifications(experiment, seeds) if run.digest in ended]
+    provenance = [
+        json.dumps(dict(record.provenance), sort_keys=True) for record in store.get(digests, arrays=False)
+    ]
+    return stamp.digest_of(experiment.model_dump_json(), str(seeds), str(partial), *digests, *provenance)
+
+
+def check_packages(report: Report, source: str) -> None:
+    """Checks that the packages of a report are installed.
+
+    Raises:
+      InputError: Names the first that is not.
+    """
+    for package in report.packages:
+        if find_spec(package) is None:
+            raise InputError(
+                f"{source}: its report needs the package {package}, which is not installed; "
+                "make compare-deep installs it."
+            )
+
+
+def compute(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
+    """Returns the tables of all items that have one, by name."""
+    frames: dict[str, pd.DataFrame] = {}
+    for item in items:
+        frame = item.compute(data, frames) if item.compute is not None else None
+        if frame is not None:
+            frames[item.name] = frame
+    return frames
+
+
+def write_tables(items: Sequence[Item], frames: Frames, data: Data, directory: Path) -> None:
+    """Writes the tables of all items, and their files of another form."""
+    note = data.note if data.is_incomplete else ""
+    for item in items:
+        if item.name in frames:
+            frame, stem = frames[item.name], directory / item.name
+            if item.display is None:
+                tables.write_csv(frame, stem.with_suffix(".csv"))
+            else:
+                tables.write_table(frame, stem, item.display(frame), note=note)
+        if item.write is not None:
+            item.write(data, frames, directory)
 
 
 def _unwritable(directory: Path, error: OSError) -> InputError:
@@ -79,15 +161,15 @@ def _unwritable(directory: Path, error: OSError) -> InputError:
 
 
 def _manifest(
-    experiment: Experiment, store: Store, seeds: Sequence[int] | None, note: str
-) -> dict[str, object]:
+    experiment: Experiment, store: Store, seeds: Sequence[int] | None, data: Data
+) -> Mapping[str, object]:
     """Returns what was run, and from the records what ran it: drawing again gives the same.
 
     Args:
       experiment: As loaded.
       store: Where its records are.
       seeds: Other seeds than the declared ones.
-      note: What is missing; empty if nothing is.
+      data: Of the report.
     """
     ended = store.ended()
     runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
@@ -109,12 +191,18 @@ def _manifest(
         "experiment": experiment.name,
         "description": experiment.description,
         "command": f"python -m benchmark run {experiment.argument}{chosen} --report",
-        "partial": note,
+        "partial": data.note,
         "report": experiment.report,
+        "items": list(experiment.items),
+        "facts": data.facts,
         "horizon": experiment.horizon,
         "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in default},
         "algorithms": {
-            run.arm: {"algorithm": run.algorithm, "settings": run.settings.model_dump(mode="json")}
+            run.arm: {
+                "algorithm": run.algorithm,
+                "family": load_algorithm(run.algorithm).family,
+                "settings": run.settings.model_dump(mode="json"),
+            }
             for run in default
         },
         "note": experiment.note.strip(),
@@ -123,7 +211,7 @@ def _manifest(
             for name, reading in experiment.readings.items()
         },
         "runs": len(runs),
-        "digest": _digest([run.digest for run in runs]),
+        "digest": digest_of([run.digest for run in runs]),
         "commits": every("commit"),
         "machines": every("machine"),
         "versions": every("versions"),
@@ -133,6 +221,6 @@ def _manifest(
     }
 
 
-def _digest(digests: Sequence[str]) -> str:
+def digest_of(digests: Sequence[str]) -> str:
     """Returns the identity of a set of runs."""
     return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()

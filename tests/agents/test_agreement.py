@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, ProxemicEnv, ProxemicVectorEnv, compile_scenario, load_scenario
 
 SCENARIOS = ("S1", "S2", "S3")
-READINGS: list[dict[str, Any]] = [
+OVERRIDES: list[dict[str, Any]] = [
     {},
     {"issuer.position": [8, 6]},
     {"rewards.wrong_ping_uncomfortable": -0.8},
@@ -22,7 +23,7 @@ def wandering(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
     return rng.choice(5, size=n, p=[0.12, 0.28, 0.12, 0.33, 0.15])
 
 
-@pytest.mark.parametrize("overrides", READINGS)
+@pytest.mark.parametrize("overrides", OVERRIDES)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any]) -> None:
     env = gymnasium.make(f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=-1)
@@ -65,6 +66,30 @@ def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any
             env.reset()
             state = model.start
     assert met == set(EVENTS) - {"none"}
+
+
+def test_batch_for_stable_baselines3_has_a_single_generator() -> None:
+    """The published runs' noise: n draws per step from the generator of the seed, whatever has ended."""
+    n, seed = 5, 2**65 + 1
+    model = compile_scenario(load_scenario("S2"))
+    env = SB3VecEnv(ProxemicVectorEnv(n, "S2", max_episode_steps=9, autoreset_mode="SameStep"))
+    env.seed(seed)
+    env.reset()
+    draws = np.random.default_rng(seed)
+    state, steps = np.full(n, model.start), np.zeros(n, dtype=int)
+    n_ends = 0
+    for actions in wandering(np.random.default_rng(2), 300 * n).reshape(300, n):
+        _, rewards, dones, _ = env.step(actions)
+        noise = model.issuer_noise[state, actions] * (2 * draws.random(n) - 1)
+        expected = model.grid_reward[state, actions] + noise
+        assert (rewards == expected.astype(np.float32)).all()
+        steps += 1
+        over = model.terminated[state, actions] | (steps == 9)
+        assert (dones == over).all()
+        state = np.where(over, model.start, model.next_state[state, actions])
+        steps[over] = 0
+        n_ends += over.sum()
+    assert n_ends > 100
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -1,15 +1,5 @@
-"""The comparison of tabular and deep learners."""
+"""The comparison of tables with deep learners: scores, what they cost, and what they know."""
 
-from benchmark.experiments import DEFAULT_CONDITION, Experiment
-from benchmark.reports import Report
-from envs import InputError
+from benchmark.reports.comparison.report import REPORT
 
-
-def _check(experiment: Experiment) -> None:
-    if list(experiment.conditions) != [DEFAULT_CONDITION]:
-        raise InputError(
-            f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition alone."
-        )
-
-
-REPORT = Report(_check)
+__all__ = ["REPORT"]

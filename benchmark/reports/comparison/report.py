@@ -1,283 +1,551 @@
-"""What is drawn of a comparison: scores, what they cost, and the maps of tables and nets side by side."""
+"""The comparison as a report: its items and what they are called."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
-from benchmark.analysis import snapshots as explorer
 from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import GOOD_SCORE
-from benchmark.drawing import film as animation
+from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
-from benchmark.drawing.style import write_figure
-from benchmark.execution.store import Store
-from benchmark.experiments import Experiment
-from benchmark.reports.comparison import figures as figures_comparison
+from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.comparison import findings
 from benchmark.reports.comparison import tables as comparison
-from benchmark.reports.comparison.tables import Grid, Learner
+from benchmark.reports.comparison.data import Context, Data, Learner, load
+from benchmark.reports.explorer import explorer_items
+from benchmark.reports.item import Frames, Item, Report, Section, whole
+from benchmark.reports.published import Published
+from benchmark.reports.view import Columns
+from envs import InputError
 
-_FILES = (
-    ("scores", "every run at the end of training, by its greedy and its stochastic policy"),
-    ("summary", "each scenario and learner: runs, score, success, steps, wrong PINGs"),
-    ("aggregate", "over all scenarios: interquartile mean, median, mean and optimality gap, by rliable"),
-    ("improvement", "probability that a run of one learner outscores one of another, each pair"),
-    ("profile", "performance profiles: the share of runs whose score is above a number"),
-    ("curves", "score, success and disagreements over training, against environment steps"),
-    ("curves_cpu", "score over training against seconds of one CPU"),
-    ("disagreements.png, .svg", "the issuer's disagreements per 1,000 steps while agents learn"),
-    ("threshold", f"when, and in how many runs, the greedy policy scores {GOOD_SCORE:g}"),
-    ("region", "how well the cells where an agent values PING match the target region"),
-    ("cost", "what a run costs: CPU seconds, updates, parameters, peak memory of the process it runs in"),
-    ("maps", "final values of every cell and action; the figure: Q of PING, without SB3's own settings"),
-    ("maps_moves.png, .svg", "the same of the moves"),
-    ("maps_probability.png, .svg", "probability of PING where the policy is stochastic"),
-    ("learning.webp", "learning as a moving picture: the agents of the first seed, table and net"),
-    ("findings.csv", "the sentences above; every number in them is a link to the rows it comes from"),
-    ("agent.csv", "score of the agent of the first seed, at every step of which there is a map"),
-    ("agent_*.csv", "what that agent values and does in every cell over training, one file a scenario"),
-    ("optimum.csv", "exact optimal values and actions, by discount"),
-    ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
-)
-_MEASURED_TIMES = ("curves_cpu", "cost")
-_KEYS = ["scenario", "algorithm", "observation"]
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+_LEARNER: Final = ("algorithm", "observation")
+_POPULATION: Final = ("scenario", *_LEARNER)
+_ENDS: Final = ("low", "high")
 
 
-def write(
-    experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, *, partial: bool
-) -> str:
-    """Writes every table and figure into a folder.
-
-    Args:
-      experiment: As loaded.
-      store: Where its records are.
-      directory: An empty folder.
-      seeds: Other seeds than the declared ones.
-      partial: Whether to draw what is there where runs are missing, marked as partial.
-
-    Returns:
-      What is missing, as a sentence; empty if nothing is.
+def check(experiment: Experiment) -> None:
+    """Checks that an experiment has the default condition alone.
 
     Raises:
-      InputError: A run is missing.
+      InputError: It has others.
     """
-    grid = comparison.load_grid(experiment, store, seeds, partial=partial)
-    frames = {
-        "scores": comparison.scores(grid),
-        "summary": comparison.summary(grid),
-        "aggregate": comparison.aggregate(grid),
-        "improvement": comparison.improvement(grid),
-        "profile": comparison.profile(grid),
-        "curves": comparison.curves(grid),
-        "threshold": comparison.threshold(grid),
-        "region": comparison.region(grid),
-        "cost": comparison.cost(grid),
-        "maps": comparison.maps(grid),
-    }
-    frames["curves_cpu"] = comparison.curves_cpu(grid, frames["curves"])
-    for name, frame in frames.items():
-        tables.write_table(frame, directory / name, _shown(name, frame), note=_note(grid))
-    explorer.write([explorer.Shown(*learner, population) for learner, _, population in grid.cells], directory)
-    _film(grid, directory)
-    sentences = findings.sentences(grid, frames)
-    tables.write_csv(
-        pd.DataFrame({"finding": range(len(sentences)), "text": sentences}), directory / "findings.csv"
-    )
-    drawn = _draw(experiment, grid, frames, directory)
-    page = _readme(experiment, grid, frames, drawn, [tables.plain(one) for one in sentences])
-    (directory / "README.md").write_text(page, encoding="utf-8")
-    return _note(grid)
+    if list(experiment.conditions) != [DEFAULT_CONDITION]:
+        raise InputError(
+            f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
+            "alone."
+        )
 
 
-def _note(grid: Grid) -> str:
-    """Returns what marks tables and figures as partial; empty if they are not."""
-    return f"Partial: {grid.missing}." if grid.missing else ""
+# Tables
 
 
-def _shown(name: str, frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns what readers see of a table."""
-    match name:
-        case "scores":
-            return (
-                frame[[*_KEYS, "seed", "score", "success", "steps", "wrong_pings", "every_cell_score"]]
-                if ("every_cell_score" in frame)
-                else frame[[*_KEYS, "seed", "score", "success", "steps", "wrong_pings"]]
-            )
-        case "summary":
-            columns = ["score_iqm", "score_mean", "success", "steps"]
-            columns += [c for c in ("every_cell_score_iqm", "stochastic_score_iqm") if c in frame]
-            return tables.with_intervals(frame, columns)[[*_KEYS, "n", "diverged", *columns]]
-        case "aggregate":
-            shown = tables.with_intervals(
-                frame.rename(columns={"low": "value_low", "high": "value_high"}), ["value"]
-            )
-            keys = ["algorithm", "observation", "policy", "evaluated_from"]
-            wide = shown.pivot(index=keys, columns="metric", values="value")[list(comparison.METRICS)]
-            return wide.loc[list(dict.fromkeys(map(tuple, shown[keys].to_numpy())))].reset_index()
-        case "improvement":
-            names = {"probability": "p", "low": "p_low", "high": "p_high"}
-            shown = tables.with_intervals(frame.rename(columns=names), ["p"])
-            return shown[["x", "y", "p"]]
-        case "curves" | "curves_cpu":
-            last = frame["step"].max()
-            tenth = frame[frame["step"] % (last / 10) == 0]
-            columns = ["score_iqm"] + (["success", "disagreements"] if name == "curves" else [])
-            seconds = ["cpu_time_s"] if name == "curves_cpu" else []
-            return tables.with_intervals(tenth, columns)[[*_KEYS, "step", *seconds, *columns]]
-        case "threshold":
-            columns = ["reached_share", "stays_share"]
-            steps = ["reached_step_median", "stays_step_median"]
-            return tables.with_intervals(frame, columns)[[*_KEYS, "n", *columns, *steps]]
-        case "region":
-            columns = ["precision", "recall", "overlap"]
-            return tables.with_intervals(frame, columns)[[*_KEYS, "n", "cells_marked", *columns]]
-        case "profile":
-            return frame[(frame["score"] * 10 % 1).abs() < 1e-9]
-        case "maps":
-            return (
-                frame[frame["action"] == "PING"]
-                .groupby(_KEYS, sort=False, as_index=False)[["value", "marked"]]
-                .max()
-            )
-    return frame
+def _scores(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.scores(data)
 
 
-def _draw(
-    experiment: Experiment, grid: Grid, frames: Mapping[str, pd.DataFrame], directory: Path
-) -> set[str]:
-    """Writes every figure there is something for; returns their names."""
-    panels = _panels(experiment, grid)
-    models = {
-        scenario: population.model for scenario, population in next(iter(grid.learners.values())).items()
-    }
-    kinds = (
-        frames["maps"].drop_duplicates(["algorithm", "observation"]).set_index(["algorithm", "observation"])
-    )
-    # SB3's own DQN learns nothing to be looked at: its numbers are in the table.
-    valued = [one for one in grid.learners if kinds["kind"][one] == "q" and not one.is_default]
-    likely = [one for one in grid.learners if kinds["kind"][one] == "probability"]
-    f = figures_comparison
-    drawn = {
-        "curves": f.curves(frames["curves"], panels, "step", "environment step"),
-        "curves_cpu": f.curves(frames["curves_cpu"], panels, "cpu_time_s", "CPU time (s)"),
-        "disagreements": f.disagreements(frames["curves"], panels),
-        "aggregate": f.aggregate(frames["aggregate"]),
-        "profile": f.profile(frames["profile"], panels),
-        "improvement": f.improvement(frames["improvement"]),
-        "threshold": f.threshold(frames["threshold"]),
-        "region": f.region(frames["region"]),
-    }
-    if valued:
-        label = "mean final Q of PING"
-        drawn["maps"] = f.maps(frames["maps"], models, valued, "PING", label)
-        label = "mean final Q of the moves"
-        drawn["maps_moves"] = f.maps(frames["maps"], models, valued, "moves", label)
-    if likely:
-        label = "mean final probability of PING"
-        drawn["maps_probability"] = f.maps(frames["maps"], models, likely, "PING", label, (0.0, 1.0))
-    for name, figure in drawn.items():
-        if grid.missing:
-            figure.suptitle("PARTIAL: runs are missing", color="firebrick")
-        write_figure(figure, directory / name)
-    return set(drawn)
+def _summary(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.summary(data)
 
 
-def _film(grid: Grid, directory: Path) -> None:
+def _aggregate(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.aggregate(data)
+
+
+def _improvement(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.improvement(data)
+
+
+def _profile(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.profile(data)
+
+
+def _curves(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.curves(data)
+
+
+def _curves_cpu(data: Data, frames: Frames) -> pd.DataFrame:
+    return comparison.curves_cpu(data, frames["curves"])
+
+
+def _threshold(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.threshold(data)
+
+
+def _region(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.region(data)
+
+
+def _cost(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.cost(data)
+
+
+def _maps(data: Data, _: Frames) -> pd.DataFrame:
+    return comparison.maps(data)
+
+
+def _shown(data: Data) -> list[Shown]:
+    return [Shown(*learner, population) for learner, _, population in data.populations]
+
+
+def _write_film(data: Data, _: Frames, directory: "Path") -> None:
     """Writes the moving picture of learning: the first table and the first net, in every scenario."""
-    kinds = {learner: next(iter(own.values())).specification for learner, own in grid.learners.items()}
-    tables = [learner for learner, own in kinds.items() if own["algorithm"] == "q_learning"]
-    nets = [learner for learner in kinds if learner not in tables]
+    from benchmark.drawing import film
+
+    families: dict[str, list[Learner]] = {"tabular": [], "deep": []}
+    for learner, populations in data.learners.items():
+        families[next(iter(populations.values())).algorithm.family].append(learner)
     films = [
-        [animation.film_of(f"{scenario}: {learner}", own) for scenario, own in grid.learners[learner].items()]
-        for learner in [*tables[:1], *nets[:1]]
+        [
+            film.film_of(f"{scenario}: {learner}", population)
+            for scenario, population in data.learners[learner].items()
+        ]
+        for learners in families.values()
+        for learner in learners[:1]
     ]
-    animation.write(animation.learning(films), directory / "learning.webp")
+    film.write(film.learning(films), directory / "learning.webp")
 
 
-def _panels(experiment: Experiment, grid: Grid) -> dict[str, list[Learner]]:
-    """Returns who is drawn together: each group of arms, with the arms of none."""
-    everywhere = [learner for learner in grid.learners if not experiment.algorithms[learner.algorithm].group]
-    panels: dict[str, list[Learner]] = {}
-    for learner in grid.learners:
-        group = experiment.algorithms[learner.algorithm].group
-        if group:
-            panels.setdefault(group, [*everywhere]).append(learner)
-    return panels or {"all": everywhere}
+# As .md and .tex show them
 
 
-def _readme(
-    experiment: Experiment,
-    grid: Grid,
-    frames: Mapping[str, pd.DataFrame],
-    drawn: set[str],
-    found: Sequence[str],
-) -> str:
-    """Returns the page that says what was found and what each file is."""
-    figures_alone = ".png, .svg"
-    written = [
-        row
-        for row in _FILES
-        if not row[0].endswith(figures_alone) or row[0].removesuffix(figures_alone) in drawn
+def _display_scores(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = [*_POPULATION, "seed", "score", "success", "steps", "wrong_pings", "every_cell_score"]
+    return frame[[column for column in columns if column in frame]]
+
+
+def _display_summary(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["score_iqm", "score_mean", "success", "steps"]
+    columns += [c for c in ("every_cell_score_iqm", "stochastic_score_iqm") if c in frame]
+    return tables.with_intervals(frame, columns)[[*_POPULATION, "n", "diverged", *columns]]
+
+
+def _display_aggregate(frame: pd.DataFrame) -> pd.DataFrame:
+    shown = tables.with_intervals(frame.rename(columns={"low": "value_low", "high": "value_high"}), ["value"])
+    keys = [*_LEARNER, "policy", "evaluated_from"]
+    wide = shown.pivot(index=keys, columns="metric", values="value")[list(comparison.METRICS)]
+    return wide.loc[list(dict.fromkeys(map(tuple, shown[keys].to_numpy())))].reset_index()
+
+
+def _display_improvement(frame: pd.DataFrame) -> pd.DataFrame:
+    names = {"probability": "p", "low": "p_low", "high": "p_high"}
+    return tables.with_intervals(frame.rename(columns=names), ["p"])[["x", "y", "p"]]
+
+
+def _display_profile(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame[(frame["score"] * 10 % 1).abs() < 1e-9]
+
+
+def _tenths(frame: pd.DataFrame) -> pd.DataFrame:
+    tenth: float = frame["step"].max() / 10
+    return frame[frame["step"] % tenth == 0]
+
+
+def _display_curves(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["score_iqm", "success", "disagreements"]
+    return tables.with_intervals(_tenths(frame), columns)[[*_POPULATION, "step", *columns]]
+
+
+def _display_curves_cpu(frame: pd.DataFrame) -> pd.DataFrame:
+    shown = tables.with_intervals(_tenths(frame), ["score_iqm"])
+    return shown[[*_POPULATION, "step", "cpu_time_s", "score_iqm"]]
+
+
+def _display_threshold(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["reached_share", "stays_share"]
+    steps = ["reached_step_median", "stays_step_median"]
+    return tables.with_intervals(frame, columns)[[*_POPULATION, "n", *columns, *steps]]
+
+
+def _display_region(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["precision", "recall", "overlap"]
+    return tables.with_intervals(frame, columns)[[*_POPULATION, "n", "cells_marked", *columns]]
+
+
+def _display_maps(frame: pd.DataFrame) -> pd.DataFrame:
+    pings = frame[frame["action"] == "PING"]
+    largest: pd.DataFrame = pings.groupby(list(_POPULATION), sort=False)[["value", "marked"]].max()
+    return largest.reset_index()
+
+
+def _greedy_from_start(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame[(frame["policy"] == "greedy") & (frame["evaluated_from"] == "start")]
+
+
+# Figures
+
+
+def _draw_curves(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.curves(frames["curves"], context.panels, "step", "environment step")
+
+
+def _draw_curves_cpu(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.curves(frames["curves_cpu"], context.panels, "cpu_time_s", "CPU time (s)")
+
+
+def _draw_disagreements(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.disagreements(frames["curves"], context.panels)
+
+
+def _draw_aggregate(frames: Frames, _: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.aggregate(frames["aggregate"])
+
+
+def _draw_profile(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.profile(frames["profile"], context.panels)
+
+
+def _draw_improvement(frames: Frames, _: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.improvement(frames["improvement"])
+
+
+def _draw_threshold(frames: Frames, _: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.threshold(frames["threshold"])
+
+
+def _draw_region(frames: Frames, _: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.region(frames["region"])
+
+
+def _of_kind(frames: Frames, kind: str) -> list[Learner]:
+    """Lists the learners whose maps hold action values, or probabilities."""
+    frame = frames["maps"].drop_duplicates(list(_LEARNER))
+    shown = frame[frame["kind"] == kind]
+    return [Learner(*pair) for pair in zip(shown["algorithm"], shown["observation"], strict=True)]
+
+
+def _valued(frames: Frames) -> list[Learner]:
+    """Lists the learners whose action values are drawn: all but those with SB3's own settings."""
+    return [learner for learner in _of_kind(frames, "q") if not learner.is_default]
+
+
+def _draw_maps(frames: Frames, context: Context) -> "Figure | None":
+    from benchmark.reports.comparison import figures
+
+    learners = _valued(frames)
+    if not learners:
+        return None
+    return figures.maps(frames["maps"], context.models, learners, "PING", "mean final Q of PING")
+
+
+def _draw_maps_moves(frames: Frames, context: Context) -> "Figure | None":
+    from benchmark.reports.comparison import figures
+
+    learners = _valued(frames)
+    if not learners:
+        return None
+    return figures.maps(frames["maps"], context.models, learners, "moves", "mean final Q of the moves")
+
+
+def _draw_maps_probability(frames: Frames, context: Context) -> "Figure | None":
+    from benchmark.reports.comparison import figures
+
+    learners = _of_kind(frames, "probability")
+    if not learners:
+        return None
+    label = "mean final probability of PING"
+    return figures.maps(frames["maps"], context.models, learners, "PING", label, (0.0, 1.0))
+
+
+ITEMS: Final = (
+    Item(
+        name="aggregate",
+        description="over all scenarios: interquartile mean, median, mean and optimality gap, by rliable",
+        compute=_aggregate,
+        display=_display_aggregate,
+        draw=_draw_aggregate,
+        caption="Aggregates over all scenarios, with their 95 % intervals.",
+        view=Columns(
+            file="aggregate.csv",
+            caption="Score over all scenarios, by the greedy policy after training",
+            keys=_LEARNER,
+            numbers={
+                "iqm": "interquartile mean",
+                "median": "median",
+                "mean": "mean",
+                "optimality_gap": "optimality gap",
+            },
+            where=_greedy_from_start,
+            ends=_ENDS,
+            spread="metric",
+        ),
+    ),
+    Item(
+        name="curves",
+        description="score, success and disagreements over training, against environment steps",
+        compute=_curves,
+        display=_display_curves,
+        draw=_draw_curves,
+        caption="Mean score of the greedy policy over training, with its 95 % interval.",
+    ),
+    Item(
+        name="summary",
+        description="each scenario and learner: runs, score, success, steps, wrong PINGs",
+        compute=_summary,
+        display=_display_summary,
+        view=Columns(
+            file="summary.csv",
+            caption="Each scenario and learner, by its greedy policy after training",
+            keys=_POPULATION,
+            numbers={
+                "n": "runs",
+                "score_mean": "mean score",
+                "score_iqm": "score, interquartile mean",
+                "success": "success probability",
+                "steps": "steps",
+                "wrong_pings": "wrong PINGs",
+                "uncomfortable_steps": "uncomfortable steps",
+                "every_cell_success": "success from any cell",
+                "stochastic_success": "success, stochastic policy",
+            },
+        ),
+    ),
+    Item(
+        name="scores",
+        description="every run at the end of training, by its greedy and its stochastic policy",
+        compute=_scores,
+        display=_display_scores,
+    ),
+    Item(
+        name="threshold",
+        description=f"when, and in how many runs, the greedy policy scores {GOOD_SCORE:g}",
+        compute=_threshold,
+        display=_display_threshold,
+        draw=_draw_threshold,
+        caption=f"How many runs reach a score of {GOOD_SCORE:g}, and when.",
+        view=Columns(
+            file="threshold.csv",
+            caption=f"Runs that score {GOOD_SCORE:g} at some time, and those that stay there to the last "
+            "evaluation; median step of each",
+            keys=_POPULATION,
+            numbers={
+                "n": "runs",
+                "reached_share": "share that reaches it",
+                "reached_step_median": "median step",
+                "stays_share": "share that stays",
+                "stays_step_median": "median step to stay",
+            },
+        ),
+        is_folded=True,
+    ),
+    Item(
+        name="improvement",
+        description="probability that a run of one learner outscores one of another, each pair",
+        compute=_improvement,
+        display=_display_improvement,
+        draw=_draw_improvement,
+        caption="Probability that a run of one learner scores higher than one of another.",
+        view=Columns(
+            file="improvement.csv",
+            caption="Probability that a run of x scores higher than one of y",
+            keys=("x", "y"),
+            numbers={"probability": "probability"},
+            ends=_ENDS,
+        ),
+        is_folded=True,
+    ),
+    Item(
+        name="profile",
+        description="performance profiles: the share of runs whose score is above a number",
+        compute=_profile,
+        display=_display_profile,
+        draw=_draw_profile,
+        caption="Performance profiles: the share of runs that score above a number.",
+        is_folded=True,
+    ),
+    Item(
+        name="disagreements",
+        description="the issuer's disagreements per 1,000 steps while agents learn",
+        draw=_draw_disagreements,
+        caption="The issuer's disagreements per 1,000 steps while agents learn.",
+        is_folded=True,
+    ),
+    Item(
+        name="region",
+        description="how well the cells where an agent values PING match the target region",
+        compute=_region,
+        display=_display_region,
+        draw=_draw_region,
+        caption="How well the cells where an agent values PING match the target region.",
+        view=Columns(
+            file="region.csv",
+            caption="Cells where an agent values PING, compared with the target region",
+            keys=_POPULATION,
+            numbers={
+                "cells_marked": "cells marked",
+                "precision": "precision",
+                "recall": "recall",
+                "overlap": "overlap",
+            },
+        ),
+        is_folded=True,
+    ),
+    Item(
+        name="maps",
+        description="final values of every cell and action; figure: Q of PING, but for SB3's own settings",
+        compute=_maps,
+        display=_display_maps,
+        draw=_draw_maps,
+        caption="Mean final Q of PING, of tables and nets.",
+        is_folded=True,
+    ),
+    Item(
+        name="maps_moves",
+        description="mean final Q of the moves, of the same learners",
+        draw=_draw_maps_moves,
+    ),
+    Item(
+        name="maps_probability",
+        description="probability of PING where the policy is stochastic",
+        draw=_draw_maps_probability,
+        caption="Mean final probability of PING where the policy is stochastic.",
+        is_folded=True,
+    ),
+    Item(
+        name="cost",
+        description="cost of a run: CPU seconds, updates, parameters, peak memory of its process",
+        section="cost",
+        compute=_cost,
+        display=whole,
+        view=Columns(
+            file="cost.csv",
+            caption="Cost of a run, measured: medians over all runs",
+            keys=_LEARNER,
+            numbers={
+                "cpu_time_s": "CPU time (s)",
+                "steps_per_cpu_s": "steps per CPU second",
+                "updates": "updates",
+                "parameters": "parameters",
+                "peak_memory_mb": "peak memory (MB)",
+            },
+        ),
+        is_measured=True,
+    ),
+    Item(
+        name="curves_cpu",
+        description="score over training against CPU time",
+        section="cost",
+        compute=_curves_cpu,
+        display=_display_curves_cpu,
+        draw=_draw_curves_cpu,
+        caption="Mean score against the CPU time spent on training.",
+        is_measured=True,
+    ),
+    Item(
+        name="learning",
+        description="moving picture of learning: the agents of the first seed, a table and a net",
+        write=_write_film,
+        files=("learning.webp",),
+    ),
+    *explorer_items(_shown),
+    Item(
+        name="findings",
+        description="the sentences above; every number in them links to the rows that it comes from",
+        tell=findings.table,
+        is_measured=True,
+    ),
+)
+
+
+def _words(published: Published) -> Sequence[tuple[str, str]]:
+    """Explains the terms of the tables."""
+    manifest: Mapping[str, object] = published.manifest
+    return [
+        (
+            "learner",
+            "an algorithm with its settings and the form of observation that it learns from. Settings are in "
+            "the experiment's TOML file; `_default` means Stable-Baselines3's own.",
+        ),
+        (
+            "score",
+            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
+            f"exact optimum (1), both under a limit of {manifest['horizon']} steps. It has no lower bound: a "
+            "greedy policy that bumps into a wall until the limit is far below the random one. Policies are "
+            "evaluated exactly, without sampling episodes.",
+        ),
+        (
+            "greedy, stochastic",
+            "tables and DQN act by their best action. PPO is evaluated by its likeliest action and, in "
+            "columns that start with `stochastic_`, by its action probabilities. Unless stated otherwise, "
+            "results are for the greedy policy after training.",
+        ),
+        ("every_cell", "episodes start in a random cell (any but the issuer's) instead of the start cell."),
+        (
+            "values PING",
+            "Q of PING is above 0; of a stochastic policy, PING is the likeliest action.",
+        ),
+        (
+            "P",
+            "probability that a run of the first learner scores higher than a run of the second in the same "
+            "scenario, by however little; a tie counts half. Two learners differ significantly if the 95 % "
+            "interval of P excludes 0.5.",
+        ),
+        (
+            "interquartile mean (iqm)",
+            "mean of the middle half of the runs. *median*: of the scenarios' mean scores. *optimality gap*: "
+            "how far runs fall short of the score 1, on average.",
+        ),
+        (
+            "intervals",
+            "95 % percentile bootstrap intervals over runs, stratified by scenario where scenarios are "
+            f"combined, with {RESAMPLES} seeded resamples ({RESAMPLES // 2} for profiles). Intervals of the "
+            "shares in `threshold` are exact binomial ones. They are not corrected for the number of "
+            "comparisons. With ten runs bootstrap intervals are too narrow, and where all runs agree they "
+            "have no width.",
+        ),
+        ("inf", "half of the runs or more never got there."),
+        (
+            "diverged",
+            "a net whose values are no longer finite counts as the random policy from then on. "
+            f"Diverged runs: {int(published.frame('summary')['diverged'].sum())}.",
+        ),
     ]
-    files = tables.to_markdown(pd.DataFrame(written, columns=["file", "what it is"]))
-    nothing = "Nothing: it takes a table and a net, each with two runs of every scenario."
-    sentences = "\n".join(f"{i}. {text}" for i, text in enumerate(found[1:], 1))
-    headline = f"**{found[0]}**\n\n" if found else ""
-    partial = f"\n**{_note(grid)}**\n" if grid.missing else ""
-    aggregate = _shown("aggregate", frames["aggregate"])
-    greedy = aggregate[(aggregate["policy"] == "greedy") & (aggregate["evaluated_from"] == "start")]
-    diverged = int(frames["summary"]["diverged"].sum())
-    told = f"{diverged} runs diverged" if diverged else "No run diverged"
-    call = experiment.argument
-    note = f"\n{experiment.note.strip()}\n" if experiment.note else ""
-    timed = " and ".join(f"`{one}`" for one in _MEASURED_TIMES)
-    return f"""# {experiment.name}
 
-{experiment.description}
-{partial}{note}
-## What was found
 
-{headline}Scores are 0 for the random policy and 1 for the optimal one; brackets hold 95 % intervals. P is the
-probability that a run of the first scores higher than one of the second, in the same scenario, by however
-little. All is about greedy policies after training, if nothing else is said.
-
-{sentences or nothing}
-
-![Learning curves](curves.png)
-
-## Over all scenarios
-
-{tables.to_markdown(greedy.drop(columns=["policy", "evaluated_from"]))}
-![Aggregates](aggregate.png)
-
-## Files
-
-Made by `python -m benchmark run {call}` and `python -m benchmark report {call}` from the runs in
-`runs.db`. Files without an ending come as `.csv` (six digits; all columns), `.md` and `.tex` (for reading),
-and, where they are drawn, as `.png` and `.svg`. {timed}, `manifest.json` and a sentence above hold
-measured times and memory. All else is the same, to the last digit, however often it is made with the same
-versions on the same kind of processor; on another kind sums are rounded otherwise, and nets learn otherwise.
-
-{files}
-## Words
-
-- *learner*: an algorithm with its settings and the form of observation that it learns from. Settings are in
-  the experiment's TOML file; `_default` means Stable-Baselines3's own.
-- *score*: undiscounted return by the grid's own rewards, between the exact random policy (0) and the exact
-  optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy policy that
-  bumps a wall until the limit is far below the random one, and means show it. Policies are evaluated exactly,
-  without an episode.
-- *greedy, stochastic*: DQN and the table act by their best action; PPO is judged by its likeliest action
-  first, and by its own probabilities beside (`stochastic_`).
-- *every_cell*: episodes start in any cell but the issuer's, all alike, in place of the start cell.
-- *values PING*: Q > 0; where the policy is stochastic, PING is the likeliest action.
-- *iqm*: interquartile mean, over the middle half of the runs. *median*: of the scenarios' mean
-  scores. *optimality gap*: by how much runs fall short
-  of a score of 1, on average. *Intervals*: 95 %, percentile bootstrap over runs, stratified by scenario where
-  these are taken together, {RESAMPLES} seeded resamples (of profiles, {RESAMPLES // 2}).
-  Of the shares in `threshold` they are exact binomial ones. They are not corrected for the number of
-  comparisons, and of ten runs bootstrap intervals are rather too narrow: where all agree they have no width.
-- *inf*: half of the runs or more never got there.
-- *diverged*: a net whose values are no longer finite counts as the random policy from then on. {told}.
-"""
+REPORT: Final = Report(
+    name="comparison",
+    question="When does deep RL earn its keep over a table?",
+    check=check,
+    load=load,
+    items=ITEMS,
+    sections=(
+        Section(
+            key="comparison",
+            heading="Comparison",
+            text=(
+                "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
+                "runs. A learner is an algorithm with its settings and the form of observation that it "
+                "learns from; `_default` means Stable-Baselines3's own settings. P is the probability that a "
+                "run of the first learner scores higher than a run of the second in the same scenario. "
+                "Unless stated otherwise, results are for the greedy policy after training. Intervals of few "
+                "runs are too narrow, and none is corrected for the number of comparisons."
+            ),
+        ),
+        Section(key="cost", heading="Cost"),
+    ),
+    headline=findings.headline,
+    sentences=findings.sentences,
+    words=_words,
+    packages=("rliable",),
+)

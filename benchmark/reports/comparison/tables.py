@@ -1,157 +1,38 @@
 """Tables of a comparison: what each learner scored, what it cost, and what it knows.
 
-A learner is an arm of the experiment with one observation. Score matrices are (runs x tasks), tasks being
-scenarios, as in rliable (Agarwal et al. 2021), which estimates what is told over all scenarios. Intervals
+A learner is an arm of the experiment with one observation. Score matrices are (runs x tasks), where tasks are
+scenarios, as in rliable (Agarwal et al. 2021), which estimates what is reported over all scenarios. Intervals
 are 95 % percentile bootstrap intervals over runs, and seeded.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from rliable import library, metrics
 from scipy import stats
 
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, interquartile_mean, mean_with_interval
-from benchmark.analysis.population import GOOD_SCORE, Population, load_population, overlap
-from benchmark.execution.store import Store, evaluated
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, specifications
-from envs import ACTIONS, ZONES, InputError
+from benchmark.analysis.population import GOOD_SCORE, Population, overlap
+from benchmark.execution.store import evaluated
+from benchmark.reports.comparison.data import Data, Learner, Scores
+from envs import ACTIONS, ZONES
 
-Scores = NDArray[np.float64]  # (R, M) runs x scenarios
-
-PROFILE: Final = np.round(np.linspace(0, 1, 51), 2)  # scores at which performance profiles are told
+PROFILE: Final = np.round(np.linspace(0, 1, 51), 2)  # scores at which performance profiles are tabulated
 METRICS: Final = ("iqm", "median", "mean", "optimality_gap")
-_LISTED: Final = 4  # cells that a sentence on missing runs names
 
 
-class Learner(NamedTuple):
-    """One line of the comparison."""
-
-    algorithm: str  # an arm of the experiment
-    observation: str
-
-    @property
-    def is_default(self) -> bool:
-        """Whether it has SB3's own settings, by its name."""
-        return self.algorithm.endswith("_default")
-
-    def __str__(self) -> str:
-        """Its name for readers."""
-        return f"{self.algorithm}, {self.observation}"
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """The runs of a comparison."""
-
-    learners: Mapping[Learner, Mapping[str, Population]]  # of every scenario, in the order declared
-    missing: str  # what is not there, for a partial drawing; empty if all is
-
-    @property
-    def cells(self) -> Iterator[tuple[Learner, str, Population]]:
-        """Every learner, scenario and population."""
-        for learner, populations in self.learners.items():
-            for scenario, population in populations.items():
-                yield learner, scenario, population
-
-    def scores(self, learner: Learner, policy: str = "greedy", start: str = "start") -> Scores:
-        """Returns the final scores of a learner, (R, M); R = 0 of a stochastic policy that is none.
-
-        Of an incomplete grid those of the seeds that every scenario has.
-        """
-        populations = self.learners[learner].values()
-        seeds = sorted(set.intersection(*(set(population.seeds) for population in populations)))
-        columns = []
-        for population in populations:
-            rows = [list(population.seeds).index(seed) for seed in seeds]
-            columns.append(population.scores_of(policy, start)[rows, -1:])
-        # Rounded, lest the last digit of two optima decide which of them is better.
-        return np.asarray(np.round(np.concatenate([column.reshape(-1, 1) for column in columns], axis=1), 9))
-
-
-def load_grid(
-    experiment: Experiment, store: Store, seeds: Sequence[int] | None = None, *, partial: bool = False
-) -> Grid:
-    """Reads all runs of a comparison.
-
-    Args:
-      experiment: As loaded.
-      store: Where its records are.
-      seeds: Other seeds than the declared ones.
-      partial: Whether to take what is there where runs are missing; learners that have less than two seeds
-        in all scenarios are then left out.
-
-    Raises:
-      InputError: Runs are missing, and which; or there are too few to draw anything.
-    """
-    statuses, ended = store.statuses(), store.ended()
-    cells = {
-        (Learner(arm, observation), scenario): specifications(
-            experiment, DEFAULT_CONDITION, scenario, arm, observation, seeds
-        )
-        for scenario, arm, observation in experiment.populations
-    }
-    there = {cell: [run for run in runs if run.digest in ended] for cell, runs in cells.items()}
-    missing = _missing(cells, there, statuses)
-    if missing and not partial:
-        raise InputError(
-            f"{experiment.name}: {missing}: run the experiment first, or draw what there is with --partial."
-        )
-    few = set()
-    for learner in dict.fromkeys(learner for learner, _ in cells):
-        common = set.intersection(
-            *({r.seed for r in runs} for (own, _), runs in there.items() if own == learner)
-        )
-        if len(common) < 2:
-            few.add(learner)
-    learners: dict[Learner, dict[str, Population]] = {}
-    for learner in dict.fromkeys(learner for learner, _ in cells if learner not in few):
-        populations = [load_population(runs, store) for (own, _), runs in there.items() if own == learner]
-        learners[learner] = {population.scenario: population for population in populations}
-    if len(learners) < 2:
-        raise InputError(
-            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners, each with two "
-            "runs of every scenario."
-        )
-    left_out = "; left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
-    return Grid(learners, missing + left_out)
-
-
-def _missing(
-    cells: Mapping[tuple[Learner, str], Sequence[RunSpecification]],
-    there: Mapping[tuple[Learner, str], Sequence[RunSpecification]],
-    statuses: Mapping[str, str],
-) -> str:
-    """Says which runs are missing; empty if none is."""
-    lacking = [
-        f"{learner} in {scenario} has {len(there[learner, scenario])} of {len(runs)}"
-        for (learner, scenario), runs in cells.items()
-        if len(there[learner, scenario]) < len(runs)
-    ]
-    if not lacking:
-        return ""
-    n_runs = sum(map(len, cells.values()))
-    n_failed = sum(statuses.get(run.digest) == "failed" for runs in cells.values() for run in runs)
-    more = f"; and {len(lacking) - _LISTED} cells more" if len(lacking) > _LISTED else ""
-    failed = f", {n_failed} of them failed" if n_failed else ""
-    n_missing = n_runs - sum(map(len, there.values()))
-    return f"{n_missing} of {n_runs} runs are missing{failed} ({'; '.join(lacking[:_LISTED])}{more})"
-
-
-def scores(grid: Grid) -> pd.DataFrame:
+def scores(data: Data) -> pd.DataFrame:
     """Tabulates every run at the end of training.
 
-    `uncomfortable_steps` and `steps` are expectations of the greedy policy from the start; `every_cell_`
-    marks those of episodes that start anywhere, `stochastic_` those of a stochastic policy.
+    `uncomfortable_steps` and `steps` are expectations under the greedy policy from the start. `every_cell_`
+    marks those of episodes that start in any cell, `stochastic_` those of a stochastic policy.
     """
     frames = []
-    for learner, scenario, population in grid.cells:
+    for learner, scenario, population in data.populations:
         n = len(population.seeds)
         columns: dict[str, Any] = _named(learner, scenario) | {"seed": population.seeds}
         for policy in ("greedy", "stochastic"):
@@ -161,9 +42,9 @@ def scores(grid: Grid) -> pd.DataFrame:
                     values[name] = population.arrays[evaluated(name, policy, start)]
                 zones = population.arrays[evaluated("zone_steps", policy, start)]
                 values["uncomfortable_steps"] = zones[..., ZONES.index("uncomfortable")]
-                for name, own in values.items():
-                    missing = np.full(n, np.nan)
-                    columns[evaluated(name, policy, start)] = own[:, -1] if own.shape[1] else missing
+                for name, over_training in values.items():
+                    last = over_training[:, -1] if over_training.shape[1] else np.full(n, np.nan)
+                    columns[evaluated(name, policy, start)] = last
         right, marked = _right_and_marked(population)
         columns["target_cells_marked"] = right
         columns["cells_marked"] = marked
@@ -175,10 +56,10 @@ def scores(grid: Grid) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-def summary(grid: Grid) -> pd.DataFrame:
-    """Tabulates every cell of the grid at the end of training; greedy policies, if nothing else is said."""
+def summary(data: Data) -> pd.DataFrame:
+    """Tabulates every population at the end of training; unless a column says otherwise, greedy policies."""
     rows = []
-    for learner, scenario, population in grid.cells:
+    for learner, scenario, population in data.populations:
         last = population.scores[:, -1:]
         row: dict[str, Any] = _named(learner, scenario) | {
             "n": len(last),
@@ -194,49 +75,51 @@ def summary(grid: Grid) -> pd.DataFrame:
             for start in population.specification["evaluated_from"]:
                 if (policy, start) == ("greedy", "start"):
                     continue
-                own = population.scores_of(policy, start)[:, -1:]
-                if not own.shape[1]:
+                last_scores = population.scores_of(policy, start)[:, -1:]
+                if not last_scores.shape[1]:
                     continue
                 success = population.arrays[evaluated("success", policy, start)][:, -1:]
-                row |= _scalars(interquartile_mean(evaluated("score_iqm", policy, start), own))
+                row |= _scalars(interquartile_mean(evaluated("score_iqm", policy, start), last_scores))
                 row |= _scalars(_mean(evaluated("success", policy, start), population, success))
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def aggregate(grid: Grid) -> pd.DataFrame:
-    """Tabulates rliable's aggregates over all scenarios, one row a learner, policy and metric.
+def aggregate(data: Data) -> pd.DataFrame:
+    """Tabulates rliable's aggregates over all scenarios, one row per learner, policy and metric.
 
-    The optimality gap is by how much a run misses the score of 1 on average; scores have no lower bound,
-    so neither the mean nor the gap is bounded.
+    The optimality gap is how far runs fall short of the score 1 on average. Scores have no lower bound, so
+    neither the mean nor the gap is bounded.
     """
+    from rliable import metrics
+
     functions = (
         metrics.aggregate_iqm,
         metrics.aggregate_median,
         metrics.aggregate_mean,
         metrics.aggregate_optimality_gap,
     )
-    starts = next(grid.cells)[2].specification["evaluated_from"]
+    starts = next(data.populations)[2].specification["evaluated_from"]
     frames = []
     for policy in ("greedy", "stochastic"):
         for start in starts:
-            matrices = {learner: grid.scores(learner, policy, start) for learner in grid.learners}
+            matrices = {learner: data.scores(learner, policy, start) for learner in data.learners}
             matrices = {learner: matrix for learner, matrix in matrices.items() if len(matrix)}
             values, bounds = _estimate(matrices, lambda matrix: np.array([f(matrix) for f in functions]))
-            for learner, own in values.items():
+            for learner, estimates in values.items():
                 low, high = bounds[learner]
                 columns = {"policy": policy, "evaluated_from": start, "metric": METRICS}
-                frames.append(_frame(learner, columns | {"value": own, "low": low, "high": high}))
+                frames.append(_frame(learner, columns | {"value": estimates, "low": low, "high": high}))
     return pd.concat(frames, ignore_index=True)
 
 
-def improvement(grid: Grid) -> pd.DataFrame:
-    """Tabulates the probability that a run of x outscores one of y in the same scenario, all scenarios alike.
+def improvement(data: Data) -> pd.DataFrame:
+    """Tabulates the probability that a run of x outscores a run of y in the same scenario.
 
-    Half of a tie counts, as in the Mann-Whitney statistic.
+    All scenarios weigh the same. A tie counts half, as in the Mann-Whitney statistic.
     """
-    pairs = list(combinations(grid.learners, 2))
-    matrices = {pair: tuple(grid.scores(learner) for learner in pair) for pair in pairs}
+    pairs = list(combinations(data.learners, 2))
+    matrices = {pair: tuple(data.scores(learner) for learner in pair) for pair in pairs}
     values, bounds = _estimate(matrices, _probability_of_improvement)
     rows = []
     for (x, y), value in values.items():
@@ -247,30 +130,32 @@ def improvement(grid: Grid) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def profile(grid: Grid) -> pd.DataFrame:
-    """Tabulates performance profiles: the share of runs, of all scenarios, that score above a number."""
-    matrices = {learner: grid.scores(learner) for learner in grid.learners}
+def profile(data: Data) -> pd.DataFrame:
+    """Tabulates performance profiles: the share of runs in all scenarios that score above a number."""
+    from rliable import library
+
+    matrices = {learner: data.scores(learner) for learner in data.learners}
     with _numpy_seeded():
         shares, bounds = library.create_performance_profile(matrices, PROFILE, reps=RESAMPLES // 2)
     return pd.concat(
         [
             _frame(
                 learner,
-                {"score": PROFILE, "share": own, "low": bounds[learner][0], "high": bounds[learner][1]},
+                {"score": PROFILE, "share": share, "low": bounds[learner][0], "high": bounds[learner][1]},
             )
-            for learner, own in shares.items()
+            for learner, share in shares.items()
         ],
         ignore_index=True,
     )
 
 
-def curves(grid: Grid) -> pd.DataFrame:
-    """Tabulates learning, one row a cell of the grid and evaluation step.
+def curves(data: Data) -> pd.DataFrame:
+    """Tabulates learning, one row per population and evaluation step.
 
-    `disagreements` are wrong PINGs per 1,000 steps since the evaluation step before.
+    `disagreements` are wrong PINGs per 1,000 steps since the previous evaluation step.
     """
     frames = []
-    for learner, scenario, population in grid.cells:
+    for learner, scenario, population in data.populations:
         steps = np.array(population.evaluation_steps)
         columns: dict[str, Any] = _named(learner, scenario) | {"step": steps}
         columns |= interquartile_mean("score_iqm", population.scores)
@@ -278,9 +163,9 @@ def curves(grid: Grid) -> pd.DataFrame:
         columns |= _mean("success", population, population.arrays["success"])
         for policy in ("greedy", "stochastic"):
             for start in population.specification["evaluated_from"]:
-                own = population.scores_of(policy, start)
-                if (policy, start) != ("greedy", "start") and own.shape[1]:
-                    columns |= interquartile_mean(evaluated("score_iqm", policy, start), own)
+                values = population.scores_of(policy, start)
+                if (policy, start) != ("greedy", "start") and values.shape[1]:
+                    columns |= interquartile_mean(evaluated("score_iqm", policy, start), values)
         rate = np.diff(population.arrays["disagreements"], axis=1) / np.diff(steps) * 1000
         rate = np.column_stack([np.full(len(rate), np.nan), rate])  # nothing before the first step
         columns |= _mean("disagreements", population, rate)
@@ -288,15 +173,15 @@ def curves(grid: Grid) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-def curves_cpu(grid: Grid, learning: pd.DataFrame) -> pd.DataFrame:
-    """Tabulates learning against the seconds of one CPU that a run has spent on training by then, median.
+def curves_cpu(data: Data, learning: pd.DataFrame) -> pd.DataFrame:
+    """Tabulates learning against the median CPU time that a run has spent on training by then.
 
     Args:
-      grid: Its runs.
+      data: The runs.
       learning: `curves`.
     """
     frames = []
-    for learner, scenario, population in grid.cells:
+    for learner, scenario, population in data.populations:
         seconds = np.median(_cpu_time_s(population), axis=0)
         columns = _named(learner, scenario) | {"step": population.evaluation_steps, "cpu_time_s": seconds}
         frames.append(pd.DataFrame(columns))
@@ -308,13 +193,14 @@ def curves_cpu(grid: Grid, learning: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True).merge(learning[wanted], on=keys, validate="one_to_one")
 
 
-def threshold(grid: Grid) -> pd.DataFrame:
-    """Tabulates when a greedy policy scores `GOOD_SCORE`: for the first time, and from when on for good.
+def threshold(data: Data) -> pd.DataFrame:
+    """Tabulates when a greedy policy first scores `GOOD_SCORE`, and from when on it stays there to the end.
 
-    Medians count the runs that never get there as infinite, and are infinite if these are half or more.
+    The end is the last evaluation. Medians count runs that never get there as infinite, and are infinite if
+    these are half or more.
     """
     rows = []
-    for learner, scenario, population in grid.cells:
+    for learner, scenario, population in data.populations:
         good = population.scores >= GOOD_SCORE  # (N, T)
         steps = np.array([*population.evaluation_steps, np.inf])
         first = np.where(good.any(axis=1), good.argmax(axis=1), good.shape[1])
@@ -323,7 +209,7 @@ def threshold(grid: Grid) -> pd.DataFrame:
         row: dict[str, Any] = _named(learner, scenario) | {"n": len(good)}
         for name, when in (("reached", first), ("stays", stays)):
             count = int((when < good.shape[1]).sum())
-            # Where all runs agree resampling sees no doubt at all; the exact binomial interval does.
+            # Where all runs agree, resampling shows no uncertainty; the exact binomial interval does.
             bounds = stats.binomtest(count, len(good)).proportion_ci()
             row |= {f"{name}_share": count / len(good)}
             row |= {f"{name}_share_low": bounds.low, f"{name}_share_high": bounds.high}
@@ -332,38 +218,38 @@ def threshold(grid: Grid) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def region(grid: Grid) -> pd.DataFrame:
+def region(data: Data) -> pd.DataFrame:
     """Tabulates how well the cells where agents value PING match the target region.
 
-    Precision is the share of all marked cells that are right, and none where no agent marks any; recall
-    the share of the region that an agent marks; `overlap` an agent's intersection over union.
+    Precision is the share of marked cells that lie in the region, NaN where no agent marks any. Recall is the
+    share of the region that an agent marks, and `overlap` an agent's intersection over union.
     """
     rows = []
-    for learner, scenario, population in grid.cells:
+    for learner, scenario, population in data.populations:
         right, marked = _right_and_marked(population)
         weights, n = population.weights, len(right)
         row: dict[str, Any] = _named(learner, scenario) | {"n": n, "cells_marked": marked.mean()}
         with np.errstate(invalid="ignore"):
             precision = (weights @ right) / (weights @ marked)
-        # Resamples without any mark have no precision, and tell nothing of it.
+        # Resamples without any mark have no precision.
         low, high = np.nanpercentile(precision, [2.5, 97.5]) if marked.any() else (np.nan, np.nan)
         row |= {"precision": precision[0], "precision_low": low, "precision_high": high}
         row |= _scalars(_mean("recall", population, (right / population.in_target.sum())[:, None]))
-        own = overlap(population.values_ping, population.in_target)[:, None]
-        row |= _scalars(_mean("overlap", population, own))
+        overlaps = overlap(population.values_ping, population.in_target)[:, None]
+        row |= _scalars(_mean("overlap", population, overlaps))
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def cost(grid: Grid) -> pd.DataFrame:
-    """Tabulates what a run costs, one row a learner: medians over all its runs, and CPU seconds' range."""
+def cost(data: Data) -> pd.DataFrame:
+    """Tabulates what a run costs, one row per learner: medians over its runs, and the range of CPU time."""
     rows = []
-    for learner, populations in grid.learners.items():
-        every = list(populations.values())
+    for learner, by_scenario in data.learners.items():
+        every = list(by_scenario.values())
         seconds = np.concatenate([_cpu_time_s(p)[:, -1] for p in every])
-        memory = [one["peak_memory_mb"] for p in every for one in p.provenance]
+        memory = [run["peak_memory_mb"] for p in every for run in p.provenance]
         known = [mb for mb in memory if mb is not None]
-        budget = every[0].specification["settings"]["budget"]
+        budget = every[0].settings.budget
         rows.append(
             {
                 "algorithm": learner.algorithm,
@@ -381,24 +267,23 @@ def cost(grid: Grid) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def maps(grid: Grid) -> pd.DataFrame:
-    """Tabulates final values over agents, one row a scenario, learner, cell of the scene and action.
+def maps(data: Data) -> pd.DataFrame:
+    """Tabulates final values over agents, one row per scenario, learner, cell and action.
 
-    `value` is the mean Q, or of a stochastic policy the mean probability; `marked` the share of agents
+    `value` is the mean Q, or the mean probability of a stochastic policy; `marked` is the share of agents
     that value PING in the cell.
     """
     frames = []
-    for learner, scenario, population in grid.cells:
-        grid_of = population.model.scenario.grid
-        row, column, action = np.indices((grid_of.rows, grid_of.columns, len(ACTIONS))).reshape(3, -1)
+    for learner, scenario, population in data.populations:
+        row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
         stochastic = population.arrays["stochastic"]
-        own = stochastic[:, -1] if stochastic.shape[1] else population.arrays["q"]
+        final = stochastic[:, -1] if stochastic.shape[1] else population.arrays["q"]
         alive = population.arrays["diverged_at"] < 0
-        value = own[alive].mean(axis=0) if alive.any() else np.full(own.shape[1:], np.nan)
+        value = final[alive].mean(axis=0) if alive.any() else np.full(final.shape[1:], np.nan)
         columns = _named(learner, scenario) | {
             "row": row,
             "column": column,
-            "action": np.array(ACTIONS)[action],
+            "action": np.tile(ACTIONS, population.model.n_observations),
             "kind": "probability" if stochastic.shape[1] else "q",
             "value": value.ravel(),
             "marked": population.values_ping.mean(axis=0).repeat(len(ACTIONS)),
@@ -408,12 +293,12 @@ def maps(grid: Grid) -> pd.DataFrame:
 
 
 def _named(learner: Learner, scenario: str) -> dict[str, Any]:
-    """Returns the columns that say which cell of the grid it is."""
+    """Returns the columns that name a population."""
     return {"scenario": scenario, "algorithm": learner.algorithm, "observation": learner.observation}
 
 
 def _frame(learner: Learner, columns: Mapping[str, Any]) -> pd.DataFrame:
-    """Returns columns after those that say which learner it is."""
+    """Returns columns after those that name a learner."""
     return pd.DataFrame({"algorithm": learner.algorithm, "observation": learner.observation, **columns})
 
 
@@ -434,12 +319,12 @@ def _right_and_marked(population: Population) -> tuple[NDArray[np.int_], NDArray
 
 
 def _cpu_time_s(population: Population) -> NDArray[np.float64]:
-    """Returns the seconds of one CPU that each run spent on training until each evaluation step, (N, T)."""
-    return np.array([one["cpu_time_s"] for one in population.provenance])
+    """Returns the CPU seconds that each run spent on training until each evaluation step, (N, T)."""
+    return np.array([run["cpu_time_s"] for run in population.provenance])
 
 
 def _probability_of_improvement(x: Scores, y: Scores) -> NDArray[np.float64]:
-    """Returns rliable's statistic, (1,), by comparing all pairs at once: thirty times as fast as by ranks."""
+    """Returns rliable's statistic, (1,), from all pairs at once, which is thirty times as fast as ranks."""
     x, y = x[:, None], y[None]
     return np.array([(x > y).mean() + 0.5 * (x == y).mean()])
 
@@ -450,6 +335,8 @@ def _estimate(
     """Returns rliable's point estimates and intervals, (2, ...), by stratified bootstrap."""
     if not matrices:
         return {}, {}
+    from rliable import library
+
     with _numpy_seeded():
         values, bounds = library.get_interval_estimates(dict(matrices), function, reps=RESAMPLES)
     return values, bounds
@@ -457,7 +344,7 @@ def _estimate(
 
 @contextmanager
 def _numpy_seeded() -> Iterator[None]:
-    """Seeds NumPy's global generator, from which rliable draws whatever it is given, and restores it."""
+    """Seeds NumPy's global generator, which rliable draws from despite its arguments, and restores it."""
     state = np.random.get_state()  # noqa: NPY002
     np.random.seed(BOOTSTRAP_SEED)  # noqa: NPY002
     try:

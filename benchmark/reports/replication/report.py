@@ -1,206 +1,368 @@
-"""What is drawn of a replication: the paper's figure, its claims, and how far learning got."""
+"""The replication as a report: its data, its items and what they are called."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pandas as pd
 
-from benchmark.analysis import intervals
-from benchmark.analysis import snapshots as explorer
+from agents import load_algorithm
+from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import Population, load_population
+from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
-from benchmark.drawing.style import write_figure
 from benchmark.execution.store import Store
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
-from benchmark.reports.replication import claims, figures
+from benchmark.reports.explorer import explorer_items
+from benchmark.reports.item import Frames, Item, Report, Section
+from benchmark.reports.published import Published
+from benchmark.reports.replication import claims, findings
 from benchmark.reports.replication import tables as replication_tables
-from envs import InputError
+from benchmark.reports.view import Columns
+from envs import InputError, Model
 
-_FILES = (
-    ("figure.png, .svg", "the paper's figure: maximum Q per step, final Q of the moves, final Q of PING"),
-    ("claims", "every claim of the paper, measured, with its 95 % interval over agents and a verdict"),
-    ("sensitivity", "value and verdict of every claim under every reading of the paper"),
-    ("learning", "exact score of the greedy policy, and the share of optimal agents, over training"),
-    ("optimal", "the exact optimum beside what was learned, and the regret"),
-    ("optimal_cells.csv", "Q* beside the learned Q of every cell and action, and where policies differ"),
-    ("q_values.csv", "final Q over agents of every cell and action"),
-    ("max_q.csv", "maximum Q over agents at every recorded step, of the visited cell and of the table"),
-    ("agent.csv", "score of the agent of the first seed, at every step of which there is a map"),
-    ("agent_*.csv", "what that agent values and does in every cell over training, one file a scenario"),
-    ("optimum.csv", "exact optimal values and actions, for the explorer"),
-    ("manifest.json", "what made the runs: versions, commit, machine, times, digest"),
-)
-_OF_CLAIMS = ("claims", "sensitivity")  # only where the paper's three scenarios are run
-_SHOWN = {
-    "claims": ["claim", "says", "value", "low", "high", "threshold", "verdict"],
-    "learning": ["scenario", "step", "score", "score_iqm", "success", "optimal_share"],
-}
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_CURVES: Final = ("max_q", "table_max_q")  # what the claims on curves need of a training
 
 
-def write(
-    experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, *, partial: bool
-) -> str:
-    """Writes every table and figure into a folder.
+@dataclass(frozen=True)
+class Context:
+    """What the figures need beside the tables."""
+
+    models: Mapping[str, Model]  # by scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """The agents of a replication, under every reading."""
+
+    readings: Mapping[str, Mapping[str, Population]]  # reading to scenario to its agents
+    curves: Mapping[str, str]  # reading to the maximum Q that the claims on curves are about
+    arm: str
+    observation: str
+    note: str
+    is_incomplete: bool = False  # a replication is reported whole or not at all
+
+    @property
+    def default(self) -> Sequence[Population]:
+        """The agents under the default reading, in the order of the scenarios."""
+        return list(self.readings[DEFAULT_CONDITION].values())
+
+    @cached_property
+    def verdicts(self) -> dict[str, pd.DataFrame] | None:
+        """The claims under every reading; None without the paper's scenarios, which they are about."""
+        if not set(claims.SCENARIOS) <= set(self.readings[DEFAULT_CONDITION]):
+            return None
+        return {
+            name: claims.judge(populations, self.curves[name]) for name, populations in self.readings.items()
+        }
+
+    @property
+    def context(self) -> Context:
+        """See `Context`."""
+        return Context({population.scenario: population.model for population in self.default})
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Which readings leave what the agents learn as it is by default."""
+        default = self.readings[DEFAULT_CONDITION]
+        equal = [
+            name
+            for name, populations in self.readings.items()
+            if name != DEFAULT_CONDITION
+            and all(
+                np.array_equal(populations[scenario].arrays["q"], default[scenario].arrays["q"])
+                for scenario in default
+            )
+        ]
+        return {"learned_as_default": equal}
+
+
+def check(experiment: Experiment) -> None:
+    """Checks that an experiment has a single tabular arm that records the maximum Q, and no sweep.
+
+    Raises:
+      InputError: It has something else.
+    """
+    fits = False
+    if len(experiment.algorithms) == 1:
+        (arm,) = experiment.algorithms.values()
+        algorithm = load_algorithm(arm.algorithm)
+        fits = algorithm.family == "tabular" and "record_every" in algorithm.settings.model_fields
+    if not fits:
+        raise InputError(
+            f"{experiment.argument}: algorithms: a replication takes exactly one, and a tabular one that "
+            "records the maximum Q."
+        )
+    if experiment.sweep:
+        raise InputError(f"{experiment.argument}: sweep: a replication takes readings alone.")
+
+
+def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:
+    """Reads all agents of a replication.
 
     Args:
       experiment: As loaded.
       store: Where its records are.
-      directory: An empty folder.
       seeds: Other seeds than the declared ones.
       partial: Refused: claims are judged of all runs or not at all.
 
-    Returns:
-      What is missing, as a sentence; empty if nothing is.
-
     Raises:
-      InputError: A run is missing.
+      InputError: A run is missing, or lacks what the claims need.
     """
     if partial:
         raise InputError(f"--partial: {experiment.name} is a replication; accepted: a comparison.")
     arm, declared = next(iter(experiment.algorithms.items()))
-    populations: dict[str, dict[str, Population]] = {}
+    observation = declared.observations[0]
+    readings: dict[str, dict[str, Population]] = {}
     for reading in experiment.readings:
-        cells = [
-            load_population(
-                specifications(experiment, reading, scenario, arm, declared.observations[0], seeds), store
-            )
+        populations = [
+            load_population(specifications(experiment, reading, scenario, arm, observation, seeds), store)
             for scenario in experiment.scenarios
         ]
-        populations[reading] = {population.scenario: population for population in cells}
-    agents = len(next(iter(populations[DEFAULT_CONDITION].values())).scores)
-    note = "" if agents == declared.seeds else f"Partial: {agents} of the {declared.seeds} agents declared."
-    _write(experiment, populations, directory, note)
-    return note
-
-
-def _write(
-    experiment: Experiment,
-    populations: Mapping[str, Mapping[str, Population]],
-    directory: Path,
-    note: str,
-) -> None:
-    """Writes everything but the manifest."""
-    default = populations[DEFAULT_CONDITION]
-    cells = list(default.values())
-    models = {name: population.model for name, population in default.items()}
-
-    values = replication_tables.q_values(cells)
-    curves = replication_tables.max_q(cells)
-    tables.write_csv(values, directory / "q_values.csv")
-    tables.write_csv(curves, directory / "max_q.csv")
-    write_figure(figures.replication(curves, values, models), directory / "figure")
-
-    learning = replication_tables.learning(cells)
-    shown = tables.with_intervals(learning, ["score", "score_iqm", "success", "optimal_share"])
-    tables.write_table(learning, directory / "learning", shown[_SHOWN["learning"]])
-    write_figure(figures.learning(learning, models), directory / "learning")
-
-    optimal = replication_tables.optimal(cells)
-    by_scenario = optimal.set_index("scenario").T.rename_axis("measure").reset_index()
-    tables.write_table(optimal, directory / "optimal", by_scenario)
-    optimal_cells = replication_tables.optimal_cells(cells)
-    tables.write_csv(optimal_cells, directory / "optimal_cells.csv")
-    write_figure(figures.optimal(optimal_cells, models), directory / "optimal")
-
-    arm, declared = next(iter(experiment.algorithms.items()))
-    explorer.write([explorer.Shown(arm, declared.observations[0], cell) for cell in cells], directory)
-
-    verdicts = None
-    if set(claims.SCENARIOS) <= set(default):
-        verdicts = _write_claims(experiment, populations, directory)
-    (directory / "README.md").write_text(_readme(experiment, populations, verdicts, note), encoding="utf-8")
-
-
-def _write_claims(
-    experiment: Experiment, populations: Mapping[str, Mapping[str, Population]], directory: Path
-) -> pd.DataFrame:
-    """Writes claims and sensitivity; returns the claims as readers see them."""
-    verdicts = {
-        name: claims.judge(populations[name], reading.curve) for name, reading in experiment.readings.items()
-    }
-    shown = verdicts[DEFAULT_CONDITION][_SHOWN["claims"]]
-    tables.write_table(verdicts[DEFAULT_CONDITION], directory / "claims", shown)
-    columns = ["claim", "reading", "value", "low", "high", "threshold", "verdict", "parts"]
-    sensitivity = pd.concat([frame.assign(reading=name)[columns] for name, frame in verdicts.items()])
-    wide = sensitivity.assign(cell=[f"{r.value:.3g}, {r.verdict}" for r in sensitivity.itertuples()])
-    wide = wide.pivot(index="claim", columns="reading", values="cell")
-    wide = wide.loc[shown["claim"], list(verdicts)].reset_index()
-    tables.write_table(sensitivity, directory / "sensitivity", wide)
-    write_figure(figures.sensitivity(sensitivity), directory / "sensitivity")
-    return shown
-
-
-def _same_runs(populations: Mapping[str, Population], others: Mapping[str, Population]) -> bool:
-    """Returns whether two readings learned the same values in every scenario."""
-    return all(
-        np.array_equal(populations[name].arrays["q"], others[name].arrays["q"]) for name in populations
+        readings[reading] = {population.scenario: population for population in populations}
+    first = next(iter(readings[DEFAULT_CONDITION].values()))
+    for name in _CURVES:
+        if name not in first.arrays:
+            raise InputError(f"{experiment.name}: algorithms.{arm}: its training returns no {name}.")
+    n_agents = len(first.seeds)
+    return Data(
+        readings=readings,
+        curves={name: reading.curve for name, reading in experiment.readings.items()},
+        arm=arm,
+        observation=observation,
+        note=""
+        if n_agents == declared.seeds
+        else f"Partial: {n_agents} of the {declared.seeds} agents declared.",
     )
 
 
-def _readme(
-    experiment: Experiment,
-    populations: Mapping[str, Mapping[str, Population]],
-    verdicts: pd.DataFrame | None,
-    note: str,
-) -> str:
-    """Returns the page that says what each file is."""
-    default = populations[DEFAULT_CONDITION]
-    agents = len(next(iter(default.values())).scores)
-    partial = f"\n**{note}**\n" if note else ""
-    files_written = [file for file in _FILES if verdicts is not None or file[0] not in _OF_CLAIMS]
-    lines = []
-    for name, reading in experiment.readings.items():
-        line = f"- `{name}`: {reading.question} {reading.answer[0].upper()}{reading.answer[1:]}."
-        if name != DEFAULT_CONDITION and _same_runs(populations[name], default):
-            line += " (Every agent learns the same values as by default.)"
-        lines.append(line)
-    readings = "\n".join(lines)
-    files = tables.to_markdown(pd.DataFrame(files_written, columns=["file", "what it is"]))
-    return f"""# {experiment.name}
-
-{experiment.description}
-{partial}
-{agents} agents a scenario. Made by `python -m benchmark run {experiment.argument}` and
-`python -m benchmark report {experiment.argument}` from the runs in `runs.db`. Files without an ending come
-as `.csv` (six digits), `.md` and `.tex` (for reading), and, where they are drawn, as `.png` and `.svg`.
-
-{files}
-![The paper's figure, replicated](figure.png)
-
-{_claims_section(verdicts)}## Readings
-
-{readings}
-
-## Words
-
-- *score*: undiscounted return by the grid's own rewards, between the exact random policy (0) and the
-  exact optimum (1), both under a limit of {experiment.horizon} steps. It has no lower bound: a greedy
-  policy may bump a wall until the limit, and the mean shows it.
-- *optimal* (an agent, a policy): it has the score 1, that is, it does as well as can be from the start cell.
-  `cells_differing` is the share of all cells in which an agent's greedy action is not an optimal one;
-  `optimal.png` shows where these lie.
-- *score_iqm*: interquartile mean, over the middle half of the agents. *scenario_return*: with the issuer's
-  rewards. *start_value*: discounted value of the start cell, of Q* and of the agents.
-- *std*: sample standard deviation over agents. *Intervals*: 95 %, percentile bootstrap over agents,
-  {intervals.RESAMPLES} seeded resamples.
-- *Q** is that of an agent that knows its state, with no wrong PING so far. Wrong PINGs are hidden from the
-  learner, so its values need not tend there; no policy is worth more, but noise can inflate estimates.
-"""
+# Tables
 
 
-def _claims_section(verdicts: pd.DataFrame | None) -> str:
-    """Returns what the page says of the paper's claims, nothing where they were not judged."""
-    if verdicts is None:
-        return ""
-    return f"""## Claims of the paper
+def _q_values(data: Data, _: Frames) -> pd.DataFrame:
+    return replication_tables.q_values(data.default)
 
-{tables.to_markdown(verdicts[["claim", "says", "value", "low", "high", "threshold", "verdict"]])}
-A claim's value is that of its weakest part; `low` and `high` bound its 95 % interval over agents. A
-part passes if its whole interval lies on the right side of the threshold, fails if it lies on the wrong
-one, and is undecided otherwise: all pass, `holds`; none passes and one fails, `does not hold`; otherwise,
-`holds in part`. How each is measured, all its parts, and why the threshold is where it is: `claims.csv`.
 
-![Verdicts under every reading](sensitivity.png)
+def _max_q(data: Data, _: Frames) -> pd.DataFrame:
+    return replication_tables.max_q(data.default)
 
-"""
+
+def _learning(data: Data, _: Frames) -> pd.DataFrame:
+    return replication_tables.learning(data.default)
+
+
+def _optimal(data: Data, _: Frames) -> pd.DataFrame:
+    return replication_tables.optimal(data.default)
+
+
+def _optimal_cells(data: Data, _: Frames) -> pd.DataFrame:
+    return replication_tables.optimal_cells(data.default)
+
+
+def _claims(data: Data, _: Frames) -> pd.DataFrame | None:
+    return None if data.verdicts is None else data.verdicts[DEFAULT_CONDITION]
+
+
+def _sensitivity(data: Data, _: Frames) -> pd.DataFrame | None:
+    if data.verdicts is None:
+        return None
+    columns = ["claim", "reading", "value", "low", "high", "threshold", "verdict", "parts"]
+    return pd.concat([frame.assign(reading=name)[columns] for name, frame in data.verdicts.items()])
+
+
+def _shown(data: Data) -> list[Shown]:
+    return [Shown(data.arm, data.observation, population) for population in data.default]
+
+
+# As .md and .tex show them
+
+
+def _display_claims(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame[["claim", "says", "value", "low", "high", "threshold", "verdict"]]
+
+
+def _display_sensitivity(frame: pd.DataFrame) -> pd.DataFrame:
+    wide = frame.assign(cell=[f"{row.value:.3g}, {row.verdict}" for row in frame.itertuples()])
+    wide = wide.pivot(index="claim", columns="reading", values="cell")
+    in_order: pd.DataFrame = wide.loc[frame["claim"].unique(), list(frame["reading"].unique())]
+    return in_order.reset_index()
+
+
+def _display_learning(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["score", "score_iqm", "success", "optimal_share"]
+    return tables.with_intervals(frame, columns)[["scenario", "step", *columns]]
+
+
+def _display_optimal(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.set_index("scenario").T.rename_axis("measure").reset_index()
+
+
+def _last_step(frame: pd.DataFrame) -> pd.DataFrame:
+    last: float = frame["step"].max()
+    return frame[frame["step"] == last]
+
+
+# Figures
+
+
+def _draw_figure(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.replication import figures
+
+    return figures.replication(frames["max_q"], frames["q_values"], context.models)
+
+
+def _draw_learning(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.replication import figures
+
+    return figures.learning(frames["learning"], context.models)
+
+
+def _draw_optimal(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.replication import figures
+
+    return figures.optimal(frames["optimal_cells"], context.models)
+
+
+def _draw_sensitivity(frames: Frames, _: Context) -> "Figure | None":
+    from benchmark.reports.replication import figures
+
+    return figures.sensitivity(frames["sensitivity"]) if "sensitivity" in frames else None
+
+
+ITEMS: Final = (
+    Item(
+        name="figure",
+        description="the paper's figure: maximum Q per step, final Q of the moves, final Q of PING",
+        section="replication",
+        draw=_draw_figure,
+        caption="The paper's figure: maximum Q over training, final Q of the moves and of PING.",
+    ),
+    Item(
+        name="claims",
+        description="every claim of the paper, measured, with its 95 % interval over agents and a verdict",
+        section="claims",
+        compute=_claims,
+        display=_display_claims,
+        view=findings.claims_table,
+    ),
+    Item(
+        name="sensitivity",
+        description="value and verdict of every claim under every reading of the paper",
+        section="claims",
+        compute=_sensitivity,
+        display=_display_sensitivity,
+        draw=_draw_sensitivity,
+        caption="Verdict on every claim under every reading.",
+    ),
+    Item(
+        name="learning",
+        description="exact score of the greedy policy, and the share of optimal agents, over training",
+        section="learning",
+        compute=_learning,
+        display=_display_learning,
+        draw=_draw_learning,
+        caption="Exact score of the greedy policy, and share of optimal agents, over training.",
+        view=Columns(
+            file="learning.csv",
+            caption="After training: exact evaluation of the agents' greedy policies",
+            keys=("scenario",),
+            numbers={
+                "score": "mean score",
+                "score_iqm": "score, interquartile mean",
+                "success": "success probability",
+                "optimal_share": "share of optimal agents",
+            },
+            where=_last_step,
+        ),
+    ),
+    Item(
+        name="optimal",
+        description="the exact optimum beside what was learned, and the regret",
+        section="learning",
+        compute=_optimal,
+        display=_display_optimal,
+        draw=_draw_optimal,
+        caption="The exact optimum, what learning made of it, and where agents act optimally.",
+    ),
+    Item(
+        name="optimal_cells",
+        description="Q* beside the learned Q of every cell and action, and where policies differ",
+        compute=_optimal_cells,
+    ),
+    Item(name="q_values", description="final Q over agents of every cell and action", compute=_q_values),
+    Item(
+        name="max_q",
+        description="maximum Q over agents at every recorded step, of the visited cell and of the table",
+        compute=_max_q,
+    ),
+    *explorer_items(_shown),
+)
+
+
+def _words(published: Published) -> list[tuple[str, str]]:
+    """Explains the terms of the tables."""
+    return [
+        (
+            "score",
+            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
+            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. It has no "
+            "lower bound: a greedy policy may bump into a wall until the limit, which lowers the mean.",
+        ),
+        (
+            "optimal (an agent, a policy)",
+            "its score is 1: nothing does better from the start cell. `cells_differing` is the share of all "
+            "cells in which an agent's greedy action is not an optimal one; `optimal.png` shows where these "
+            "are.",
+        ),
+        (
+            "score_iqm",
+            "interquartile mean: the mean of the middle half of the agents. `scenario_return` includes the "
+            "issuer's rewards. `start_value` is the discounted value of the start cell, of Q* and of the "
+            "agents.",
+        ),
+        (
+            "std",
+            "sample standard deviation over agents. Intervals are 95 % percentile bootstrap intervals over "
+            f"agents with {RESAMPLES} seeded resamples.",
+        ),
+        (
+            "Q*",
+            "values of an agent that knows its state, before any wrong PING. Wrong PINGs are hidden from the "
+            "learner, so its values need not converge to Q*. No policy is worth more than Q*, but noise can "
+            "make estimates larger.",
+        ),
+    ]
+
+
+REPORT: Final = Report(
+    name="replication",
+    question="Learning from disagreement how close is too close",
+    check=check,
+    load=load,
+    items=ITEMS,
+    sections=(
+        Section(key="replication", heading="Replication"),
+        Section(
+            key="claims",
+            heading="The paper's claims",
+            text=(
+                "A claim's value is that of its weakest part. A part passes if its whole 95 % interval lies "
+                "on the right side of the threshold, fails if it lies on the wrong side, and is undecided "
+                "otherwise. If all parts pass, the claim `holds`; if none passes and one fails, it `does not "
+                "hold`; otherwise it `holds in part`. How each claim is measured, all its parts, and why the "
+                "threshold is where it is: `claims.csv`."
+            ),
+            terms=findings.readings,
+            terms_title="The readings of the paper, and the control",
+        ),
+        Section(key="learning", heading="Learning", text=""),
+    ),
+    headline=findings.headline,
+    sentences=findings.sentences,
+    words=_words,
+)

@@ -1,0 +1,174 @@
+"""The runs of a comparison: its learners, their populations, and what is missing."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.analysis.population import Population, load_population
+from benchmark.execution.store import Store
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, specifications
+from envs import InputError, Model
+
+Scores = NDArray[np.float64]  # (R, M) runs x scenarios
+
+_LISTED: Final = 4  # populations that a sentence on missing runs names
+
+
+class Learner(NamedTuple):
+    """An arm of the experiment with one observation."""
+
+    algorithm: str  # the arm; columns of tables are named so
+    observation: str
+
+    @property
+    def is_default(self) -> bool:
+        """Whether it has Stable-Baselines3's own settings, by its name."""
+        return self.algorithm.endswith("_default")
+
+    def __str__(self) -> str:
+        """Its name for readers."""
+        return f"{self.algorithm}, {self.observation}"
+
+
+@dataclass(frozen=True)
+class Context:
+    """What the figures need beside the tables."""
+
+    models: Mapping[str, Model]  # by scenario
+    panels: Mapping[str, Sequence[Learner]]  # title to the learners that are drawn together
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """The populations of a comparison."""
+
+    learners: Mapping[Learner, Mapping[str, Population]]  # of every scenario, in the order declared
+    missing: str = ""  # which runs are missing; empty if none is
+    groups: Mapping[str, str] = field(
+        default_factory=dict
+    )  # arm to its group; those of none are drawn with all
+
+    @property
+    def populations(self) -> Iterator[tuple[Learner, str, Population]]:
+        """Every learner, scenario and population."""
+        for learner, by_scenario in self.learners.items():
+            for scenario, population in by_scenario.items():
+                yield learner, scenario, population
+
+    @property
+    def note(self) -> str:
+        """What is missing, as a sentence; empty if nothing is."""
+        return f"Partial: {self.missing}." if self.missing else ""
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether runs are missing."""
+        return bool(self.missing)
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Nothing that the tables do not say."""
+        return {}
+
+    @property
+    def context(self) -> Context:
+        """See `Context`."""
+        first = next(iter(self.learners.values()))
+        everywhere = [learner for learner in self.learners if not self.groups.get(learner.algorithm)]
+        panels: dict[str, list[Learner]] = {}
+        for learner in self.learners:
+            group = self.groups.get(learner.algorithm)
+            if group:
+                panels.setdefault(group, [*everywhere]).append(learner)
+        models = {scenario: population.model for scenario, population in first.items()}
+        return Context(models, panels or {"all": everywhere})
+
+    def scores(self, learner: Learner, policy: str = "greedy", start: str = "start") -> Scores:
+        """Returns the final scores of a learner, (R, M); R = 0 if it has no such policy.
+
+        If runs are missing, these are the scores of the seeds that every scenario has.
+        """
+        by_scenario = self.learners[learner].values()
+        seeds = sorted(set.intersection(*(set(population.seeds) for population in by_scenario)))
+        columns = []
+        for population in by_scenario:
+            rows = [list(population.seeds).index(seed) for seed in seeds]
+            columns.append(population.scores_of(policy, start)[rows, -1:])
+        # Rounded, so that the last digit of two optima does not decide which of them is better.
+        return np.asarray(np.round(np.concatenate([column.reshape(-1, 1) for column in columns], axis=1), 9))
+
+
+def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:
+    """Reads all runs of a comparison.
+
+    Args:
+      experiment: As loaded.
+      store: Where its records are.
+      seeds: Other seeds than the declared ones.
+      partial: Whether to take the runs that are there if some are missing; learners with fewer than two
+        seeds in all scenarios are then left out.
+
+    Raises:
+      InputError: Runs are missing, and which; or there are too few to draw anything.
+    """
+    statuses, ended = store.statuses(), store.ended()
+    declared = {
+        (Learner(arm, observation), scenario): specifications(
+            experiment, DEFAULT_CONDITION, scenario, arm, observation, seeds
+        )
+        for scenario, arm, observation in experiment.populations
+    }
+    there = {key: [run for run in runs if run.digest in ended] for key, runs in declared.items()}
+    missing = _missing(declared, there, statuses)
+    if missing and not partial:
+        raise InputError(
+            f"{experiment.name}: {missing}: run the experiment first, or draw what there is with --partial."
+        )
+    names = list(dict.fromkeys(learner for learner, _ in declared))
+    few = {name for name in names if len(_common_seeds(name, there)) < 2}
+    learners: dict[Learner, dict[str, Population]] = {}
+    for name in names:
+        if name not in few:
+            populations = [
+                load_population(runs, store) for (learner, _), runs in there.items() if learner == name
+            ]
+            learners[name] = {population.scenario: population for population in populations}
+    if len(learners) < 2:
+        raise InputError(
+            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners, each with two "
+            "runs of every scenario."
+        )
+    left_out = "; left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
+    groups = {name: arm.group for name, arm in experiment.algorithms.items()}
+    return Data(learners, missing + left_out, groups)
+
+
+def _common_seeds(name: Learner, there: Mapping[tuple[Learner, str], Sequence[RunSpecification]]) -> set[int]:
+    """Returns the seeds of which a learner has a run in every scenario."""
+    return set.intersection(
+        *({run.seed for run in runs} for (learner, _), runs in there.items() if learner == name)
+    )
+
+
+def _missing(
+    declared: Mapping[tuple[Learner, str], Sequence[RunSpecification]],
+    there: Mapping[tuple[Learner, str], Sequence[RunSpecification]],
+    statuses: Mapping[str, str],
+) -> str:
+    """Says which runs are missing; empty if none is."""
+    lacking = [
+        f"{learner} in {scenario} has {len(there[learner, scenario])} of {len(runs)}"
+        for (learner, scenario), runs in declared.items()
+        if len(there[learner, scenario]) < len(runs)
+    ]
+    if not lacking:
+        return ""
+    n_runs = sum(map(len, declared.values()))
+    n_failed = sum(statuses.get(run.digest) == "failed" for runs in declared.values() for run in runs)
+    more = f"; and {len(lacking) - _LISTED} more populations" if len(lacking) > _LISTED else ""
+    failed = f", {n_failed} of them failed" if n_failed else ""
+    n_missing = n_runs - sum(map(len, there.values()))
+    return f"{n_missing} of {n_runs} runs are missing{failed} ({'; '.join(lacking[:_LISTED])}{more})"

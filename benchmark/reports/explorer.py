@@ -1,0 +1,56 @@
+"""Items of any report: what the page's explorer shows, one agent of every learner over training."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from benchmark.analysis import snapshots
+from benchmark.analysis.snapshots import Shown
+from benchmark.drawing import tables
+from benchmark.reports.item import Frames, Item
+
+Lister = Callable[[Any], Iterable[Shown]]  # of a report's data: what is shown
+
+
+def explorer_items(lister: Lister) -> tuple[Item, ...]:
+    """Returns the items with the explorer's files.
+
+    Args:
+      lister: A module's function, see `Item`.
+    """
+    return (
+        Item(
+            name="agent",
+            description="score of the agent of the first seed, at every step of which there is a map",
+            compute=partial(_agents, lister),
+        ),
+        Item(
+            name="agent_maps",
+            description="what that agent values and does in every cell over training, one file per scenario",
+            files=("agent_*.csv",),
+            write=partial(_write_maps, lister),
+        ),
+        Item(
+            name="optimum",
+            description="exact optimal values and actions, by discount",
+            compute=partial(_optimum, lister),
+        ),
+    )
+
+
+def _agents(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:
+    return snapshots.agents(lister(data))
+
+
+def _optimum(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:
+    return snapshots.optimum(lister(data))
+
+
+def _write_maps(lister: Lister, data: Any, _: Frames, directory: Path) -> None:
+    shown = list(lister(data))
+    for scenario in dict.fromkeys(each.population.scenario for each in shown):
+        there = [each for each in shown if each.population.scenario == scenario]
+        tables.write_csv(snapshots.values(there), directory / f"agent_{scenario}.csv")

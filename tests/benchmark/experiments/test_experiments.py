@@ -1,0 +1,267 @@
+"""What experiments declare, which runs follow, and what is refused."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import load_algorithm
+from benchmark.experiments import (
+    EXPERIMENT_DIRECTORY,
+    Experiment,
+    all_specifications,
+    experiment_names,
+    load_experiment,
+    specifications,
+)
+from benchmark.reports import load_report
+from envs import InputError
+from envs.inputs import override, parse, read_toml
+
+SMALL = load_experiment("reproduce_smoke")
+COMPARED = load_experiment("compare_deep_smoke")
+
+
+def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
+    """Loads an extension of the miniature, written to a file; __ in a key stands for a dot."""
+    lines = [f'"{key.replace("__", ".")}" = {json.dumps(value)}' for key, value in changes.items()]
+    path = tmp_path / f"{name}.toml"
+    path.write_text("\n".join(['extends = "reproduce_smoke"', 'description = ""', "[changes]", *lines]))
+    return load_experiment(path)
+
+
+# What is declared
+
+
+@pytest.mark.parametrize("name", experiment_names())
+def test_shipped_experiments_are_sound(name: str) -> None:
+    experiment = load_experiment(name)
+    load_report(experiment.report).check(experiment)
+    runs = all_specifications(experiment)
+    assert len({run.digest for run in runs}) == len(runs)
+
+
+def test_reproduce_has_a_miniature_with_all_its_readings() -> None:
+    full = load_experiment("reproduce")
+    assert SMALL.readings == full.readings
+    assert SMALL.scenarios == full.scenarios
+
+
+def test_reproduce_declares_what_the_paper_says() -> None:
+    experiment = load_experiment("reproduce")
+    runs = specifications(experiment, "default", "S1", "q_learning", "index")
+    assert len(runs) == 100
+    settings = runs[0].settings.model_dump()
+    defaults = load_algorithm("q_learning").settings().model_dump()
+    assert settings | {"record_every": 1} == defaults
+    assert settings["learning_rate"] == settings["epsilon"] == 0.6
+    assert settings["discount"] == 0.9
+    assert settings["budget"] == 10_000
+    # Every alternative of the specification, one of which changes only what is measured.
+    assert set(experiment.readings) == {
+        "default", "epsilon", "max_q", "ping_discomfort", "budget", "ties", "origin", "time_limit",
+        "equal_pay",
+    }  # fmt: skip
+    assert len(all_specifications(experiment)) == 7 * 3 * 100 + 2 * 100  # the control changes S1 and S2
+
+
+def test_comparison_declares_what_it_should() -> None:
+    full = load_experiment("compare_deep")
+    assert full.scenarios == ("S1", "S2", "S3")
+    seeds = {name: arm.seeds for name, arm in full.algorithms.items()}
+    assert seeds.pop("q_learning") == seeds.pop("q_learning_tuned") == 100
+    assert set(seeds.values()) == {10}
+    runs = all_specifications(full)
+    settings = [run.settings.model_dump() for run in runs]
+    assert {values["budget"] for values in settings} == {10_000}
+    assert {values["time_limit"] for values in settings} == {200}  # the same for every algorithm
+    assert {run.horizon for run in runs} == {200}
+    assert len(runs[0].evaluation_steps) == 51
+    reproduce = load_experiment("reproduce").algorithms["q_learning"].settings
+    paper = full.algorithms["q_learning"].settings
+    for key in ("learning_rate", "discount", "epsilon"):  # the paper's constants
+        assert paper[key] == reproduce[key]
+
+
+def test_defaults_are_those_of_sb3_except_where_the_budget_forces_another_value() -> None:
+    full = load_experiment("compare_deep")
+    assert full.algorithms["dqn_default"].settings == {}
+    assert full.algorithms["ppo_default"].settings == {"n_steps": 2000}
+
+
+def test_comparisons_have_miniatures_with_the_same_learners() -> None:
+    for name in ("compare_deep", "compare_deep_long"):
+        full, small = load_experiment(name), load_experiment(f"{name}_smoke")
+        assert full.populations == small.populations
+        assert len(all_specifications(small)) < 100
+    assert load_experiment("compare_deep_long").settings["budget"] == 100_000
+
+
+# Identity and random streams
+
+
+@pytest.mark.parametrize("name", ["reproduce", "compare_deep"])
+def test_published_runs_are_the_declared_ones(name: str) -> None:
+    manifest = EXPERIMENT_DIRECTORY.parents[1] / "results" / name / "manifest.json"
+    published = json.loads(manifest.read_text(encoding="utf-8"))
+    runs = all_specifications(load_experiment(name))
+    digest = hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
+    assert (published["runs"], published["digest"]) == (len(runs), digest)
+
+
+def test_identity_is_content_and_streams_have_names() -> None:
+    runs = all_specifications(SMALL)
+    by_digest = {run.digest: run for run in runs}
+    again = {run.digest: run for run in all_specifications(load_experiment("reproduce_smoke"), range(3))}
+    assert set(again) < set(by_digest)  # fewer seeds are the same runs, and none is a position in a list
+    states: dict[tuple[str, int], set[bytes]] = {}
+    for run in runs:
+        words = run.seed_sequence.generate_state(4, np.uint64).tobytes()
+        states.setdefault((run.scenario.name, run.seed), set()).add(words)
+    assert all(len(words) == 1 for words in states.values())  # readings share streams ...
+    assert len(set.union(*states.values())) == len(states) == 18  # ... scenarios and seeds do not
+
+
+def test_learners_do_not_share_streams() -> None:
+    runs = all_specifications(COMPARED)
+    words = {run.seed_sequence.generate_state(4, np.uint64).tobytes() for run in runs}
+    assert len(words) == len(runs)
+
+
+def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
+    more: dict[str, Any] = {"algorithms__q_learning__seeds": 8}
+    other = all_specifications(extended(tmp_path, "other", **more))
+    shared = all_specifications(extended(tmp_path, "shared", stream="reproduce_smoke", **more))
+    runs = all_specifications(SMALL)
+    assert {run.digest for run in runs} < {run.digest for run in shared}
+    assert {run.digest for run in runs}.isdisjoint(run.digest for run in other)
+    states = [group[0].seed_sequence.generate_state(4).tolist() for group in (runs, shared, other)]
+    assert states[0] == states[1] != states[2]
+
+
+def test_first_runs_are_of_all_populations() -> None:
+    runs = all_specifications(COMPARED)
+    first = runs[: len(COMPARED.populations)]
+    assert {(run.scenario.name, run.arm, run.observation) for run in first} == set(COMPARED.populations)
+    assert {run.seed for run in first} == {0}
+
+
+def test_every_run_has_a_folder_of_its_own() -> None:
+    runs = all_specifications(SMALL)
+    assert len({run.folder for run in runs}) == len(runs)
+    assert runs[0].folder == "reproduce_smoke/S1/q_learning_index/seed_0"
+
+
+# Mistakes
+
+
+def check_refused(experiment: str, tmp_path: Path, old: str, new: str, expected: str) -> None:
+    """Checks what is said of a shipped experiment with a mistake put into a copy of it."""
+    text = (EXPERIMENT_DIRECTORY / f"{experiment}.toml").read_text(encoding="utf-8")
+    assert old in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_experiment(path)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+SWEEP = "[readings.default]"  # where a sweep is put before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("seeds = 100", "seeds = 0", "algorithms.q_learning.seeds = 0: input should be greater than"),
+        ("seeds = 100", "sedes = 6", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
+        ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
+        ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
+        ('"S1", "S2"', '"S1", "S7"', "unknown scenario S7"),
+        ('["index"]', '["indx"]', "unknown observation for q_learning indx (did you mean index?)"),
+        ('"q_learning"\nobs', '"q_lerning"\nobs', "unknown algorithm q_lerning (did you mean q_learning?)"),
+        ("[8, 6]", "[8, 60]", "mine.toml: readings.origin.scenario: "),
+        ("[8, 6]", "[8, 60]", "issuer.position = [8, 60] is off the grid"),
+        ('"S1", "S2"', '"S1", "S7"', "mine.toml: scenarios: "),
+        ('answer = "by the lowest index"', 'answer = ""', "readings.ties.answer"),
+        ("[readings.default]", "[readings.plain]", "the table readings.default is missing"),
+        ("[readings.ties]", '[readings."a/b"]', "readings.a/b.[key]"),
+        ('scenarios = ["S1", "S2", "S3"]', "scenarios = []", "scenarios = []"),
+        ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
+        ('["S1", "S2"]', '["S1", "S4"]', "readings.equal_pay.scenarios: unknown scenario S4"),
+        ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
+        ("evaluation_every = 250", "evaluation_every = 1e3", "evaluation_every = 1000.0"),
+        (
+            "map_every = 1000",
+            "map_every = 600",
+            "map_every = 600: accepted: a multiple of evaluation_every = 250",
+        ),
+        ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
+        (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one condition"),
+        (
+            SWEEP,
+            f"[sweep.rate.low]\nsetings = {{}}\n{SWEEP}",
+            "[sweep.rate.low]: unknown key setings (did you mean settings?)",
+        ),
+        (
+            SWEEP,
+            f"[sweep.rate.low]\nsettings = {{ learning_rate = 0.0 }}\n{SWEEP}",
+            "algorithms.q_learning.settings with sweep.rate.low.settings: learning_rate = 0.0",
+        ),
+        (
+            SWEEP,
+            f'[sweep.pay.low]\nscenario = {{ "rewards.target_ping" = "x" }}\n{SWEEP}',
+            "mine.toml: sweep.pay.low.scenario: ",
+        ),
+        (
+            SWEEP,
+            f"[sweep.a.x]\nsettings.epsilon = 0.1\n[sweep.b.y]\nsettings.epsilon = 0.2\n{SWEEP}",
+            "sweep.b and sweep.a both change settings.epsilon",
+        ),
+    ],
+)
+def test_mistakes_in_a_replication_get_one_sentence(
+    tmp_path: Path, old: str, new: str, expected: str
+) -> None:
+    check_refused("reproduce", tmp_path, old, new, expected)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
+        ('algorithm = "ppo"', 'algorithm = "pqo"', "unknown algorithm pqo (did you mean ppo?); accepted"),
+        ('"coordinates"]', '"one_hat"]', "observation for dqn one_hat (did you mean one_hot?)"),
+        ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
+        ("n_steps = 2000", "n_steps = 2048", "budget = 10000 is not a whole number of rollouts of 2048"),
+        ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
+        ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
+        ('"every_cell"]', '"anywhere"]', "evaluated_from"),
+        ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limi"),
+    ],
+)
+def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    check_refused("compare_deep", tmp_path, old, new, expected)
+
+
+def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
+    for name, base in (("one", "two"), ("two", "one")):
+        text = f'extends = "{tmp_path}/{base}.toml"\ndescription = ""\nchanges = {{}}\n'
+        (tmp_path / f"{name}.toml").write_text(text)
+    with pytest.raises(InputError, match=r"two\.toml: extends = .*one\.toml\": it extends itself"):
+        load_experiment(tmp_path / "one.toml")
+
+
+def test_reports_refuse_experiments_that_they_cannot_report_on() -> None:
+    tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
+    replication = parse(Experiment, tables, "test", name="test")
+    with pytest.raises(InputError, match=r"readings: a comparison takes the default"):
+        load_report("comparison").check(replication)
+    swept = override(tables, {"sweep.rate.low.settings": {"learning_rate": 0.1}}, "test")
+    with pytest.raises(InputError, match="sweep"):
+        load_report("replication").check(parse(Experiment, swept, "test", name="test"))
+    with pytest.raises(InputError, match="algorithms: a replication takes"):
+        load_report("replication").check(COMPARED)

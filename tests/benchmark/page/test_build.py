@@ -1,0 +1,134 @@
+"""The page as a file: made of published files alone, with every number in the row that it links to."""
+
+import html
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from benchmark.drawing.tables import plain, show
+from benchmark.page import build
+from envs import InputError
+from tests.benchmark.page.pages import RESULTS, rows_of, unpacked
+
+
+class Links(HTMLParser):
+    """Collects the links of a page, with their texts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[tuple[str, str, str]] = []  # class, target, text
+        self._open: tuple[str, str] | None = None
+        self._text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "a":
+            values = dict(attrs)
+            self._open = values.get("class") or "", values.get("href") or ""
+            self._text = ""
+
+    def handle_data(self, data: str) -> None:
+        self._text += data
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "a" and self._open is not None:
+            self.found.append((*self._open, self._text))
+            self._open = None
+
+
+def links(text: str) -> list[tuple[str, str, str]]:
+    parser = Links()
+    parser.feed(text)
+    return parser.found
+
+
+def without_pictures(text: str) -> str:
+    """Returns the page without what libraries of other builds compress otherwise."""
+    text = re.sub(r'base64,[^"]+"', 'base64,"', text)
+    return re.sub(r'(id="data">)[^<]+<', r"\1<", text)
+
+
+def test_published_page_is_what_the_code_makes(results: Path, text: str) -> None:
+    published = (RESULTS / "index.html").read_text(encoding="utf-8")
+    assert without_pictures(published) == without_pictures(text), "index.html is out of date: run make report"
+    assert unpacked(published) == unpacked(text)
+    index = (results / "README.md").read_text(encoding="utf-8")
+    assert (RESULTS / "README.md").read_text(encoding="utf-8") == index
+
+
+def test_same_files_make_the_same_page(results: Path, text: str) -> None:
+    build.write(results)
+    assert (results / "index.html").read_text(encoding="utf-8") == text
+
+
+def test_page_is_small_and_whole(results: Path, text: str) -> None:
+    assert len(text.encode()) <= 4_000_000
+    words = html.unescape(re.sub("<[^>]+>", "", text)).replace("−", "-")
+    headline = plain(pd.read_csv(results / "compare_deep" / "findings.csv")["text"].iloc[0])
+    assert headline.replace("`", "") in words
+    assert not re.findall(r'(?:src|action|data)="(?!data:)[^"]', text)
+    assert not re.findall(r"@import|url\(|<link(?! rel=\"icon\")", text)
+
+
+def test_every_link_leads_somewhere(results: Path, text: str) -> None:
+    found = links(text)
+    assert len(found) > 500
+    for _, target, _ in found:
+        file, _, fragment = target.partition("#")
+        if not file:
+            assert f'id="{fragment}"' in text, target
+        elif not file.startswith("https://arxiv.org/"):
+            assert (results / file).exists(), target
+
+
+def numbers_in(row: list[str], like: str) -> set[str]:
+    """Returns what the numbers of a CSV row look like when they are shown as a number of the page is."""
+    cells = [float(cell) for cell in row if re.fullmatch(r"-?[\d.]+(e[+-]\d+)?|-?inf", cell)]
+    decimals = len(like.partition(".")[2])
+    return {show(cell) for cell in cells} | {f"{cell:.{decimals}f}" for cell in cells}
+
+
+def test_every_number_is_in_the_row_that_it_links_to(results: Path, text: str) -> None:
+    checked = 0
+    for kind, target, shown in links(text):
+        file, _, place = target.partition("#row=")
+        if kind != "n" or not place.isdecimal():
+            continue  # of several rows
+        row = rows_of(results / file)[int(place) - 1]
+        if file.endswith("sensitivity.csv"):
+            assert shown in row
+        elif match := re.fullmatch(r"([−\d.,]+|inf) \[([−\d.,]+), ([−\d.,]+)\]", shown):
+            assert {end.replace("−", "-") for end in match.groups()} <= numbers_in(row, "")
+        elif re.fullmatch(r"[-−\d.,]+", shown):
+            number = shown.replace("−", "-").replace(",", "")
+            assert {number, f"{float(number):,.0f}"} & numbers_in(row, number), (shown, target)
+        else:
+            continue  # in other units
+        checked += 1
+    assert checked > 500
+
+
+def test_page_of_the_replication_alone(results: Path, tmp_path: Path) -> None:
+    shutil.copytree(results / "reproduce", tmp_path / "reproduce")
+    text = build.write(tmp_path).read_text(encoding="utf-8")
+    assert "The paper's claims" in text
+    assert 'id="comparison"' not in text
+
+
+def test_nothing_to_tell(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match="there are no results of reproduce or compare_deep to report; make reproduce and"
+    ):
+        build.write(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_manifest_of_the_published_results_says_what_the_page_needs() -> None:
+    for name in build.PUBLISHED:
+        manifest = json.loads((RESULTS / name / "manifest.json").read_text(encoding="utf-8"))
+        assert set(manifest["scenarios"]) == {"S1", "S2", "S3"}
+        assert manifest["command"].endswith(f"run {name} --report")

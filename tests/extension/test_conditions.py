@@ -1,0 +1,108 @@
+"""A sweep, declared in a file of one's own: its conditions, its runs and their records."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmark.__main__ import main
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment, all_specifications, load_experiment, specifications
+
+UNSWEPT = """
+description = "A table in S1 and S3."
+scenarios = ["S1", "S3"]
+horizon = 200
+evaluation_every = 100
+map_every = 200
+
+[algorithms.q_learning]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 3
+
+[algorithms.q_learning.settings]
+learning_rate = 0.6
+budget = 200
+"""
+
+SWEPT = f"""
+stream = "unswept"
+{UNSWEPT}
+[readings.default]
+question = "Is there a longest episode?"
+answer = "no"
+
+[readings.time_limit]
+question = "Is there a longest episode?"
+answer = "20 steps"
+settings = {{ time_limit = 20 }}
+
+[sweep.learning_rate.paper]
+
+[sweep.learning_rate.low]
+settings = {{ learning_rate = 0.2 }}
+
+[sweep.cost.paper]
+
+[sweep.cost.half]
+scenarios = ["S1"]
+scenario = {{ "rewards.other" = -0.05 }}
+"""
+
+
+@pytest.fixture
+def experiments(tmp_path: Path) -> tuple[Experiment, Experiment]:
+    """The experiment without its sweep, and with it."""
+    for name, text in (("unswept", UNSWEPT), ("swept", SWEPT)):
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    return load_experiment(tmp_path / "unswept.toml"), load_experiment(tmp_path / "swept.toml")
+
+
+def test_conditions_are_the_product_of_readings_and_axes(experiments: tuple[Experiment, Experiment]) -> None:
+    _, swept = experiments
+    assert list(swept.conditions) == [
+        f"{reading}/learning_rate={rate}/cost={cost}"
+        for reading in ("default", "time_limit")
+        for rate in ("paper", "low")
+        for cost in ("paper", "half")
+    ]
+    values = {}
+    for condition in swept.conditions:
+        for scenario in swept.scenarios:
+            runs = specifications(swept, condition, scenario, "q_learning", "index")
+            assert [run.seed for run in runs] == [0, 1, 2]
+            settings = runs[0].settings.model_dump()
+            cost = runs[0].scenario.rewards.other
+            values[condition, scenario] = settings["learning_rate"], settings["time_limit"], cost
+    assert values["default/learning_rate=paper/cost=paper", "S1"] == (0.6, None, -0.1)
+    assert values["default/learning_rate=low/cost=half", "S1"] == (0.2, None, -0.05)
+    assert values["time_limit/learning_rate=low/cost=half", "S1"] == (0.2, 20, -0.05)
+    assert values["time_limit/learning_rate=paper/cost=half", "S3"] == (0.6, 20, -0.1)  # not in S3
+
+
+def test_sweep_keeps_the_runs_of_the_experiment_without_it(
+    experiments: tuple[Experiment, Experiment],
+) -> None:
+    plain, swept = (all_specifications(experiment) for experiment in experiments)
+    # Two readings and two learning rates in both scenarios; two costs in S1 alone.
+    assert len(swept) == len({run.digest for run in swept}) == 2 * 2 * 3 * (2 + 1)
+    unchanged = [run for run in swept if run.condition == "default/learning_rate=paper/cost=paper"]
+    assert [run.digest for run in unchanged] == [run.digest for run in plain]
+    assert len({run.folder for run in swept}) == len(swept)
+
+
+def test_sweep_runs_to_records(
+    experiments: tuple[Experiment, Experiment], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = ["--results", str(tmp_path / "results")]
+    assert main(["run", str(tmp_path / "unswept.toml"), *results]) == 0
+    assert main(["run", str(tmp_path / "swept.toml"), *results]) == 0
+    assert "swept: 30 runs done, 6 were done already" in capsys.readouterr().out
+    swept = all_specifications(experiments[1])
+    with Store(tmp_path / "results" / "runs.db", read_only=True) as store:
+        records = store.get([run.digest for run in swept])
+    assert {record.status for record in records} == {"done"}
+    tables = {record.arrays["q"].tobytes() for record in records}
+    assert len(tables) == len(records)  # every condition learns something else
+    assert main(["run", str(tmp_path / "swept.toml"), "--report", *results]) == 2
+    assert "swept.toml: has no report" in capsys.readouterr().err
