@@ -171,7 +171,7 @@ def start(experiment: Path, results: Path) -> tuple[subprocess.Popen[str], list[
         text=True,
         start_new_session=True,  # so that an interrupt reaches it and its workers, as from a terminal
     )
-    deadline = time.monotonic() + 90
+    deadline = time.monotonic() + 240
     while time.monotonic() < deadline:
         time.sleep(0.02)
         if (results / "runs.db").exists():
