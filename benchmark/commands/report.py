@@ -7,7 +7,7 @@ from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
-from benchmark.reports import draw, load_items, load_report
+from benchmark.reports import draw, load_report
 from envs import InputError
 
 
@@ -15,7 +15,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
         if options.partial or options.seeds is not None:
-            raise InputError("--partial and --seeds: accepted: together with an experiment.")
+            raise InputError("--partial and --seeds: accepted: only together with an experiment.")
         print(f"the page is {page.write(options.results)}.")
         return 0
     experiment = load_experiment(options.experiment)
@@ -28,27 +28,25 @@ def main(options: argparse.Namespace) -> int:
         )
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     is_published = made.certificate is not None and made.certificate.is_identical
-    path = page.update(options.results, directory.name, is_published=is_published)
-    print(f"{experiment.name}: the page is {path}.")
+    updated = page.update(options.results, directory.name, is_published=is_published)
+    print(f"{experiment.name}: the page is {updated}.")
     if made.certificate is not None:
         print(made.certificate)
     return 0
 
 
 def check(experiment: Experiment, *, is_required: bool) -> None:
-    """Checks that an experiment can have the report and the items that it names.
+    """Checks that an experiment's report can be drawn of it.
 
     Args:
       experiment: As loaded.
       is_required: Whether it must have a report.
 
     Raises:
-      InputError: It has none although it must, or its report or an item does not accept it.
+      InputError: It has none although it must, or its report asks for something else.
     """
     if experiment.report:
-        report = load_report(experiment.report, experiment.argument)
-        report.check(experiment)
-        load_items(report, experiment.items, experiment.argument)
+        load_report(experiment.report, experiment.argument).check(experiment)
     elif is_required:
         raise InputError(
             f"{experiment.argument}: has no report; accepted: an experiment with the key report."

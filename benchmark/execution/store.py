@@ -117,7 +117,7 @@ class Store:
             (version,) = self._connection.execute("PRAGMA user_version").fetchone()
         if application != _APPLICATION_ID or version != _FORMAT:
             raise InputError(
-                f"{self._path}: a database of something else, or of another version of this project; "
+                f"{self._path}: not a store of this version of the project; "
                 f"move it away, or choose another folder with --results."
             )
 
@@ -203,7 +203,8 @@ class Store:
             arrays = {}
         if len(arrays) != n_arrays:
             raise InputError(
-                f"{self._path}: the record of run {digest[:12]} is damaged; remove the file and run again."
+                f"{self._path}: the record of run {digest[:12]} is damaged; remove the file and run the "
+                "experiment again."
             )
         return arrays
 

@@ -62,7 +62,7 @@ def test_foreign_and_broken_stores_are_refused_and_left_alone(tmp_path: Path) ->
         connection.execute("CREATE TABLE cats (name TEXT)")
     connection.close()
     before = other.read_bytes()
-    with pytest.raises(InputError, match=r"other\.db: a database of something else"):
+    with pytest.raises(InputError, match=r"other\.db: not a store of this version"):
         Store(other)
     assert other.read_bytes() == before
     with pytest.raises(InputError, match="cannot be used as the store"):

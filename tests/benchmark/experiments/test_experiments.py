@@ -240,7 +240,7 @@ def test_mistakes_in_a_replication_get_one_sentence(
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
         ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
         ('"every_cell"]', '"anywhere"]', "evaluated_from"),
-        ("time_limit = 200", "time_limits = 200", "[settings], of q_learning too: unknown key time_limits"),
+        ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limits"),
     ],
 )
 def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:

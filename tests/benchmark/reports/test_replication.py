@@ -1,4 +1,4 @@
-"""Aggregation, claims and tables, each by itself."""
+"""The replication by itself: its tables and claims by hand, and what it says of them."""
 
 import json
 from pathlib import Path
@@ -8,67 +8,23 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
 
 from benchmark.analysis import intervals
-from benchmark.analysis import population as aggregate
-from benchmark.analysis.population import Population
-from benchmark.drawing import tables
-from benchmark.execution.driver import pending, run
-from benchmark.execution.store import Store
-from benchmark.experiments import (
-    load_experiment,
-    specifications,
-)
-from benchmark.reports.replication import claims
+from benchmark.analysis.population import Population, optimal_values
+from benchmark.drawing.tables import LINK
+from benchmark.experiments import load_experiment
+from benchmark.reports import load_report
+from benchmark.reports.published import Published
+from benchmark.reports.replication import claims, findings
 from benchmark.reports.replication import tables as replication_tables
 from envs import InputError
 from envs.model import PING
+from tests.benchmark.reports.made import replicated as population
 
-SMOKE = load_experiment("reproduce_smoke")
-
-
-def test_one_run_has_no_interval(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S1", "q_learning", "index", [0])
-    with Store(tmp_path / "runs.db") as store:
-        run(runs, store, jobs=1)
-        with pytest.raises(InputError, match="1 run a scenario: accepted: at least 2"):
-            aggregate.load_population(runs, store)
+ROOT = Path(__file__).parents[3]
 
 
-def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S2", "q_learning", "index")
-    with Store(tmp_path / "runs.db") as store:
-        run(runs[:2] + runs[3:], store, jobs=2)
-        with pytest.raises(InputError, match=r"1 of 6 runs .* \(the first is seed 2\)"):
-            aggregate.load_population(runs, store)
-        assert pending(runs, store) == [runs[2]]
-
-
-# Aggregation
-
-
-def population(name: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:
-    """A population with given arrays and otherwise nothing learned."""
-    specification = specifications(SMOKE, "default", name, "q_learning", "index")[0]
-    blank: dict[str, NDArray[Any]] = {
-        "q": np.zeros((n, 120, 5)),
-        "stochastic": np.zeros((n, 0, 120, 5)),
-        "greedy": np.full((n, 4, 120), 31, dtype=np.uint8),
-        "max_q": np.zeros((n, 60)),
-        "table_max_q": np.zeros((n, 60)),
-        "grid_return": np.zeros((n, 4)),
-        "success": np.zeros((n, 4)),
-        "scenario_return": np.zeros((n, 4)),
-    }
-    return Population(json.loads(specification.content), blank | arrays, range(n), [{}] * n)
-
-
-def test_scores_lie_between_the_exact_anchors() -> None:
-    random, optimal = population().anchors["grid_return"]
-    assert optimal == pytest.approx(0.0, abs=1e-12)
-    returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
-    assert population(n=1, grid_return=returns).scores[0] == pytest.approx([1, 0, 0.5, -1])
+# Tables
 
 
 def test_learning_table_by_hand() -> None:
@@ -82,15 +38,6 @@ def test_learning_table_by_hand() -> None:
     assert (frame["score_low"] <= frame["score"] + 1e-12).all()
     assert (frame["score_high"] >= frame["score"] - 1e-12).all()
     assert frame["score_high"].iloc[3] == pytest.approx(1)
-
-
-def test_bootstrap_interval_agrees_with_scipy() -> None:
-    values = np.random.default_rng(0).normal(size=60)
-    low, high = intervals.interval(intervals.resample(60, "S1") @ values / 60)
-    other = stats.bootstrap((values,), np.mean, method="percentile", n_resamples=20_000, rng=1)
-    width = other.confidence_interval.high - other.confidence_interval.low
-    assert low == pytest.approx(other.confidence_interval.low, abs=0.08 * width)
-    assert high == pytest.approx(other.confidence_interval.high, abs=0.08 * width)
 
 
 def test_value_tables_by_hand() -> None:
@@ -115,13 +62,12 @@ def test_optimal_tables_compare_with_the_exact_optimum() -> None:
     assert row["grid_return_regret"] == pytest.approx(0.5)
     assert row["optimal_share"] == 0
     assert row["start_value_optimal"] == pytest.approx(2 * 0.9**10 - 1)
-    q = aggregate.optimal_values(learned)
+    q = optimal_values(learned)
     best = np.array([1 << int(row.argmax()) for row in q], dtype=np.uint8)
     perfect = population(greedy=np.tile(best, (4, 4, 1)), q=np.tile(q, (4, 1, 1)))
     assert not replication_tables.differing(perfect).any()
     assert abs(replication_tables.optimal_cells([perfect])["difference"]).max() == 0
-    # Somebody who always goes UP, and somebody who draws from all five actions, in the start cell,
-    # where DOWN and RIGHT are best:
+    # In the start cell, where DOWN and RIGHT are best, one agent goes UP and another draws from all actions.
     mixed = np.tile(best, (4, 4, 1))
     mixed[0, -1, 0] = 0b00001
     mixed[1, -1, 0] = 0b11111
@@ -131,14 +77,14 @@ def test_optimal_tables_compare_with_the_exact_optimum() -> None:
 # Claims
 
 
-def one_claim(side: str, threshold: float, *samples: list[float]) -> dict[str, Any]:
+def judged(side: str, threshold: float, *samples: list[float]) -> dict[str, Any]:
     """Judges made-up parts: of each, the value and 1,000 resampled values spread between two ends."""
     parts = [
         claims.Part(str(i), np.concatenate([[value], np.linspace(low, high, intervals.RESAMPLES)]))
         for i, (value, low, high) in enumerate(samples)
     ]
     claim = claims.Claim("c", "", "", side, threshold, "", lambda *_: parts)
-    return claims._judge(claim, {"S1": population()}, "visited")
+    return claims.judge_claim(claim, {"S1": population()}, "visited")
 
 
 @pytest.mark.parametrize(
@@ -161,7 +107,7 @@ def one_claim(side: str, threshold: float, *samples: list[float]) -> dict[str, A
 def test_verdicts(
     side: str, threshold: float, samples: list[list[float]], verdict: str, value: float
 ) -> None:
-    row = one_claim(side, threshold, *samples)
+    row = judged(side, threshold, *samples)
     assert row["verdict"] == verdict
     assert row["value"] == pytest.approx(value, nan_ok=True)
 
@@ -209,15 +155,15 @@ def test_focus_by_hand() -> None:
 def test_ping_maps_by_hand() -> None:
     target = np.flatnonzero(population().model.zone_of_cell == 1)
 
-    def pings(own: list[list[int]]) -> dict[str, NDArray[Any]]:
+    def pings(marked: list[list[int]]) -> dict[str, NDArray[Any]]:
         q = np.full((4, 120, 5), -0.1)
-        for agent, cells in enumerate(own):
+        for agent, cells in enumerate(marked):
             q[agent, cells, PING] = 1.0
         return {"q": q}
 
     each_a_quarter = [target[i::4].tolist() for i in range(4)]
-    one_too_many = [[*target.tolist(), 0]] * 4
-    three = trio(S1=pings(one_too_many), S2=pings(each_a_quarter), S3=pings([target.tolist()] * 4))
+    too_many = [[*target.tolist(), 0]] * 4
+    three = trio(S1=pings(too_many), S2=pings(each_a_quarter), S3=pings([target.tolist()] * 4))
     assert measured("ping-S1", three) == {"S1": 1}
     assert measured("ping-S3", three) == {"S3": 0}
     assert measured("identifies", three) == pytest.approx(
@@ -260,14 +206,97 @@ def test_every_claim_of_the_paper_is_judged() -> None:
     assert (frame[["says", "measure", "because"]] != "").all(axis=None)
 
 
-# Tables
+# Sentences
 
 
-def test_tables_come_in_three_forms(tmp_path: Path) -> None:
-    frame = pd.DataFrame({"name": ["a_b", "c"], "value": [1 / 3, -1e-17], "n": [2, 3]})
-    tables.write_table(frame, tmp_path / "t")
-    assert (tmp_path / "t.csv").read_text() == "name,value,n\na_b,0.333333,2\nc,0,3\n"
-    assert (tmp_path / "t.md").read_text().splitlines()[2] == "| a_b    |   0.333 |   2 |"
-    tex = (tmp_path / "t.tex").read_text()
-    assert r"a\_b" in tex
-    assert r"\toprule" in tex
+def folder(tmp_path: Path, verdicts: dict[str, tuple[str, str]]) -> Published:
+    """Returns a folder with these claims: of each, its verdict and its parts."""
+    rows = [
+        {"claim": name, "value": 1.0, "low": 0.5, "high": 1.5, "verdict": verdict, "parts": parts}
+        for name, (verdict, parts) in verdicts.items()
+    ]
+    frame = pd.DataFrame(rows)
+    frame.to_csv(tmp_path / "claims.csv", index=False)
+    default = frame.assign(reading="default")
+    control = default.assign(reading="control", verdict="does not hold").iloc[:1]
+    pd.concat([default, control]).to_csv(tmp_path / "sensitivity.csv", index=False)
+    return Published(tmp_path)
+
+
+def test_parts_that_fail_are_counted_where_no_claim_fails(tmp_path: Path) -> None:
+    published = folder(
+        tmp_path,
+        {
+            "a": ("holds", "S1: 3 [3, 5] outside; 16 of 16 target cells, passes"),
+            "b": (
+                "holds in part",
+                "S1: 1 [1, 1], passes; S3: 0.8 [0.7, 0.9], fails; S2: nan [nan, nan], fails: no number",
+            ),
+            "c": ("holds in part", "S1: 1 [0, 2], undecided"),
+        },
+    )
+    text = findings.headline(published)
+    assert text == (
+        "Of the 3 claims of the paper, [1](claims.csv#row=2) holds, [2](claims.csv#row=3-4) hold in part and "
+        "none fails as a whole. Of those that hold in part, [2](claims.csv#row=3) of the 3 parts of `b` "
+        "fail. Of those that hold, [1](sensitivity.csv#row=5) (`a`) fails under `control`."
+    )
+
+
+def test_without_claims_there_is_no_headline(tmp_path: Path) -> None:
+    assert findings.headline(Published(tmp_path)) == ""
+
+
+def test_published_sentences_put_chance_into_perspective() -> None:
+    published = Published(ROOT / "results" / "reproduce")
+    first, variability, success = findings.sentences(published)
+    assert "[100](optimal.csv" in first
+    assert "16 of 30 sets of 100 agents" in variability
+    (link,) = LINK.findall(success)
+    row = published.frame("learning").iloc[int(link[2]) - 2]
+    assert (row["scenario"], row["step"]) == ("S2", 10_000)
+    assert link[0] == f"{row['success']:.2f}"
+    assert "2,000 agents" in success
+    assert "0.515" in success
+    # The estimate and the published draw agree: its interval holds the estimate.
+    assert row["success_low"] < 0.515 < row["success_high"]
+
+
+def test_notes_are_no_part_of_the_table() -> None:
+    published = Published(ROOT / "results" / "reproduce").frame("claims")
+    (claim,) = (claim for claim in claims.CLAIMS if claim.note)
+    assert not published.apply(lambda column: column.astype(str).str.contains("16 of 30")).any(axis=None)
+    table = findings.claims_table(Published(ROOT / "results" / "reproduce"))
+    cell = next(row[0] for row in table.rows if row[0].order == claim.id)
+    assert "16 of 30" in cell.note
+
+
+def test_readings_that_change_nothing_are_named(tmp_path: Path) -> None:
+    readings = {name: {"question": "Q?", "answer": "a"} for name in ("default", "same", "other")}
+    manifest = {"readings": readings, "facts": {"learned_as_default": ["same"]}}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    texts = dict(findings.readings(Published(tmp_path)))
+    assert texts["same"] == "Q? A. (Every agent learns the same values as by default.)"
+    assert texts["default"] == texts["other"] == "Q? A."
+
+
+# What it demands
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"algorithm": "dqn", "observations": ("one_hot",), "settings": {}}, "takes exactly one"),
+        ({}, ""),
+    ],
+)
+def test_replication_takes_a_table_that_records_max_q(changes: dict[str, Any], expected: str) -> None:
+    experiment = load_experiment("reproduce_smoke")
+    arm = experiment.algorithms["q_learning"].model_copy(update=changes)
+    experiment = experiment.model_copy(update={"algorithms": {"mine": arm}})
+    check = load_report("replication").check
+    if not expected:
+        check(experiment)
+        return
+    with pytest.raises(InputError, match=expected):
+        check(experiment)
