@@ -1,5 +1,6 @@
 """A wheel has all that is needed: it works outside the repository, by itself."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -11,14 +12,6 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("agents", "benchmark", "envs")
-# The wheel alone is used: an editable install of the repository would come after PYTHONPATH.
-PREAMBLE = """
-import pathlib, sys
-import agents, benchmark, envs
-unpacked = pathlib.Path(sys.argv.pop(1))
-for package in (agents, benchmark, envs):
-    assert pathlib.Path(package.__file__).is_relative_to(unpacked), package.__file__
-"""
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +40,11 @@ def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def run(unpacked: Path, code: str, *arguments: str, cwd: Path) -> str:
-    """Runs code that imports the wheel's packages, and returns its output."""
+def python(unpacked: Path, *arguments: str, cwd: Path) -> str:
+    """Runs Python with the wheel alone, which comes before an editable install of the repository."""
     environment = {"PYTHONPATH": str(unpacked), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", PREAMBLE + code, str(unpacked), *arguments],
-        cwd=cwd,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
+        [sys.executable, *arguments], cwd=cwd, env=os.environ | environment, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -79,20 +68,24 @@ import gymnasium
 env = gymnasium.make("envs:Proxemic/S1-v0")
 env.reset(seed=0)
 print(env.step(1)[1])
+
+import agents, benchmark, envs
+print(*(package.__file__ for package in (agents, benchmark, envs)), sep="\\n")
 """
-    assert run(unpacked, code, cwd=tmp_path) == "-0.1\n"
+    reward, *files = python(unpacked, "-c", code, cwd=tmp_path).splitlines()
+    assert reward == "-0.1"
+    assert files == [str(unpacked / package / "__init__.py") for package in PACKAGES]
 
 
 def test_wheel_runs_an_experiment_and_reports_it(unpacked: Path, tmp_path: Path) -> None:
-    # A repository of something else around the working folder must not pass for the code's own.
-    subprocess.run(["git", "init", "--quiet", str(unpacked)], check=True)
-    code = "from benchmark.__main__ import main\nsys.exit(main(sys.argv[1:]))\n"
+    # The wheel lies in a repository of something else, whose commit is not that of the code.
+    git = ["git", "-C", str(unpacked), "-c", "user.name=A", "-c", "user.email=a@example.org"]
+    subprocess.run([*git, "init", "--quiet"], check=True)
+    subprocess.run([*git, "commit", "--quiet", "--allow-empty", "-m", "Else"], check=True)
     arguments = ["run", "reproduce_smoke", "--report", "--results", "out"]
-    output = run(unpacked, code, *arguments, cwd=tmp_path)
+    output = python(unpacked, "-m", "benchmark", *arguments, cwd=tmp_path)
     assert "138 runs done, 0 were done already" in output
     folder = tmp_path / "out" / "reproduce_smoke"
-    assert {"README.md", "figure.svg", "claims.csv", "manifest.json"} <= {
-        path.name for path in folder.iterdir()
-    }
-    assert '"commits": [\n    null\n  ]' in (folder / "manifest.json").read_text(encoding="utf-8")
-    assert (tmp_path / "out" / "index.html").exists()
+    names = {path.name for path in folder.iterdir()}
+    assert {"README.md", "figure.svg", "claims.csv", "manifest.json", "index.html"} <= names
+    assert json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["commits"] == [None]
