@@ -130,7 +130,7 @@ class Report:
 def measured_files(items: Sequence[Item]) -> tuple[str, ...]:
     """Lists patterns of the files that hold measured times or memory, and so differ every time.
 
-    README holds what is told, and so is among them if a told item is.
+    README repeats the sentences, and so is among them if a measured item has sentences.
     """
     measured = [item for item in items if item.is_measured]
     patterns = [pattern for item in measured for pattern in item.patterns()]

@@ -1,6 +1,6 @@
 """Figures of a comparison: data frames become pictures, and nothing is computed.
 
-An algorithm is told by its colour and marker, so that figures read in grey, too; an observation by dash.
+Colour and marker show the algorithm, so that figures can be read in grey, too; dashes show the observation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +33,7 @@ _LABELS: Final = {
 }
 
 Learners = Sequence[tuple[str, str]]  # (algorithm, observation)
-Panels = Mapping[str, Learners]  # title to who is drawn there
+Panels = Mapping[str, Learners]  # title to the learners drawn there
 
 
 def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
@@ -90,8 +90,8 @@ def disagreements(frame: pd.DataFrame, panels: Panels) -> Figure:
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
                 for learner in learners:
-                    one = _of(frame, learner, scenario).iloc[1:]
-                    _curve(axis, one, "step", "disagreements", learner, frame)
+                    rows = _of(frame, learner, scenario).iloc[1:]
+                    _curve(axis, rows, "step", "disagreements", learner, frame)
                 axis.set(title=f"{scenario}, {title}", xlim=(0, float(frame["step"].max())))
                 axis.set(ylim=(0, float(frame["disagreements"].max()) * 1.05))
                 axis.xaxis.set_major_locator(MaxNLocator(4))
@@ -114,8 +114,8 @@ def aggregate(frame: pd.DataFrame) -> Figure:
         for column, metric in enumerate(METRICS):
             axis = axes[0, column]
             for y, learner in enumerate(learners):
-                one = shown[_is(shown, learner) & (shown["metric"] == metric)].iloc[0]
-                _interval(axis, one["value"], one["low"], one["high"], y, learner, shown)
+                row = shown[_is(shown, learner) & (shown["metric"] == metric)].iloc[0]
+                _interval(axis, row["value"], row["low"], row["high"], y, learner, shown)
             _rows(axis, learners, first=column == 0)
             axis.set(title=_LABELS[metric], xlabel="score missed" if metric == "optimality_gap" else "score")
             axis.xaxis.set_major_locator(MaxNLocator(4))
@@ -174,7 +174,7 @@ def improvement(frame: pd.DataFrame) -> Figure:
 
 
 def threshold(frame: pd.DataFrame) -> Figure:
-    """Draws the share of runs that get to a good score, and how soon half of them do.
+    """Draws the share of runs that reach a good score, and the share that stays there.
 
     Args:
       frame: `benchmark.reports.comparison.tables.threshold`.
@@ -217,18 +217,18 @@ def maps(
       limits: The ends of the colour scale; by default those of the middle 98 % of the values.
     """
     is_ping = frame["action"] == "PING"
-    mine = np.logical_or.reduce([_is(frame, learner) for learner in learners])
-    shown = frame[mine & (is_ping if action == "PING" else ~is_ping)]
+    is_shown = np.logical_or.reduce([_is(frame, learner) for learner in learners])
+    shown = frame[is_shown & (is_ping if action == "PING" else ~is_ping)]
     norm = Normalize(*(limits or colour_limits(shown["value"].to_numpy())))
     with figure_of(len(learners), len(models), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
         for row, learner in enumerate(learners):
             for column, (scenario, model) in enumerate(models.items()):
-                one, axis, scene = _of(shown, learner, scenario), axes[row, column], scene_of(model)
+                values, axis, scene = _of(shown, learner, scenario), axes[row, column], scene_of(model)
                 if action == "PING":
-                    heat(axis, scene, one["value"].to_numpy(), norm)
-                    dots(axis, one[one["marked"] > 0.5])
+                    heat(axis, scene, values["value"].to_numpy(), norm)
+                    dots(axis, values[values["marked"] > 0.5])
                 else:
-                    triangles(axis, scene, one, norm, "value")
+                    triangles(axis, scene, values, norm, "value")
                 axis.set(title=f"{scenario}: {', '.join(learner)}")
         colour_bar(figure, list(axes.flat), norm, label, extend="neither" if limits else "both")
         marks = {
@@ -252,8 +252,9 @@ def _by_scenario(frame: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
             for column, (name, label) in enumerate(labels.items()):
                 axis = axes[row, column]
                 for y, learner in enumerate(learners):
-                    one = _of(frame, learner, scenario).iloc[0]
-                    _interval(axis, one[name], one[f"{name}_low"], one[f"{name}_high"], y, learner, frame)
+                    learned = _of(frame, learner, scenario).iloc[0]
+                    ends = learned[f"{name}_low"], learned[f"{name}_high"]
+                    _interval(axis, learned[name], *ends, y, learner, frame)
                 _rows(axis, learners, first=column == 0)
                 axis.set(title=f"{scenario}: {label}", xlim=(-0.03, 1.03))
         figure.supxlabel("bar: 95 % interval over runs", fontsize="small")
@@ -261,7 +262,7 @@ def _by_scenario(frame: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
 
 
 def _learners(frame: pd.DataFrame) -> list[tuple[str, str]]:
-    """Lists who is in a frame, in its order."""
+    """Lists the learners in a frame, in its order."""
     return list(dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True)))
 
 
@@ -279,17 +280,17 @@ def _of(frame: pd.DataFrame, learner: tuple[str, str], scenario: str) -> pd.Data
 def _style(learner: tuple[str, str], frame: pd.DataFrame) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash, the same in every figure of a comparison."""
     place = list(dict.fromkeys(frame["algorithm"])).index(learner[0])
-    return {**arm_style(place), "ls": _DASHES[learner[1]]}
+    return {**arm_style(place), "ls": _DASHES.get(learner[1], "-")}
 
 
 def _curve(
-    axis: Axes, one: pd.DataFrame, x: str, y: str, learner: tuple[str, str], frame: pd.DataFrame
+    axis: Axes, rows: pd.DataFrame, x: str, y: str, learner: tuple[str, str], frame: pd.DataFrame
 ) -> None:
-    """Draws a line with its interval, and a marker now and then."""
+    """Draws a line with its interval, and some markers."""
     style = _style(learner, frame)
     low, high = ("low", "high") if y == "share" else (f"{y}_low", f"{y}_high")
-    axis.plot(one[x], one[y], lw=1.3, ms=4, markevery=max(len(one) // 6, 1), **style)
-    axis.fill_between(one[x], one[low], one[high], color=style["color"], alpha=0.12, lw=0)
+    axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // 6, 1), **style)
+    axis.fill_between(rows[x], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
 
 
 def _interval(
@@ -310,7 +311,7 @@ def _rows(axis: Axes, learners: Learners, *, first: bool) -> None:
 
 
 def _legend(figure: Figure, frame: pd.DataFrame, title: str) -> None:
-    """Says which line is whose."""
+    """Draws the legend that names each learner's line."""
     handles = [
         Line2D([], [], label=", ".join(learner), lw=1.3, ms=5, **_style(learner, frame))
         for learner in _learners(frame)

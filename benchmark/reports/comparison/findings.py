@@ -1,7 +1,7 @@
 """What a comparison found, in sentences from its published tables; each judging word follows from numbers.
 
 A number is a Markdown link to the rows of the table that it comes from, `[0.63](summary.csv#row=13)`. Rows
-are counted as by RFC 7111: the header is the first. Scores are means over runs, which show a run that fails, as
+are counted as by RFC 7111: the header is the first. Scores are means over runs, which show a run that fails;
 interquartile means do not. Two learners differ significantly if the 95 % interval of the probability that a
 run of one outscores a run of the other excludes one half.
 """
@@ -218,8 +218,10 @@ class Findings:
                 row = self._improvement(*forms)
                 names = [form.observation for form in forms]
                 better = names[0] if row["low"] > 0.5 else names[1] if row["high"] < 0.5 else ""
-                told = f"{better} is better" if better else "no significant difference"
-                parts.append(f"`{arm}` {scores} ({told}, {_probability(row)}, {self._n(*forms)} runs each)")
+                verdict = f"{better} is better" if better else "no significant difference"
+                parts.append(
+                    f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs each)"
+                )
         return f"Mean scores by form of observation, runs per scenario: {'; '.join(parts)}." if parts else ""
 
     def _linear(self) -> str:

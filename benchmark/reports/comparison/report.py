@@ -142,7 +142,8 @@ def _display_profile(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _tenths(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame.loc[frame["step"] % (frame["step"].max() / 10) == 0]
+    tenth: float = frame["step"].max() / 10
+    return frame[frame["step"] % tenth == 0]
 
 
 def _display_curves(frame: pd.DataFrame) -> pd.DataFrame:

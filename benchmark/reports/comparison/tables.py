@@ -86,7 +86,7 @@ def summary(data: Data) -> pd.DataFrame:
 
 
 def aggregate(data: Data) -> pd.DataFrame:
-    """Tabulates rliable's aggregates over all scenarios, one row a learner, policy and metric.
+    """Tabulates rliable's aggregates over all scenarios, one row per learner, policy and metric.
 
     The optimality gap is how far runs fall short of the score 1 on average. Scores have no lower bound, so
     neither the mean nor the gap is bounded.

@@ -65,7 +65,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper says, how it is measured, and from when on it counts as true."""
+    """What the paper says, how it is measured, and when it counts as true."""
 
     id: str
     says: str
@@ -85,14 +85,14 @@ def judge(populations: Populations, curve: str) -> pd.DataFrame:
       curve: Which maximum Q the claims on curves are about, `"visited"` or `"table"`.
 
     Returns:
-      One row a claim: claim, says, measure, value, low, high, threshold, verdict, parts, agents, because.
+      One row per claim: claim, says, measure, value, low, high, threshold, verdict, parts, agents, because.
     """
     paper = {name: populations[name] for name in SCENARIOS}
-    return pd.DataFrame([_judge(claim, paper, curve) for claim in CLAIMS])
+    return pd.DataFrame([judge_claim(claim, paper, curve) for claim in CLAIMS])
 
 
-def _judge(claim: Claim, populations: Populations, curve: str) -> dict[str, Any]:
-    """Measures one claim."""
+def judge_claim(claim: Claim, populations: Populations, curve: str) -> dict[str, Any]:
+    """Measures a claim; returns a row of `judge`."""
     sign = 1 if claim.right_side == ">" else -1
     parts = claim.parts(populations, curve)
     states = [part.state(claim.right_side, claim.threshold) for part in parts]
@@ -127,7 +127,7 @@ def _curves(population: Population, curve: str) -> NDArray[np.float64]:
 def _band(population: Population, curve: str) -> Samples:
     """Returns the height of the paper's shaded area, least to largest agent, averaged over steps.
 
-    It is told beside the standard deviation without an interval: extremes cannot be resampled.
+    It has no interval, unlike the standard deviation: extremes cannot be resampled.
     """
     return np.asarray(np.ptp(_curves(population, curve), axis=0).mean(keepdims=True))
 
@@ -153,13 +153,13 @@ def _variability_against(scenario: str) -> Callable[[Populations, str], list[Par
     """Compares one scenario's variability with that of each other."""
 
     def parts(populations: Populations, curve: str) -> list[Part]:
-        own = _variability(populations[scenario], curve)
-        own_band = _band(populations[scenario], curve)
+        variability = _variability(populations[scenario], curve)
+        band = _band(populations[scenario], curve)
         return [
             Part(
                 f"{scenario}/{name}",
-                _ratio(own, _variability(other, curve)),
-                f" (shaded areas' heights {_ratio(own_band, _band(other, curve))[0]:.3g})",
+                _ratio(variability, _variability(other, curve)),
+                f" (shaded areas' heights {_ratio(band, _band(other, curve))[0]:.3g})",
             )
             for name, other in populations.items()
             if name != scenario
@@ -191,8 +191,8 @@ def _focus(population: Population) -> Samples:
 
 
 def _moves_focused(populations: Populations, _: str) -> list[Part]:
-    own = _focus(populations["S3"])
-    return [Part(f"S3/{name}", _ratio(own, _focus(populations[name]))) for name in ("S1", "S2")]
+    focus = _focus(populations["S3"])
+    return [Part(f"S3/{name}", _ratio(focus, _focus(populations[name]))) for name in ("S1", "S2")]
 
 
 def _mean_ping(population: Population) -> NDArray[np.float64]:
@@ -204,7 +204,7 @@ def _mean_ping(population: Population) -> NDArray[np.float64]:
 def _valued_outside(scenario: str) -> Callable[[Populations, str], list[Part]]:
     """Counts the cells outside the target region with a positive mean PING Q-value.
 
-    Where no cell of the target region has one either, nothing has been learned, and there is no count.
+    If no cell of the target region has one either, nothing has been learned, and there is no count.
     """
 
     def parts(populations: Populations, _: str) -> list[Part]:
@@ -218,14 +218,14 @@ def _valued_outside(scenario: str) -> Callable[[Populations, str], list[Part]]:
     return parts
 
 
-def _own_overlap(population: Population) -> Samples:
-    """Returns the overlap of each agent's own map, averaged over agents."""
+def _agents_overlap(population: Population) -> Samples:
+    """Returns the overlap of each agent's map, averaged over agents."""
     valued = population.values_ping
     return population.weights @ overlap(valued, population.in_target) / len(valued)
 
 
 def _precision_and_recall(population: Population) -> str:
-    """Says why agents' own maps overlap as they do: what share of each is right, and of what it found."""
+    """Returns precision and recall of the agents' maps, which explain how they overlap."""
     valued = population.arrays["q"][:, :, PING] > 0
     in_target = population.in_target
     found = (valued & in_target).sum(axis=1)
@@ -235,11 +235,11 @@ def _precision_and_recall(population: Population) -> str:
 
 
 def _mean_overlap(population: Population) -> Samples:
-    """Returns the overlap of the map that averages all agents, which is the one the paper shows."""
+    """Returns the overlap of the mean map over agents, which the paper shows."""
     return overlap(_mean_ping(population) > 0, population.in_target)
 
 
-_MAPS: Final = (("mean map", _mean_overlap), ("own maps", _own_overlap))
+_MAPS: Final = (("mean map", _mean_overlap), ("own maps", _agents_overlap))
 
 
 def _random_helps(populations: Populations, _: str) -> list[Part]:
@@ -261,7 +261,7 @@ def _identifies(populations: Populations, _: str) -> list[Part]:
 def _reaches(populations: Populations, _: str) -> list[Part]:
     succeeds = populations["S1"].arrays["success"][:, -1] > 0.5
     share = populations["S1"].weights @ succeeds / len(succeeds)
-    # Where all agents agree resampling sees no doubt at all; the exact binomial interval does.
+    # Where all agents agree, resampling shows no uncertainty; the exact binomial interval does.
     bounds = stats.binomtest(int(succeeds.sum()), len(succeeds)).proportion_ci()
     return [Part("S1", share, bounds=(bounds.low, bounds.high))]
 

@@ -76,7 +76,7 @@ def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
 
     Args:
       frame: `benchmark.reports.replication.tables.learning`.
-      models: Scenario to compiled scenario, one line each.
+      models: Scenario to compiled scenario, one line per scenario.
     """
     panels = (
         ("score", "score, mean"),
@@ -86,11 +86,11 @@ def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
     with figure_of(1, len(panels), (11.0, 3.6)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], panels, strict=True):
             for i, name in enumerate(models):
-                one = frame[frame["scenario"] == name]
+                rows = frame[frame["scenario"] == name]
                 style = {"color": COLOURS[i], "ls": _DASHES[i % len(_DASHES)]}
-                axis.plot(one["step"], one[key], label=name, **style)
+                axis.plot(rows["step"], rows[key], label=name, **style)
                 axis.fill_between(
-                    one["step"], one[f"{key}_low"], one[f"{key}_high"], color=COLOURS[i], alpha=0.25, lw=0
+                    rows["step"], rows[f"{key}_low"], rows[f"{key}_high"], color=COLOURS[i], alpha=0.25, lw=0
                 )
             axis.set(xlabel="environment step", title=label, xlim=(0, max(frame["step"].max(), 1)))
             axis.xaxis.set_major_locator(MaxNLocator(4))

@@ -45,10 +45,10 @@ def headline(published: Published) -> str:
 def sentences(published: Published) -> list[str]:
     """Says what the numbers alone do not: how many agents there are, and what independent checks found."""
     rows = published.frame("optimal")
-    told = [f"Every scenario has {link(str(rows['agents'].iloc[0]), 'optimal', rows)} agents."]
+    texts = [f"Every scenario has {link(str(rows['agents'].iloc[0]), 'optimal', rows)} agents."]
     if "claims.csv" in published:
         claims = published.frame("claims")
-        told += [
+        texts += [
             f"Claim `{claim.id}` {link(row['verdict'], 'claims', row)} here. {claim.note}"
             for claim in CLAIMS
             if claim.note
@@ -60,12 +60,12 @@ def sentences(published: Published) -> list[str]:
     note = independent.of_papers_table(arm["settings"])
     if note and len(last):
         row = last.iloc[0]
-        told.append(
+        texts.append(
             "After training the table succeeds in S2 with probability "
             f"{link(f'{row.success:.2f}', 'learning', row)} [{row.success_low:.2f}, {row.success_high:.2f}]. "
             f"{note}"
         )
-    return told
+    return texts
 
 
 def claims_table(published: Published) -> Table:
@@ -125,16 +125,16 @@ def readings(published: Published) -> list[tuple[str, str]]:
 
 def _failing_parts(claims: pd.DataFrame) -> str:
     """Says how many parts of claims fail; empty if none does."""
-    told = []
+    texts = []
     for _, row in claims.iterrows():
         states = _STATE.findall(row["parts"])
         n_failing = states.count("fails")
         if n_failing:
             verb = "fails" if n_failing == 1 else "fail"
-            told.append(
+            texts.append(
                 f"{link(str(n_failing), 'claims', row)} of the {len(states)} parts of `{row['claim']}` {verb}"
             )
-    return " and ".join(told)
+    return " and ".join(texts)
 
 
 def _shaky(published: Published) -> str:
@@ -142,9 +142,9 @@ def _shaky(published: Published) -> str:
     claims, sensitivity = published.frame("claims"), published.frame("sensitivity")
     holding = claims.loc[claims["verdict"] == "holds", "claim"]
     fallen = sensitivity[sensitivity["claim"].isin(holding) & (sensitivity["verdict"] == "does not hold")]
-    told = []
+    texts = []
     for reading, rows in fallen.groupby("reading", sort=False):
         names = ", ".join(f"`{claim}`" for claim in rows["claim"])
         verb = "fails" if len(rows) == 1 else "fail"
-        told.append(f"{link(str(len(rows)), 'sensitivity', rows)} ({names}) {verb} under `{reading}`")
-    return "; ".join(told)
+        texts.append(f"{link(str(len(rows)), 'sensitivity', rows)} ({names}) {verb} under `{reading}`")
+    return "; ".join(texts)

@@ -203,7 +203,8 @@ def _display_optimal(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _last_step(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame.loc[frame["step"] == frame["step"].max()]
+    last: float = frame["step"].max()
+    return frame[frame["step"] == last]
 
 
 # Figures

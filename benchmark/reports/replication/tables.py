@@ -14,7 +14,7 @@ from envs import ACTIONS
 
 
 def q_values(populations: Sequence[Population]) -> pd.DataFrame:
-    """Tabulates the final Q-values over agents: one row a scenario, cell and action."""
+    """Tabulates the final Q-values over agents: one row per scenario, cell and action."""
     frames = []
     for population in populations:
         q = population.arrays["q"]
@@ -96,11 +96,11 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
 
 
 def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
-    """Tabulates Q* beside the learned Q: one row a scenario, cell and action.
+    """Tabulates Q* beside the learned Q: one row per scenario, cell and action.
 
     Q* is that of an agent that knows its state, with no wrong PING so far, discounted and with the
     issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
-    Q in the cell (and so no less than the largest of the means); `differs` the share of agents whose
+    Q in the cell (and so no less than the largest of the means); `differs` is the share of agents whose
     greedy action there is not an optimal one.
     """
     frame = q_values(populations)[["scenario", "row", "column", "action", "mean"]]
