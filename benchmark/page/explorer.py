@@ -107,7 +107,7 @@ def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], d
                 "score": _listed(rows["score"]),
                 "success": _listed(rows["success"]),
                 "evaluation": _place(folder, "agent.csv", rows),
-                "map": {
+                "maps": {
                     **_place(folder, f"agent_{scenario}.csv", snapshot),
                     "columns": list(snapshot.columns),
                 },

@@ -44,15 +44,15 @@ def test_every_agent_of_every_experiment_is_shown(data: dict[str, Any]) -> None:
 @pytest.mark.parametrize("place", [0, 10, -1])
 def test_agent_is_as_in_the_files(data: dict[str, Any], place: int) -> None:
     agent = data["agents"][place]
-    for key in ("map", "evaluation", "curve"):
+    for key in ("maps", "evaluation", "curve"):
         line, frame = agent[key]["line"], pd.read_csv(RESULTS / agent[key]["file"])
         row = frame.iloc[line - 2]
         for name in {"scenario", "algorithm", "observation"} & set(frame):
             assert row[name] == agent[name]
         assert row["step"] == agent["steps"][0] == 0
-    frame = pd.read_csv(RESULTS / agent["map"]["file"])
+    frame = pd.read_csv(RESULTS / agent["maps"]["file"])
     values = values_of(agent["values"], data)
-    rows = frame.iloc[agent["map"]["line"] - 2 :][: len(values)]
+    rows = frame.iloc[agent["maps"]["line"] - 2 :][: len(values)]
     assert rows[list(ACTIONS)].to_numpy() == pytest.approx(values, nan_ok=True)
     assert rows["step"].tolist() == np.repeat(agent["steps"], len(values) // len(agent["steps"])).tolist()
     masks = base64.b64decode(agent["greedy"])

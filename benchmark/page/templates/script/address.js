@@ -12,7 +12,10 @@ function unescaped(text) {
   }
 }
 
-const wishOf = (text = "") => Object.fromEntries(text.split(".").slice(0, KEYS.length).map((part, i) => [KEYS[i], unescaped(part)]));
+function wishOf(text = "") {
+  const parts = text.split(".").map(unescaped);
+  return Object.fromEntries(KEYS.map((key, i) => [key, parts[i]]));
+}
 
 // What the address asks for, or null; nothing of it need exist.
 export function asked() {

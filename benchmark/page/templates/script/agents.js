@@ -36,7 +36,7 @@ class Agent {
     return this.greedy[map * this.nCells + cell];
   }
   lineOf(map, cell) {
-    return this.map.line + map * this.nCells + cell;
+    return this.maps.line + map * this.nCells + cell;
   }
   // Whether the episode is over in a cell.
   isOver(cell) {
@@ -45,36 +45,49 @@ class Agent {
   // The optimum of every action in a cell: values, or an even choice among the optimal actions.
   optimumAt(cell) {
     const { values, optimal } = this.optimum;
-    return explorer.actions.map((_, a) =>
-      this.kind === "q" ? values[cell * explorer.actions.length + a] : ((optimal[cell] >> a) & 1) / members(optimal[cell]).length);
+    const best = members(optimal[cell]);
+    if (this.kind === "q") return explorer.actions.map((_, a) => values[cell * explorer.actions.length + a]);
+    return explorer.actions.map((_, a) => (best.includes(a) ? 1 / best.length : 0));
   }
 }
 
-const optima = (explorer?.optima ?? []).map((packed) => ({ ...packed, values: unpacked(packed.values), optimal: bytes(packed.optimal) }));
+const optima = (explorer?.optima ?? []).map((packed) => (
+  { ...packed, values: unpacked(packed.values), optimal: bytes(packed.optimal) }
+));
 export const agents = (explorer?.agents ?? []).map((packed) => new Agent(packed));
-
-// The columns and the cells of a line of a file that the page holds packed, as in the file; null for other files.
-export function packedLine(file, line) {
-  const agent = agents.find(({ map, greedy }) => map.file === file && line >= map.line && line < map.line + greedy.length);
-  if (agent) {
-    const place = line - agent.map.line;
-    const cell = place % agent.nCells;
-    const map = (place - cell) / agent.nCells;
-    const record = { algorithm: agent.algorithm, observation: agent.observation, step: agent.steps[map], greedy: named(agent.greedy[place]) };
-    return asWritten(agent.map.columns, { ...record, ...rowAndColumn(agent.scene, cell) }, (a) => agent.valueAt(map, cell, a));
-  }
-  const optimum = optima.find((each) => each.file === file && line >= each.line && line < each.line + each.optimal.length);
-  if (!optimum) return null;
-  const { scene } = agents.find((each) => each.optimum === optimum);
-  const cell = line - optimum.line;
-  const record = { scenario: optimum.scenario, discount: optimum.discount, optimal: named(optimum.optimal[cell]) };
-  return asWritten(optimum.columns, { ...record, ...rowAndColumn(scene, cell) }, (a) => optimum.values[cell * explorer.actions.length + a]);
-}
 
 export const rowAndColumn = (scene, cell) => ({ row: Math.floor(cell / scene.columns), column: cell % scene.columns });
 
-function asWritten(columns, record, value) {
-  const written = (number) => (Number.isNaN(number) ? "" : +number.toFixed(explorer.decimals));
-  const values = Object.fromEntries(explorer.actions.map((action, a) => [action, written(value(a))]));
-  return [columns, columns.map((name) => String({ ...record, ...values }[name]))];
+const contains = (place, count, file, line) => place.file === file && line >= place.line && line < place.line + count;
+
+// The columns and the cells of a line of a file that the page holds packed, as in the file; null for other files.
+export function packedLine(file, line) {
+  const agent = agents.find(({ maps, greedy }) => contains(maps, greedy.length, file, line));
+  if (agent) return mapLine(agent, line - agent.maps.line);
+  const optimum = optima.find((each) => contains(each, each.optimal.length, file, line));
+  return optimum ? optimumLine(optimum, line - optimum.line) : null;
+}
+
+function mapLine(agent, place) {
+  const { scene, algorithm, observation } = agent;
+  const cell = place % agent.nCells;
+  const step = agent.steps[(place - cell) / agent.nCells];
+  const record = { algorithm, observation, step, ...rowAndColumn(scene, cell), greedy: named(agent.greedy[place]) };
+  return asWritten(agent.maps.columns, record, agent.values, place);
+}
+
+function optimumLine(optimum, cell) {
+  const { scene } = agents.find((agent) => agent.optimum === optimum);
+  const { scenario, discount } = optimum;
+  const record = { scenario, discount, ...rowAndColumn(scene, cell), optimal: named(optimum.optimal[cell]) };
+  return asWritten(optimum.columns, record, optimum.values, cell);
+}
+
+function asWritten(columns, record, values, place) {
+  const cells = new Map(Object.entries(record));
+  explorer.actions.forEach((action, a) => {
+    const value = values[place * explorer.actions.length + a];
+    cells.set(action, Number.isNaN(value) ? "" : +value.toFixed(explorer.decimals));
+  });
+  return [columns, columns.map((name) => String(cells.get(name)))];
 }

@@ -3,6 +3,7 @@ import { element, show } from "./elements.js";
 import { explorer } from "./data.js";
 import { members, PING } from "./agents.js";
 
+const UNIT_RANGE = { low: 0, high: 1, hasLower: false, hasHigher: false };
 const ranges = new Map(); // of every agent that was shown, by kind of map
 
 // A value as a kind of map shows it: the value itself, or its difference from the optimum.
@@ -29,14 +30,14 @@ function quantile(sorted, share) {
 
 // The ends of an agent's colour scale over all of training, and whether there are values beyond them.
 function rangeOf(agent, kind) {
-  if (agent.kind === "probability" && kind !== "difference") return { low: 0, high: 1, hasLower: false, hasHigher: false };
+  if (agent.kind === "probability" && kind !== "difference") return UNIT_RANGE;
   if (!ranges.has(agent)) ranges.set(agent, {});
   ranges.get(agent)[kind] ??= measured(sortedValues(agent, kind));
   return ranges.get(agent)[kind];
 }
 
 function measured(sorted) {
-  if (!sorted.length) return { low: 0, high: 1, hasLower: false, hasHigher: false };
+  if (!sorted.length) return UNIT_RANGE;
   const [low, high] = [explorer.clipped_share, 1 - explorer.clipped_share].map((share) => quantile(sorted, share));
   return { low, high, hasLower: sorted[0] < low, hasHigher: sorted.at(-1) > high };
 }
@@ -100,5 +101,6 @@ export function paintLegend(root, kind, range) {
   low.textContent = (range.hasLower ? "\u2264 " : "") + show(range.low, 2);
   high.textContent = (range.hasHigher ? "\u2265 " : "") + show(range.high, 2);
   const zero = -range.low / (range.high - range.low);
-  ramp.replaceChildren(...(zero > 0.01 && zero < 0.99 ? [element("span", { class: "zero", style: `left:${100 * zero}%`, title: "0" })] : []));
+  const mark = element("span", { class: "zero", style: `left:${100 * zero}%`, title: "0" });
+  ramp.replaceChildren(...(zero > 0.01 && zero < 0.99 ? [mark] : []));
 }

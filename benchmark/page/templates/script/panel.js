@@ -1,6 +1,6 @@
 // A panel: menus that choose an agent, its map with a cursor, its readout, curve and walk.
 import { element } from "./elements.js";
-import { agents } from "./agents.js";
+import { agents, rowAndColumn } from "./agents.js";
 import { SceneView } from "./scene.js";
 import { paint, paintLegend, sharedRange } from "./colours.js";
 import { curveOf } from "./curve.js";
@@ -18,15 +18,14 @@ export class Panel {
     for (const [key, menu] of Object.entries(this.menus)) {
       menu.parentElement.hidden = key === "experiment" && new Set(agents.map((agent) => agent[key])).size === 1;
       menu.addEventListener("change", () => {
-        this.choose(this.agent, { [key]: menu.value });
+        this.choose({ ...Object.fromEntries(KEYS.map((name) => [name, this.agent[name]])), [key]: menu.value });
         refresh();
       });
     }
     this.find(".map").addEventListener("keydown", (event) => this.key(event));
   }
   // Chooses the agent that has what is wished for, as far as there is one.
-  choose(...wishes) {
-    const wish = Object.assign({}, ...wishes.map((each) => Object.fromEntries(KEYS.filter((key) => key in (each ?? {})).map((key) => [key, each[key]]))));
+  choose(wish) {
     let left = agents;
     for (const [key, menu] of Object.entries(this.menus)) {
       const names = [...new Set(left.map((agent) => agent[key]))];
@@ -48,11 +47,13 @@ export class Panel {
   }
   key(event) {
     const { rows, columns } = this.agent.scene;
-    const [row, column] = [Math.floor(this.cursor / columns), this.cursor % columns];
-    const moved = { ArrowUp: [row - 1, column], ArrowDown: [row + 1, column], ArrowLeft: [row, column - 1], ArrowRight: [row, column + 1] }[event.key];
+    const { row, column } = rowAndColumn(this.agent.scene, this.cursor);
+    const moves = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] };
     if (event.key === "Enter") this.startWalk(this.cursor);
-    else if (!moved) return;
-    else if (moved[0] >= 0 && moved[0] < rows && moved[1] >= 0 && moved[1] < columns) this.look(moved[0] * columns + moved[1]);
+    else if (event.key in moves) {
+      const [toRow, toColumn] = [row + moves[event.key][0], column + moves[event.key][1]];
+      if (toRow >= 0 && toRow < rows && toColumn >= 0 && toColumn < columns) this.look(toRow * columns + toColumn);
+    } else return;
     event.preventDefault();
   }
   look(cell) {
@@ -79,7 +80,8 @@ export class Panel {
     this.find(".about").replaceChildren(...described(this.agent, map, step));
     this.find(".curve").replaceChildren(curveOf(this.agent, map));
     const { algorithm, observation, scenario, unitName, steps } = this.agent;
-    this.find(".map").setAttribute("aria-label", `Map of ${algorithm}, ${observation}, in ${scenario}, ${unitName} ${steps[map]}. Arrow keys choose a cell, Enter starts the walk there.`);
+    const title = `Map of ${algorithm}, ${observation}, in ${scenario}, ${unitName} ${steps[map]}.`;
+    this.find(".map").setAttribute("aria-label", `${title} Arrow keys choose a cell, Enter starts the walk there.`);
     this.look(this.cursor);
   }
   drawWalk() {

@@ -17,15 +17,16 @@ export function described(agent, map, step) {
   const time = shown === step ? "" : `At ${agent.unitName} ${grouped(shown)}: `;
   const values = agent.kind === "q" ? `Q-values, discount ${agent.discount}.` : "Probabilities of the stochastic policy.";
   const hasDiverged = Number.isNaN(agent.valueAt(map, scene.start, 0));
-  const diverged = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
+  const note = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
   const place = curve ? curve.step.indexOf(shown) : -1;
   const mean = place < 0 ? [] : [
     ". Mean score of all runs: ", sourced(curve.file, curve.line + place, show(curve.mean[place])),
     ` [${show(curve.low[place])}, ${show(curve.high[place])}]`,
   ];
+  const line = evaluation.line + map;
   return [
-    `${time}${values}${diverged} This agent (seed ${agent.seed}): score `, sourced(evaluation.file, evaluation.line + map, show(agent.score[map])),
-    ", success probability ", sourced(evaluation.file, evaluation.line + map, show(agent.success[map])), ...mean, ".",
+    `${time}${values}${note} This agent (seed ${agent.seed}): score `, sourced(evaluation.file, line, show(agent.score[map])),
+    ", success probability ", sourced(evaluation.file, line, show(agent.success[map])), ...mean, ".",
   ];
 }
 
@@ -33,7 +34,9 @@ export function readoutOf(agent, map, cell) {
   const { row, column } = rowAndColumn(agent.scene, cell);
   const zone = agent.scene.zone[cell];
   const title = element("p", {}, element("strong", {}, `Row ${row}, column ${column}`), `, ${ZONES[zone] ?? zone}`);
-  if (agent.isOver(cell)) return [title, element("p", {}, "The episode ends when the agent gets here: there are no actions.")];
+  if (agent.isOver(cell)) {
+    return [title, element("p", {}, "The episode ends when the agent gets here: there are no actions.")];
+  }
   const { optimum } = agent;
   const best = agent.optimumAt(cell);
   const isIn = (mask, action) => (mask >> action) & 1;
@@ -43,7 +46,7 @@ export function readoutOf(agent, map, cell) {
     const words = [isIn(agent.greedyAt(map, cell), a) && "greedy", isIn(optimum.optimal[cell], a) && "optimal"];
     return element("tr", {},
       element("th", { scope: "row" }, action),
-      number(sourced(agent.map.file, agent.lineOf(map, cell), show(value))),
+      number(sourced(agent.maps.file, agent.lineOf(map, cell), show(value))),
       number(sourced(optimum.file, optimum.line + cell, show(best[a]))),
       number(show(value - best[a])),
       element("td", {}, words.filter(Boolean).join(", ")));

@@ -4,13 +4,14 @@ import { explorer } from "./data.js";
 
 const UNIT = 30; // side of a cell
 const MARGIN = 20; // for the numbers of rows and columns
+const UNTOUCHED = { "pointer-events": "none" };
 
 function star(x, y, radius) {
   const points = Array.from({ length: 10 }, (_, i) => {
     const r = i % 2 ? radius * 0.42 : radius;
     return `${x + r * Math.sin((Math.PI * i) / 5)},${y - r * Math.cos((Math.PI * i) / 5)}`;
   });
-  return drawn("polygon", { points: points.join(" "), fill: "#fff", stroke: "#000", "stroke-width": 1.4, "pointer-events": "none" });
+  return drawn("polygon", { points: points.join(" "), fill: "#fff", stroke: "#000", "stroke-width": 1.4, ...UNTOUCHED });
 }
 
 function square(x, y, radius) {
@@ -22,26 +23,35 @@ export const GLYPHS = {
   start: (x, y, size) => square(x, y, 10 * size),
 };
 
-export const outlined = (name, attributes, dashed) => bordered(name, { ...attributes, ...(dashed ? { "stroke-dasharray": "5 4" } : {}) }, 2, 4);
+// The line around a region.
+export function outlined(name, attributes, isDashed) {
+  return bordered(name, isDashed ? { ...attributes, "stroke-dasharray": "5 4" } : attributes, 2, 4);
+}
 
-export const walker = (x, y) => drawn("circle", { cx: x, cy: y, r: 8, fill: explorer.palette.path, stroke: "#fff", "stroke-width": 2, "pointer-events": "none" });
+// The agent on its walk.
+export function walker(x, y) {
+  return drawn("circle", { cx: x, cy: y, r: 8, fill: explorer.palette.path, stroke: "#fff", "stroke-width": 2, ...UNTOUCHED });
+}
+
+const trail = (stroke, width) =>
+  drawn("polyline", { fill: "none", stroke, "stroke-width": width, "stroke-linejoin": "round", ...UNTOUCHED });
 
 export class SceneView {
   // `look` is called with the number of the cell that the pointer enters or touches.
   constructor(scene, look) {
     this.scene = scene;
-    const [width, height] = [UNIT * scene.columns, UNIT * scene.rows];
-    this.image = drawn("svg", { viewBox: `0 0 ${MARGIN + width + 2} ${height + MARGIN}`, "aria-hidden": "true", style: `min-width:${12 * scene.columns}px` });
+    const [width, height] = [MARGIN + UNIT * scene.columns + 2, UNIT * scene.rows + MARGIN];
+    const style = `min-width:${12 * scene.columns}px`;
+    this.image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", style });
     this.cells = scene.zone.map((_, cell) => this.paintCell(cell, look));
-    const line = (stroke, strokeWidth) => drawn("polyline", { fill: "none", stroke, "stroke-width": strokeWidth, "stroke-linejoin": "round", "pointer-events": "none" });
-    this.trail = [line("#fff", 3.4), line(explorer.palette.path, 1.8)];
+    this.trail = [trail("#fff", 3.4), trail(explorer.palette.path, 1.8)];
     this.walker = walker(0, 0);
-    this.cursor = drawn("rect", { class: "cursor", width: UNIT, height: UNIT, "pointer-events": "none" });
+    this.cursor = drawn("rect", { class: "cursor", width: UNIT, height: UNIT, ...UNTOUCHED });
     this.image.append(
       drawn("g", {}, ...this.cells.map((cell) => cell.group)),
       ...scene.outlines.flatMap((outline) => outlined("path", { d: this.pathOf(outline.loops) }, outline.dashed)),
       ...scene.glyphs.flatMap((glyph) => GLYPHS[glyph.kind](...this.centre(glyph.cell), 1)),
-      drawn("g", { "pointer-events": "none" }, ...this.cells.flatMap(({ arrows, dot }) => [arrows, dot])),
+      drawn("g", UNTOUCHED, ...this.cells.flatMap(({ arrows, dot }) => [arrows, dot])),
       ...this.trail, this.walker, this.cursor, ...this.axes(),
     );
   }
@@ -57,10 +67,13 @@ export class SceneView {
   // A cell's square, a shape for every action, arrows for its greedy moves and a dot for a greedy PING.
   paintCell(cell, look) {
     const [x, y] = this.centre(cell);
-    const shapes = explorer.actions.map((_, a) =>
-      this.scene.triangles[a]
-        ? drawn("polygon", { points: this.scene.triangles[a].map(([row, column]) => `${x + UNIT * column},${y + UNIT * row}`).join(" ") })
-        : drawn("circle", { cx: x, cy: y, r: UNIT * 0.2, stroke: "#fff", "stroke-width": 0.8, "stroke-opacity": 0.7 }));
+    const shapes = explorer.actions.map((_, a) => {
+      if (a >= this.scene.triangles.length) {
+        return drawn("circle", { cx: x, cy: y, r: UNIT * 0.2, stroke: "#fff", "stroke-width": 0.8, "stroke-opacity": 0.7 });
+      }
+      const corners = this.scene.triangles[a].map(([row, column]) => `${x + UNIT * column},${y + UNIT * row}`);
+      return drawn("polygon", { points: corners.join(" ") });
+    });
     const whole = drawn("rect", { x: x - UNIT / 2, y: y - UNIT / 2, width: UNIT, height: UNIT });
     const group = drawn("g", {}, whole, ...shapes);
     for (const event of ["pointerenter", "pointerdown"]) group.addEventListener(event, () => look(cell));
@@ -76,10 +89,12 @@ export class SceneView {
   }
   axes() {
     const even = (count) => Array.from({ length: Math.ceil(count / 2) }, (_, i) => 2 * i);
-    const rows = even(this.scene.rows).map((row) => drawn("text", { x: MARGIN - 5, y: this.at(row + 0.5, 0)[1] + 4, "text-anchor": "end" }, String(row)));
+    const text = (x, y, anchor, number) => drawn("text", { x, y, "text-anchor": anchor }, String(number));
     const bottom = this.at(this.scene.rows, 0)[1] + 14;
-    const columns = even(this.scene.columns).map((column) => drawn("text", { x: this.at(0, column + 0.5)[0], y: bottom, "text-anchor": "middle" }, String(column)));
-    return [...rows, ...columns];
+    return [
+      ...even(this.scene.rows).map((row) => text(MARGIN - 5, this.at(row + 0.5, 0)[1] + 4, "end", row)),
+      ...even(this.scene.columns).map((column) => text(this.at(0, column + 0.5)[0], bottom, "middle", column)),
+    ];
   }
   showCursor(cell) {
     const [x, y] = this.centre(cell);

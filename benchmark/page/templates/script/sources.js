@@ -37,12 +37,12 @@ function selected(selection) {
 function cited(text, columns, rows) {
   const [number] = text.replaceAll("\u2212", "-").replaceAll(",", "").split(" ");
   const decimals = number.replace("%", "").split(".")[1]?.length ?? 0;
-  const isNumber = (value) => [value.toFixed(decimals), String(+value.toPrecision(3)), `${Math.round(100 * value)}%`].includes(number);
+  const written = (value) => [value.toFixed(decimals), String(+value.toPrecision(3)), `${Math.round(100 * value)}%`];
   return columns.map((_, i) => i).filter((i) => {
     const cells = rows.map((row) => row[i]).filter((cell) => cell !== "");
     if (!cells.length) return false;
     if (cells.some((cell) => Number.isNaN(Number(cell)))) return rows.length === 1 && cells[0] === text;
-    return isNumber(cells.reduce((sum, cell) => sum + Number(cell), 0) / cells.length);
+    return written(cells.reduce((sum, cell) => sum + Number(cell), 0) / cells.length).includes(number);
   });
 }
 
@@ -55,7 +55,8 @@ function tableOf(columns, rows, marked) {
     return element("table", {}, element("tbody", {}, ...lines));
   }
   const line = (kind, cells) => element("tr", {}, ...cells.map((cell, i) => element(kind, mark(i), cell)));
-  return element("table", { class: "many" }, element("thead", {}, line("th", columns)), element("tbody", {}, ...rows.map((row) => line("td", row))));
+  const lines = rows.map((row) => line("td", row));
+  return element("table", { class: "many" }, element("thead", {}, line("th", columns)), element("tbody", {}, ...lines));
 }
 
 function showSource(text, file, selection) {
@@ -64,11 +65,12 @@ function showSource(text, file, selection) {
   const [columns] = found[0];
   const rows = found.map(([, cells]) => cells);
   const marked = cited(text, columns, rows);
-  const several = marked.length ? `, the mean of ${columns[marked[0]]} over these lines` : ", computed from these lines";
+  const mean = marked.length ? `, the mean of ${columns[marked[0]]} over these lines` : ", computed from these lines";
+  const box = { class: "scroll", tabindex: "0", role: "region", "aria-label": "Lines of the file" };
   byId("source-title").textContent = `${file}, line${rows.length > 1 ? "s" : ""} ${selection.replaceAll(";", ", ")}`;
   byId("source-rows").replaceChildren(
-    element("p", {}, `Shown as ${text}${rows.length > 1 ? several : ""}.`),
-    element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Lines of the file" }, tableOf(columns, rows, marked)),
+    element("p", {}, `Shown as ${text}${rows.length > 1 ? mean : ""}.`),
+    element("div", box, tableOf(columns, rows, marked)),
   );
   byId("source-file").href = `${file}#row=${selection}`;
   byId("source").showModal();

@@ -51,22 +51,28 @@ export class Walk {
     else this.visits.set(this.state, this.steps.length);
     const taken = this.state * explorer.actions.length + action;
     const event = explorer.events[scene.event[taken]];
-    this.steps.push({ cell, action, choice: choice.length, event, grid: scene.grid_reward[taken], issuer: scene.issuer_reward[taken] });
+    const [grid, issuer] = [scene.grid_reward[taken], scene.issuer_reward[taken]];
+    this.steps.push({ cell, action, choice: choice.length, event, grid, issuer });
     this.state = scene.next[taken];
     if (scene.terminated[taken]) this.end = ENDS[event] ?? "The episode ended.";
     else if (this.visits.has(this.state)) {
       const length = this.steps.length - this.visits.get(this.state);
-      this.end = `The agent ${length > 1 ? `goes in circles of ${length} steps` : "stays where it is"}, and would do so until the limit of ${horizon} steps.`;
+      const circle = length > 1 ? `goes in circles of ${length} steps` : "stays where it is";
+      this.end = `The agent ${circle}, and would do so until the limit of ${horizon} steps.`;
     } else if (this.steps.length >= horizon) this.end = `The limit of ${horizon} steps is reached.`;
     return !this.end;
   }
-  // What has happened so far, as a sentence.
+  placeOf(cell) {
+    const { row, column } = rowAndColumn(this.agent.scene, cell);
+    return `row ${row}, column ${column}`;
+  }
+  // What has happened so far, in sentences.
   get summary() {
-    const where = (cell) => Object.entries(rowAndColumn(this.agent.scene, cell)).map((part) => part.join(" ")).join(", ");
-    if (!this.steps.length) return `The agent is at ${where(this.start)}.`;
+    const start = this.placeOf(this.start);
+    if (!this.steps.length) return `The agent is at ${start}.`;
     const total = (key) => show(this.steps.reduce((sum, step) => sum + step[key], 0));
     const count = `${this.steps.length} step${this.steps.length > 1 ? "s" : ""}`;
-    return `${count} from ${where(this.start)}. Total reward: ${total("grid")} from the grid, ${total("issuer")} from the issuer. ${this.end}`;
+    return `${count} from ${start}. Total reward: ${total("grid")} from the grid, ${total("issuer")} from the issuer. ${this.end}`;
   }
   // The steps so far as a table, the last one first.
   get table() {
@@ -74,9 +80,8 @@ export class Walk {
     const { scene } = this.agent;
     const line = (kind, attributes, cells) => element("tr", {}, ...cells.map((text) => element(kind, attributes, text)));
     const lines = this.steps.map(({ cell, action, choice, event, grid, issuer }, i) => {
-      const { row, column } = rowAndColumn(scene, cell);
-      const tie = choice > 1 ? ` (tie of ${choice})` : "";
-      return line("td", {}, [String(i + 1), `row ${row}, column ${column}`, explorer.actions[action] + tie, event.replaceAll("_", " "), show(grid), show(issuer)]);
+      const taken = explorer.actions[action] + (choice > 1 ? ` (tie of ${choice})` : "");
+      return line("td", {}, [String(i + 1), this.placeOf(cell), taken, event.replaceAll("_", " "), show(grid), show(issuer)]);
     });
     const head = line("th", { scope: "col" }, ["#", "from", "action", "event", "grid", "issuer"]);
     const note = `The issuer's rewards are means: each PING adds noise of up to \u00b1${show(scene.issuer_noise)}.`;
