@@ -48,8 +48,8 @@ def draw(
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
     """
-    report = load_report(experiment.report, experiment.name)
-    items = load_items(report, experiment.items, experiment.name)
+    report = load_report(experiment.report, experiment.argument)
+    items = load_items(report, experiment.items, experiment.argument)
     check_packages(report, experiment.name)
     report.check(experiment)
     data = report.load(experiment, store, seeds, partial)
