@@ -37,7 +37,7 @@ def folder(tmp_path: Path, **learners: Made) -> Published:
         for name, made in learners.items()
         for place, scenario in enumerate(SCENARIOS)
     ]
-    frames = {
+    frames: dict[str, list[dict[str, Any]]] = {
         "summary": [
             {"scenario": scenario, **keys[name], "n": made.n, "success": made.success[place]}
             for name, made, scenario, place in places
@@ -114,9 +114,9 @@ def test_verdict_takes_evidence(tmp_path: Path, learners: dict[str, Made], outco
     assert found.outcome() == outcome
     headline = found.sentences()[0]
     words = {
-        "earns": "steps deep RL earns its keep over a table here: `net, index` does better than the best table",
-        "does not earn": "steps deep RL does not earn its keep over a table here: no deep learner does better",
-        "undecided": "steps it is undecided whether deep RL earns its keep over a table here",
+        "earns": "deep RL earns its keep over a table here: `net, index` does better than the best",
+        "does not earn": "deep RL does not earn its keep over a table here: no deep learner does better",
+        "undecided": "it is undecided whether deep RL earns its keep over a table here",
     }
     assert [name for name, text in words.items() if text in headline] == [outcome]
     assert "compares compiled code with Python" in headline
@@ -219,10 +219,10 @@ def test_published_texts_are_what_the_published_tables_say(tmp_path: Path) -> No
         copy.mkdir()
         for path in (PUBLISHED.parent / name).iterdir():
             (copy / path.name).symlink_to(path)
-        for told in ("README.md", "findings.csv"):
-            (copy / told).unlink(missing_ok=True)
+        for text_file in ("README.md", "findings.csv"):
+            (copy / text_file).unlink(missing_ok=True)
         texts.write(copy)
-        for told in ("README.md", "findings.csv"):
-            if (PUBLISHED.parent / name / told).exists():
-                made = (copy / told).read_text(encoding="utf-8")
-                assert made == (PUBLISHED.parent / name / told).read_text(encoding="utf-8"), (name, told)
+        for text_file in ("README.md", "findings.csv"):
+            if (PUBLISHED.parent / name / text_file).exists():
+                made = (copy / text_file).read_text(encoding="utf-8")
+                assert made == (PUBLISHED.parent / name / text_file).read_text(encoding="utf-8"), (name, text_file)
