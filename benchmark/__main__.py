@@ -14,13 +14,13 @@ examples:
   python -m benchmark list                         what there is, and which runs are done
   python -m benchmark run reproduce                execute missing runs, on all cores
   python -m benchmark run reproduce --report       the same, then draw results/reproduce
-  python -m benchmark run reproduce --seeds 0-9    ten agents per scenario only
+  python -m benchmark run reproduce --seeds 0-9    only ten agents per scenario
   python -m benchmark run compare_deep --report    tables against DQN and PPO, about twelve minutes
   python -m benchmark report reproduce             draw results/reproduce from stored runs
-  python -m benchmark report compare_deep --partial  draw incomplete results, in compare_deep_partial
+  python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       build results/index.html from published results
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
-  python -m benchmark speed                        measure speed against the usual way
+  python -m benchmark speed                        measure speed against common alternatives
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed, 2 invalid input, 130 interrupted.
@@ -87,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
         "--executor",
         metavar="NAME",
         help="run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another "
-        "(default: as each algorithm asks for)",
+        "(default: each algorithm's placement, thread or process)",
     )
     run.set_defaults(partial=False)
 
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument(
         "--partial",
         action="store_true",
-        help="draw a comparison although runs are missing, in EXPERIMENT_partial",
+        help="draw a comparison even if runs are missing, into EXPERIMENT_partial",
     )
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
@@ -105,14 +105,14 @@ def _parser() -> argparse.ArgumentParser:
         "--algorithm",
         default="q_learning",
         metavar="NAME",
-        help="an entry of the experiment's [algorithms] (default: q_learning)",
+        help="an arm of the experiment (default: q_learning)",
     )
     watch.add_argument("--observation", help="an observation of that entry (default: its first)")
     watch.add_argument("--seed", default="0", metavar="N", help="the run's seed (default: 0)")
     watch.add_argument(
         "--experiment",
         default="compare_deep",
-        help="the experiment that has the settings; a missing run is trained and stored "
+        help="the experiment that defines the settings; a missing run is trained and stored "
         "(default: compare_deep)",
     )
     watch.add_argument(
@@ -122,9 +122,11 @@ def _parser() -> argparse.ArgumentParser:
         "--save", type=Path, metavar="FILE", help="write an animated .webp or .gif instead of showing it"
     )
 
-    speed = command("speed", "measure speed, each row relative to the usual way in the same run")
+    speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     speed.add_argument(
-        "--smoke", action="store_true", help="take one second only, in speed_smoke; its figures mean nothing"
+        "--smoke",
+        action="store_true",
+        help="measure for one second, into speed_smoke; the numbers mean nothing",
     )
     return parser
 

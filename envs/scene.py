@@ -48,6 +48,11 @@ TRIANGLES: Final = np.array(
         [(-0.5, 0.5), (0.5, 0.5), (0, 0)],
     ]
 )
+# Of each move: corners of its arrow head, (row, column) from the cell's centre; the first is the tip.
+ARROWHEADS: Final = np.stack(
+    [0.46 * MOVES, 0.27 * MOVES + 0.13 * MOVES[:, ::-1], 0.27 * MOVES - 0.13 * MOVES[:, ::-1]], axis=1
+)
+ARROWS: Final = "↑↓←→"  # of each move, in text
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,19 @@ def scene_of(model: Model) -> Scene:
             Glyph("start", int(model.observation[model.start])),
         ),
     )
+
+
+def inset(loop: Loop, depth: float) -> list[tuple[float, float]]:
+    """Returns a loop's corners moved inwards, so that a line along them lies beside the border, not on it.
+
+    >>> inset(((0, 0), (0, 3), (2, 3), (2, 0)), 0.25)
+    [(0.25, 0.25), (0.25, 2.75), (1.75, 2.75), (1.75, 0.25)]
+    """
+    corners = np.array(loop)
+    along = np.sign(np.roll(corners, -1, axis=0) - corners)  # (corners, 2) the direction of each edge
+    inwards = along[:, ::-1] * (1, -1)  # the set is on the right
+    moved = corners + depth * (inwards + np.roll(inwards, 1, axis=0))
+    return [(row, column) for row, column in moved.tolist()]
 
 
 def colour_limits(values: NDArray[Any]) -> tuple[float, float]:

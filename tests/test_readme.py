@@ -1,5 +1,6 @@
 """README and CONTRIBUTING: code runs, commands work, paths exist, and numbers are the published ones."""
 
+import json
 import re
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from typing import Any
 
 import pandas as pd
 import pytest
+
+from benchmark.reports import independent
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -250,3 +253,18 @@ def test_readme_tells_the_published_costs() -> None:
     speed: Any = pd.read_csv(ROOT / "results" / "speed" / "speed.csv").set_index("name")["baseline"]
     for row in ("q_learning_kernel", "q_learning_kernel_lists"):  # updates per second in plain Python
         assert 50 <= linear / (10_000 / speed[row]) <= 190
+
+
+def test_readme_tells_what_independent_checks_found() -> None:
+    """The same as the results' pages tell."""
+    settings = json.loads((REPRODUCE / "manifest.json").read_text(encoding="utf-8"))["algorithms"]
+    paper = independent.of_papers_table(settings["q_learning"]["settings"])
+    for words, number in (("an independent run of {} agents", "2,000"), ("agents gives {}.", "0.515")):
+        assert number in paper
+        assert says(words.format(number))
+    assert "16 of 30 sets of 100" in independent.VARIABILITY_S2
+    assert says("in 16 of 30 fresh sets of 100 seeds")
+    cost: Any = pd.read_csv(COMPARISON / "cost.csv").set_index(LEARNER)["cpu_time_s"]
+    ratio = cost["dqn_linear", "one_hot"] / cost["q_learning_tuned", "index"]
+    fewest, most = independent.against_plain_python(ratio)
+    assert says(f"takes {round(fewest, -1):.0f} to {round(most, -1):.0f} times its CPU time")

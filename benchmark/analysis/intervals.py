@@ -1,4 +1,4 @@
-"""Bootstrap intervals over agents: 95 %, percentile, seeded, so the same records give the same digits."""
+"""Bootstrap intervals over agents: 95 %, percentile method, seeded: equal records give equal digits."""
 
 from functools import lru_cache
 from typing import Final
@@ -13,10 +13,11 @@ BOOTSTRAP_SEED: Final = 20210803
 
 @lru_cache(maxsize=8)
 def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
-    """Draws how often each agent is counted, (RESAMPLES + 1, N); the first row is the sample itself.
+    """Draws how often each agent counts in each resample, (RESAMPLES + 1, N).
 
-    A statistic that is a function of means is thus resampled by one product of matrices. Scenarios
-    are resampled apart from each other; the readings of one share their draws, as they do their seeds.
+    The first row counts every agent once, and so gives the statistic itself. A product of this matrix with
+    the agents' values resamples their sum. Each scenario has its own draws. All populations of a scenario
+    that have the same size share them, as the conditions of an experiment share random streams.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
     counts = rng.multinomial(n_agents, np.full(n_agents, 1 / n_agents), size=RESAMPLES)
@@ -24,24 +25,24 @@ def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
 
 
 def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of the 95 % interval of resampled values.
+    """Returns the ends of the 95 % interval of a resampled statistic.
 
     Args:
-      samples: (RESAMPLES + 1, ...), the first of which is the sample's own.
+      samples: (RESAMPLES + 1, ...), the statistic itself first.
     """
-    with np.errstate(invalid="ignore"):  # infinite ratios have no interval
+    with np.errstate(invalid="ignore"):  # of infinite ratios the interval is NaN
         low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
 
 
 def mean_with_interval(name: str, samples: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Names a resampled statistic, (RESAMPLES + 1, T), and its interval."""
+    """Returns columns of a resampled statistic, (RESAMPLES + 1, T): `name`, `name_low` and `name_high`."""
     low, high = interval(samples)
     return {name: samples[0], f"{name}_low": low, f"{name}_high": high}
 
 
 def interquartile_mean(name: str, scores: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Names the interquartile mean of (N, T) scores and its bootstrap interval."""
+    """Returns columns of the interquartile mean of scores, (N, T): `name`, `name_low` and `name_high`."""
 
     def iqm(values: NDArray[np.float64], axis: int = 0) -> NDArray[np.float64]:
         return np.asarray(stats.trim_mean(values, 0.25, axis=axis))

@@ -1,4 +1,4 @@
-"""Records become populations: all agents of one cell of an experiment, with exact anchors of their scores."""
+"""A population: the records of runs that differ by their seed alone, with exact anchors of their scores."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,21 +18,20 @@ from benchmark.experiments import RunSpecification, evaluation_steps
 from envs import ZONES, InputError, Model, Scenario, compile_scenario
 from envs.model import PING
 
-OPTIMUM_TOLERANCE: Final = 1e-9  # how far below the optimum still counts as optimal: rounding, nothing more
-GOOD_SCORE: Final = 0.95  # the score from which on a policy counts as good
+OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distance, which allows for rounding
+GOOD_SCORE: Final = 0.95  # a policy counts as good from this score on
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """All agents of one cell of an experiment, in the order of their seeds.
+    """All runs of one scenario, condition and learner, in the order of their seeds.
 
-    N agents, T evaluation points, O cells, A actions, R records of max Q.
+    N agents, T evaluation steps, V map steps, O observations (cells), A actions, R records of max Q.
     """
 
-    specification: Mapping[str, Any]  # of the agent of the first seed, as recorded
-    # Name to values, (N, ...): the fields of the algorithm's `Training`, and (N, T, ...) those of
-    # `agents.dynamic_programming.Evaluation` for the greedy policy; with `stochastic_` before them for the
-    # stochastic one, if there is one, and with `every_cell_` where episodes start anywhere.
+    specification: Mapping[str, Any]  # of the first run, as recorded
+    # Name to values, (N, ...): the fields of the algorithm's `Training`; and (N, T, ...) those of
+    # `agents.dynamic_programming.Evaluation`, named by `benchmark.execution.store.evaluated`.
     arrays: Mapping[str, NDArray[Any]]
     seeds: Sequence[int]  # (N,)
     provenance: Sequence[Mapping[str, Any]]  # (N,) see `benchmark.execution.store.Record`
@@ -47,16 +46,21 @@ class Population:
         """The scenario's name."""
         return str(self.specification["scenario"]["name"])
 
+    @property
+    def horizon(self) -> int:
+        """Steps after which an evaluated episode is truncated."""
+        return int(self.specification["horizon"])
+
     @cached_property
     def evaluation_steps(self) -> list[int]:
-        """(T,) budget units."""
+        """(T,) in units of the learner's budget."""
         return evaluation_steps(
             self.specification["settings"]["budget"], self.specification["evaluation_every"]
         )
 
     @cached_property
     def algorithm(self) -> Algorithm:
-        """How the agents learned."""
+        """The algorithm that trained the agents."""
         return load_algorithm(self.specification["algorithm"])
 
     @cached_property
@@ -71,50 +75,55 @@ class Population:
 
     @cached_property
     def map_places(self) -> NDArray[np.int_]:
-        """(V,) which of the evaluation steps have a map."""
+        """(V,) places of the map steps among the evaluation steps."""
         every = self.specification["map_every"] // self.specification["evaluation_every"]
         last = len(self.evaluation_steps) - 1
         return np.array([*range(0, last, every), last])
 
     @cached_property
     def recorded_steps(self) -> NDArray[np.int_]:
-        """(R,) budget units at which max Q was recorded."""
+        """(R,) when max Q was recorded, in units of the learner's budget."""
         return np.arange(self.arrays["max_q"].shape[1]) * int(self.specification["settings"]["record_every"])
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(RESAMPLES + 1, N) see `resample`."""
+        """(RESAMPLES + 1, N) how often each agent counts, see `resample`."""
         return resample(len(self.seeds), self.scenario)
 
     @property
     def anchors(self) -> dict[str, tuple[float, float]]:
-        """See `anchors`."""
-        return anchors(self.model, self.specification["horizon"], "start")
+        """Exact returns from the start, see `anchors`."""
+        return anchors(self.model, self.horizon, "start")
 
     @cached_property
     def scores(self) -> NDArray[np.float64]:
-        """(N, T) grid return of the greedy policy: 0 as the random policy, 1 as the optimal one."""
+        """(N, T) scores of the greedy policy from the start, see `scores_of`."""
         return self.scores_of("greedy", "start")
 
     def scores_of(self, policy: str, start: str) -> NDArray[np.float64]:
-        """Returns the scores of a policy from a place, (N, T); (N, 0) of a stochastic policy that is none.
+        """Returns scores, (N, T): grid returns scaled so that 0 is the random policy and 1 the optimal one.
 
         Args:
-          policy: `"greedy"` or `"stochastic"`.
-          start: One of what the experiment says under `evaluated_from`.
+          policy: `"greedy"` or `"stochastic"`; the scores of a stochastic policy are (N, 0) if the learner
+            has none.
+          start: Where episodes start, one of the experiment's `evaluated_from`.
         """
-        random, optimal = anchors(self.model, self.specification["horizon"], start)["grid_return"]
+        random, optimal = anchors(self.model, self.horizon, start)["grid_return"]
         returns = self.arrays[evaluated("grid_return", policy, start)]
         return np.asarray((returns - random) / (optimal - random))
 
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
-        """(O,) whether a cell lies in the target region."""
+        """(O,) which cells lie in the target region."""
         return np.asarray(self.model.zone_of_cell == ZONES.index("target"))
 
     @cached_property
     def values_ping(self) -> NDArray[np.bool_]:
-        """(N, O) where an agent values PING in the end: Q > 0, or, of a stochastic policy, the likeliest."""
+        """(N, O) in which cells an agent values PING after training.
+
+        With action values, where PING's is above zero; with probabilities, where PING is the likeliest
+        action. A learner that has both counts by its probabilities.
+        """
         stochastic = self.arrays["stochastic"]
         if stochastic.shape[1]:
             return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)
@@ -123,19 +132,29 @@ class Population:
 
 @lru_cache(maxsize=64)
 def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, float]]:
-    """Returns the exact returns of the random and of the optimal policy, by the grid's and all rewards."""
+    """Computes the exact returns of the random and of the optimal policy.
+
+    Args:
+      model: Compiled scenario.
+      horizon: Steps after which an episode is truncated.
+      start: `"start"`, or `"every_cell"`: see `agents.dynamic_programming.every_cell`.
+
+    Returns:
+      (random, optimal) for `"grid_return"`, the grid's rewards alone, and `"scenario_return"`, with the
+      issuer's.
+    """
     if start == "every_cell":
-        where = every_cell(model)
+        starts = every_cell(model)
     else:
-        where = np.zeros(len(model.observation))
-        where[model.start] = 1.0
-    random = evaluate(model, uniform_policy(model), horizon, where)
+        starts = np.zeros(len(model.observation))
+        starts[model.start] = 1.0
+    random = evaluate(model, uniform_policy(model), horizon, starts)
     return {
         name: (
             float(value),
-            float(where @ solve(model, 1.0, horizon, issuer_rewards=issuer).value),
+            float(starts @ solve(model, 1.0, horizon, issuer_rewards=has_issuer).value),
         )
-        for name, value, issuer in (
+        for name, value, has_issuer in (
             ("grid_return", random.grid_return, False),
             ("scenario_return", random.scenario_return, True),
         )
@@ -143,32 +162,33 @@ def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, fl
 
 
 def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Returns the intersection over union of cells, (..., O), with the target region, (...)."""
+    """Returns the intersection over union of sets of cells, (..., O), and the target region, (...)."""
     return np.asarray((cells & in_target).sum(axis=-1) / (cells | in_target).sum(axis=-1))
 
 
 def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: int = 2) -> Population:
-    """Reads the records of runs that differ by their seed alone.
+    """Reads the records of a population.
 
     Args:
-      runs: Of one cell of an experiment.
+      runs: All its runs; they differ by their seed alone.
       store: Where their records are.
-      fewest: Runs that are enough; of one there are no intervals.
+      fewest: The least number of runs accepted; a single run has no intervals.
 
     Raises:
-      InputError: Some have no record, or failed; nothing is averaged over what happens to be there. Or
-        there are fewer than are enough.
+      InputError: There are fewer runs, or some are missing or failed: nothing is averaged over the runs that
+        happen to be there.
     """
     if len(runs) < fewest:
         raise InputError(
-            f"{len(runs)} run a scenario: accepted: at least {fewest}, or there are no intervals."
+            f"runs per scenario and learner = {len(runs)}: accepted: at least {fewest}, "
+            "since a single run has no interval."
         )
     ended = store.ended()
     missing = [run.seed for run in runs if run.digest not in ended]
     if missing:
         raise InputError(
-            f"{len(missing)} of {len(runs)} runs of {runs[0].arm} in {runs[0].scenario.name} are not "
-            f"done (the first is seed {missing[0]}); run the experiment first."
+            f"{len(missing)} of {len(runs)} runs of {runs[0].arm} in {runs[0].scenario.name} are "
+            f"missing or failed (the first is seed {missing[0]}): run the experiment first."
         )
     records: list[Record] = store.get([run.digest for run in runs])
     return Population(
@@ -180,6 +200,6 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
 
 
 def optimal_values(population: Population) -> NDArray[np.float64]:
-    """Returns Q* of every cell with no wrong PING so far, (O, A); undiscounted, that under the time limit."""
-    horizon = None if population.discount < 1 else int(population.specification["horizon"])
+    """Returns Q* of every cell with no wrong PING so far, (O, A); without a discount, up to the horizon."""
+    horizon = None if population.discount < 1 else population.horizon
     return solve(population.model, population.discount, horizon).q[population.model.fresh_state]

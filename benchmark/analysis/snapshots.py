@@ -1,7 +1,7 @@
-"""Tables of what the explorer shows: one agent of every learner over training, cell by cell.
+"""Tables for the explorer: what one agent of every learner knows over training, cell by cell.
 
-The agent is that of the first seed, whatever came of it: chosen before it was seen. Beside it stands the
-exact optimum, for each discount that a learner has.
+The agent is always that of the first seed, which was chosen before any result was seen. The exact optimum
+goes with it, for every discount that a learner has.
 """
 
 from collections.abc import Iterable
@@ -17,78 +17,80 @@ from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal
 from benchmark.drawing import tables
 from envs import ACTIONS, Model
 
-AGENT: Final = 0  # which of a population's agents is shown
-DECIMALS: Final = 3  # of its values: what a map can show
+AGENT: Final = 0  # index of the agent that is shown, in its population
+DECIMALS: Final = 3  # of its values
 
 
 class Shown(NamedTuple):
-    """Who is shown, and where."""
+    """A learner and its agents in one scenario, of which the explorer shows one."""
 
-    algorithm: str
+    algorithm: str  # the arm's name
     observation: str
     population: Population
 
 
 def write(shown: Iterable[Shown], directory: Path) -> None:
-    """Writes `agent.csv`, `optimum.csv`, and a scenario's maps as `agent_SCENARIO.csv`."""
+    """Writes `agent.csv`, `optimum.csv`, and each scenario's maps as `agent_SCENARIO.csv`."""
     shown = list(shown)
     tables.write_csv(agents(shown), directory / "agent.csv")
     tables.write_csv(optimum(shown), directory / "optimum.csv")
-    for scenario in dict.fromkeys(one.population.scenario for one in shown):
-        there = [one for one in shown if one.population.scenario == scenario]
+    for scenario in dict.fromkeys(item.population.scenario for item in shown):
+        there = [item for item in shown if item.population.scenario == scenario]
         tables.write_csv(values(there), directory / f"agent_{scenario}.csv")
 
 
 def agents(shown: Iterable[Shown]) -> pd.DataFrame:
-    """Tabulates how good the agent's greedy policy is, one row a map of it.
+    """Tabulates how good each agent's greedy policy is, a row per map.
 
-    `kind` says what its values are: `q`, discounted by `discount`, or the `probability` of an action.
+    `kind` says what the agent's maps hold: `q` for action values, discounted by `discount`, or `probability`
+    for the action probabilities of a stochastic policy.
     """
     frames = []
-    for one in shown:
-        population = one.population
-        at = population.map_places
+    for algorithm, observation, population in shown:
+        places = population.map_places
+        is_stochastic = population.arrays["stochastic"].shape[1] > 0
         columns: dict[str, Any] = {
             "scenario": population.scenario,
-            "algorithm": one.algorithm,
-            "observation": one.observation,
+            "algorithm": algorithm,
+            "observation": observation,
             "seed": population.seeds[AGENT],
-            "kind": "probability" if population.arrays["stochastic"].shape[1] else "q",
+            "kind": "probability" if is_stochastic else "q",
             "discount": population.discount,
-            "step": np.array(population.evaluation_steps)[at],
-            "score": population.scores[AGENT, at],
+            "step": np.array(population.evaluation_steps)[places],
+            "score": population.scores[AGENT, places],
         }
         for name in ("success", "steps", "wrong_pings"):
-            columns[name] = population.arrays[name][AGENT, at]
+            columns[name] = population.arrays[name][AGENT, places]
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
 
 def values(shown: Iterable[Shown]) -> pd.DataFrame:
-    """Tabulates the agent's values and greedy actions, one row a map and cell."""
+    """Tabulates each agent's values and greedy actions, a row per map and cell."""
     frames = []
-    for one in shown:
-        population = one.population
-        at = population.map_places
-        own = np.round(population.arrays["values"][AGENT].astype(np.float64), DECIMALS)  # (V, O, A)
-        greedy = _names(population.arrays["greedy"][AGENT, at])  # (V, O)
-        steps = np.repeat(np.array(population.evaluation_steps)[at], own.shape[1])
+    for algorithm, observation, population in shown:
+        places = population.map_places
+        maps = np.round(population.arrays["values"][AGENT].astype(np.float64), DECIMALS)  # (V, O, A)
+        greedy = _names(population.arrays["greedy"][AGENT, places])  # (V, O)
         columns = {
-            "algorithm": one.algorithm,
-            "observation": one.observation,
-            "step": steps,
-            **_cells(population.model, len(own)),
+            "algorithm": algorithm,
+            "observation": observation,
+            "step": np.repeat(np.array(population.evaluation_steps)[places], maps.shape[1]),
+            **_cells(population.model, len(maps)),
             "greedy": greedy.ravel(),
-            **dict(zip(ACTIONS, own.reshape(-1, len(ACTIONS)).T, strict=True)),
+            **dict(zip(ACTIONS, maps.reshape(-1, len(ACTIONS)).T, strict=True)),
         }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
 
 def optimum(shown: Iterable[Shown]) -> pd.DataFrame:
-    """Tabulates optimal values and actions, of an agent that knows its state, with no wrong PING so far."""
+    """Tabulates optimal values and actions before the first wrong PING, a row per cell.
+
+    The optimal policy knows the state, that is, also the number of wrong PINGs.
+    """
     frames = []
-    wanted = {(one.population.scenario, one.population.discount): one.population for one in shown}
+    wanted = {(item.population.scenario, item.population.discount): item.population for item in shown}
     for (scenario, discount), population in wanted.items():
         q = optimal_values(population)
         columns = {
@@ -102,14 +104,13 @@ def optimum(shown: Iterable[Shown]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-def _cells(model: Model, times: int) -> dict[str, NDArray[np.int_]]:
-    """Returns the row and column of every cell, some times over."""
-    grid = model.scenario.grid
-    row, column = np.divmod(np.arange(grid.rows * grid.columns), grid.columns)
-    return {"row": np.tile(row, times), "column": np.tile(column, times)}
+def _cells(model: Model, n_maps: int) -> dict[str, NDArray[np.int_]]:
+    """Returns the row and column of every cell, once per map."""
+    row, column = np.tile(model.position, (n_maps, 1)).T
+    return {"row": row, "column": column}
 
 
 def _names(masks: NDArray[np.uint8]) -> NDArray[np.object_]:
-    """Returns the names of the actions in each mask, as `UP|PING`."""
+    """Returns the names of the actions in each mask, such as `UP|PING`."""
     names = ["|".join(np.array(ACTIONS)[row]) for row in contains(masks.ravel())]
     return np.array(names, dtype=object).reshape(masks.shape)

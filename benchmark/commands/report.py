@@ -1,6 +1,7 @@
 """Draws an experiment's tables and figures from its stored runs, and builds the page."""
 
 import argparse
+import os
 
 from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
@@ -14,7 +15,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
         if options.partial or options.seeds is not None:
-            raise InputError("--partial and --seeds: accepted: together with an experiment.")
+            raise InputError("--partial and --seeds: accepted: only together with an experiment.")
         print(f"the page is {page.write(options.results)}.")
         return 0
     experiment = load_experiment(options.experiment)
@@ -22,9 +23,15 @@ def main(options: argparse.Namespace) -> int:
     seeds = parse_seeds(options.seeds)
     directory = options.results / (f"{experiment.name}_partial" if options.partial else experiment.name)
     with Store(options.results / "runs.db", read_only=True) as store:
-        draw.draw(experiment, store, directory, seeds, partial=options.partial)
-    print(f"{experiment.name}: tables and figures are in {directory}.")
-    print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
+        made = draw.draw(
+            experiment, store, directory, seeds, partial=options.partial, jobs=os.cpu_count() or 1
+        )
+    print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
+    is_published = made.certificate is not None and made.certificate.is_identical
+    updated = page.update(options.results, directory.name, is_published=is_published)
+    print(f"{experiment.name}: the page is {updated}.")
+    if made.certificate is not None:
+        print(made.certificate)
     return 0
 
 

@@ -25,7 +25,7 @@ def main(options: argparse.Namespace) -> int:
     report.check(experiment, is_required=options.report)
     fewest = min(arm.seeds if seeds is None else len(seeds) for arm in experiment.algorithms.values())
     if options.report and fewest < 2:
-        raise InputError("--report: one seed has no interval; accepted: at least two for every algorithm.")
+        raise InputError("--report: one seed gives no interval; accepted: at least two seeds for every arm.")
     executor = None if options.executor is None else load_executor(options.executor, "--executor")
     if options.tensorboard is not None:
         _check_logs(experiment, options.tensorboard)

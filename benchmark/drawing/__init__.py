@@ -1,1 +1,1 @@
-"""Figures, maps, moving pictures and tables."""
+"""Figures, maps, films, text and table files; nothing is computed here."""

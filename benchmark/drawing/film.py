@@ -1,12 +1,12 @@
-"""Draws what an agent values, does and where it walks as images, one a moment of its training.
+"""Paints with Pillow what an agent values, does and where it walks: one image per moment of its training.
 
-Fast enough to be shown as it goes, unlike matplotlib's maps, whose look it has: a cell's four triangles
-are its moves, the disc in its middle is PING; the line is the greedy policy's way from the start.
+The maps resemble matplotlib's, but are drawn fast enough to be played. A cell's four triangles are its moves,
+the disc in its middle is PING, and the line is the greedy policy's walk from the start.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,162 +18,150 @@ from PIL import Image, ImageDraw, ImageFont
 from agents.policy import contains
 from benchmark.analysis.population import Population
 from benchmark.analysis.snapshots import AGENT
-from envs import EVENTS, InputError, Model, ProxemicEnv
-from envs.model import MOVES, PING
-from envs.scene import COLOURS
+from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
+from envs import InputError
+from envs.model import PING
+from envs.regions import Loop
+from envs.scene import (
+    ARROWHEADS,
+    COLOUR_MAP,
+    COLOURS,
+    TRIANGLES,
+    Colour,
+    Scene,
+    colour_limits,
+    inset,
+    scene_of,
+)
 
-_SCALE: Final = 2  # drawn so many times too large, and made smaller: smooth edges
-SAID: Final = {
+ENDINGS: Final = {
     "target_ping": "success",
     "issuer_reached": "ran into the issuer",
     "last_wrong_ping": "too many wrong PINGs",
-}  # of the events that end an episode
-_INK: Final = (30, 30, 30)
-_WAY: Final = (213, 94, 0)
-_LARGEST: Final = 1_500_000  # pixels of an image's cells: large scenes have smaller ones
-_WIDEST: Final = 8000  # pixels of its side
+    CIRCLE: "goes in circles",
+    HORIZON: "step limit reached",
+}
+_SCALE: Final = 2  # images are drawn this much larger and then reduced, for smooth edges
+_WHITE: Final = (255, 255, 255)
+_BLACK: Final = (0, 0, 0)
+_MOST_PIXELS: Final = 1_500_000  # of a map: the cells of large rooms are smaller
+_LONGEST_SIDE: Final = 8000  # pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """One agent over training: V maps."""
+    """One agent over its training: V maps of O cells."""
 
     title: str
-    model: Model
+    scene: Scene
     steps: Sequence[int]  # (V,)
-    values: NDArray[np.float64]  # (V, O, A) Q, or probabilities
+    values: NDArray[np.float64]  # (V, O, A) action values, or probabilities; NaN of an agent that diverged
     greedy: NDArray[np.uint8]  # (V, O) masks
     scores: NDArray[np.float64]  # (V,)
+    walks: Sequence[Walk]  # (V,) of the greedy policy
 
-    @property
+    @cached_property
     def limits(self) -> tuple[float, float]:
-        """The ends of the colour scale: all values but the lowest and highest hundredth."""
-        if not np.isfinite(self.values).any():
-            return 0.0, 1.0
-        low, high = np.nanpercentile(self.values, [1, 99])
-        return float(low), float(max(high, low + 1e-9))
+        """The ends of the colour scale, the same for all maps."""
+        return colour_limits(self.values)
 
     def place_at(self, step: int) -> int:
-        """Returns which map the agent has at a step: the last one not later."""
+        """Returns the place of the last map that is not later than a step."""
         return int(np.searchsorted(self.steps, step, side="right")) - 1
+
+    def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Returns the colours of values, (...), on this film's scale, (..., 3)."""
+        low, high = self.limits
+        share = np.clip((np.nan_to_num(values, nan=low) - low) / (high - low), 0, 1)
+        colours = (mpl.colormaps[COLOUR_MAP](share)[..., :3] * 255).astype(np.uint8)
+        colours[np.isnan(values)] = COLOURS["no value"]
+        return np.asarray(colours)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What an image shows: a map, and how far the agent has walked."""
+
+    place: int  # of the map
+    cells: tuple[int, ...]  # visited so far; the agent stands in the last
+    ending: str = ""  # how the walk ended, see `Walk`, if it has
 
 
 def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
-    """Returns an agent's film from the records of its population."""
+    """Returns the film of one agent of a population."""
     places = population.map_places
+    greedy = population.arrays["greedy"][agent, places]
     return Film(
         title=title,
-        model=population.model,
+        scene=scene_of(population.model),
         steps=np.array(population.evaluation_steps)[places].tolist(),
         values=population.arrays["values"][agent].astype(np.float64),
-        greedy=population.arrays["greedy"][agent, places],
+        greedy=greedy,
         scores=population.scores[agent, places],
+        walks=[walk(population.model, masks, population.horizon) for masks in greedy],
     )
 
 
-def walk(model: Model, greedy: NDArray[np.uint8], seed: int = 0) -> tuple[list[int], str]:
-    """Lets the greedy policy walk in the env, for a while.
-
-    Args:
-      model: Of the scene.
-      greedy: Masks, (O,); among several greedy actions one is drawn.
-      seed: Of these draws.
-
-    Returns:
-      The cells it comes through, the start first, and the last event.
-    """
-    env = ProxemicEnv(model.scenario)
-    cell, info = env.reset(seed=seed)
-    grid = model.scenario.grid
-    longest = max(40, 2 * (grid.rows + grid.columns))  # a walk that bumps a wall goes on for ever
-    members = contains(greedy)
-    rng = np.random.default_rng(seed)
-    way = [int(cell)]
-    while len(way) <= longest:
-        action = int(rng.choice(np.flatnonzero(members[way[-1]])))
-        cell, _, terminated, _, info = env.step(action)
-        way.append(int(cell))
-        if terminated:
-            break
-    return way, EVENTS[info["event"]]
+def end_of(film: Film, place: int) -> Moment:
+    """Returns the end of the walk at a map."""
+    walked = film.walks[place]
+    return Moment(place, walked.cells, walked.ending)
 
 
-def picture(
-    film: Film, place: int, way: Sequence[int], event: str = "", cell: int = 30, *, marks: bool = True
-) -> Image.Image:
-    """Draws one moment of training.
+def picture(film: Film, moment: Moment, cell_pixels: int = 30, *, has_marks: bool = True) -> Image.Image:
+    """Draws a moment.
 
     Args:
       film: The agent.
-      place: Which of its maps.
-      way: Cells it has come through; the agent stands in the last.
-      event: What happened last.
-      cell: Pixels of a cell's side.
-      marks: Whether to draw PING's values and all greedy actions; else, where cells are small, a dot where
-        PING is the only one.
+      moment: What to show of it.
+      cell_pixels: Side of a cell; less in large rooms.
+      has_marks: Whether to draw PING's values and all greedy actions. If not, for small cells, there is
+        only a dot where PING is the single greedy action.
     """
-    grid = film.model.scenario.grid
-    unit = _fitting(cell, grid.rows, grid.columns) * _SCALE
-    line = int(0.7 * cell * _SCALE)
+    scene, place = film.scene, moment.place
+    unit = _fitting(cell_pixels, scene.rows, scene.columns) * _SCALE
+    line = int(0.7 * cell_pixels * _SCALE)
     top = 2 * line + line // 8
     diverged = "diverged, " if np.isnan(film.values[place]).any() else ""
     score = f"step {film.steps[place]:,}   {diverged}score {film.scores[place]:.2f}"
-    lines = (film.title, f"{score}   {SAID.get(event, '')}")
+    lines = (film.title, f"{score}   {ENDINGS.get(moment.ending, '')}")
     font = _font(int(0.75 * line))
-    # The same for all moments, or a window would change its size.
-    longest = f"step {film.steps[-1]:,}   score -0.00   {max(SAID.values(), key=len)}"
-    width = max(grid.columns * unit, int(max(map(font.getlength, (film.title, longest)))) + line // 2)
-    image = Image.new("RGB", (width, top + grid.rows * unit), COLOURS["outside"])
+    # All images of a film have the same width, as a window cannot change its size.
+    longest = f"step {film.steps[-1]:,}   score -0.00   {max(ENDINGS.values(), key=len)}"
+    width = max(scene.columns * unit, int(max(map(font.getlength, (film.title, longest)))) + line // 2)
+    image = Image.new("RGB", (width, top + scene.rows * unit), COLOURS["outside"])
     draw = ImageDraw.Draw(image)
-    for i, one in enumerate(lines):
-        draw.text((line // 8, i * line + line // 16), one, _INK, font=font)
-    _draw_map(draw, film, place, unit, top, marks=marks)
-    _draw_scene(draw, film.model, unit, top)
-    centres = [_centre(one, grid.columns, unit, top) for one in way]
-    if len(centres) > 1:
-        draw.line(centres, (255, 255, 255), width=unit // 7, joint="curve")
-        draw.line(centres, _WAY, width=unit // 12, joint="curve")
-    x, y = centres[-1]
-    draw.circle((x, y), 0.28 * unit, _WAY, (255, 255, 255), width=unit // 14)
+    for i, text in enumerate(lines):
+        draw.text((line // 8, i * line + line // 16), text, COLOURS["ink"], font=font)
+    _Painter(draw, scene, unit, top).paint(film, moment, has_marks=has_marks)
     return image.resize((image.width // _SCALE, image.height // _SCALE), Image.Resampling.LANCZOS)
 
 
-def learning(films: Sequence[Sequence[Film]], cell: int = 21) -> list[Image.Image]:
-    """Draws several agents side by side at every step at which one of them has a map.
+def learning(films: Sequence[Sequence[Film]], cell_pixels: int = 21) -> list[Image.Image]:
+    """Draws several agents side by side, at every step at which one of them has a map.
 
     Args:
       films: Rows of columns.
-      cell: Pixels of a cell's side.
+      cell_pixels: Side of a cell; less in large rooms.
     """
-    columns = max(sum(one.model.scenario.grid.columns for one in row) for row in films)
-    rows = sum(max(one.model.scenario.grid.rows for one in row) for row in films)
-    cell = _fitting(cell, rows, columns)
+    columns = max(sum(film.scene.columns for film in row) for row in films)
+    rows = sum(max(film.scene.rows for film in row) for row in films)
+    cell_pixels = _fitting(cell_pixels, rows, columns)
     frames = []
-    for step in sorted({step for row in films for one in row for step in one.steps}):
-        panels = []
-        for row in films:
-            places = [one.place_at(step) for one in row]
-            ways = [walk(one.model, one.greedy[place]) for one, place in zip(row, places, strict=True)]
-            panels.append(
-                [
-                    picture(one, place, *way, cell, marks=False)
-                    for one, place, way in zip(row, places, ways, strict=True)
-                ]
-            )
-        frames.append(_beside(panels, cell // 2))
+    for step in sorted({step for row in films for film in row for step in film.steps}):
+        panels = [
+            [picture(film, end_of(film, film.place_at(step)), cell_pixels, has_marks=False) for film in row]
+            for row in films
+        ]
+        frames.append(_beside(panels, cell_pixels // 2))
     return frames
 
 
-def _fitting(cell: int, rows: int, columns: int) -> int:
-    """Returns how many pixels a cell's side can have, at most those wished for."""
-    return max(min(cell, _WIDEST // max(rows, columns), int((_LARGEST / (rows * columns)) ** 0.5)), 1)
-
-
 def write(frames: Sequence[Image.Image], path: Path, frame_ms: int = 350, last_ms: int = 2500) -> None:
-    """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size, and has all colours.
+    """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours.
 
     Raises:
-      InputError: The name ends otherwise.
+      InputError: The file name has another ending.
       OSError: The file cannot be written.
     """
     form = path.suffix.lower().removeprefix(".")
@@ -185,102 +173,143 @@ def write(frames: Sequence[Image.Image], path: Path, frame_ms: int = 350, last_m
     )
 
 
+def _fitting(cell_pixels: int, rows: int, columns: int) -> int:
+    """Returns the side of a cell, in pixels: the given one, unless the image would be too large."""
+    largest = int((_MOST_PIXELS / (rows * columns)) ** 0.5)
+    return max(min(cell_pixels, _LONGEST_SIDE // max(rows, columns), largest), 1)
+
+
 def _beside(panels: Sequence[Sequence[Image.Image]], gap: int) -> Image.Image:
-    """Puts rows of images one below the other, in columns as wide as the widest of their images."""
+    """Joins rows of images; each column is as wide as its widest image."""
     widths = [max(row[j].width for row in panels if j < len(row)) for j in range(max(map(len, panels)))]
     heights = [max(panel.height for panel in row) for row in panels]
     size = sum(widths) + gap * (len(widths) - 1), sum(heights) + gap * (len(heights) - 1)
-    whole = Image.new("RGB", size, COLOURS["outside"])
+    joined = Image.new("RGB", size, COLOURS["outside"])
     for i, row in enumerate(panels):
         for j, panel in enumerate(row):
-            whole.paste(panel, (sum(widths[:j]) + j * gap, sum(heights[:i]) + i * gap))
-    return whole
+            joined.paste(panel, (sum(widths[:j]) + j * gap, sum(heights[:i]) + i * gap))
+    return joined
 
 
-def _draw_map(draw: ImageDraw.ImageDraw, film: Film, place: int, unit: int, top: int, *, marks: bool) -> None:
-    """Draws a value a cell and action, and the greedy actions."""
-    low, high = film.limits
-    values = film.values[place]
-    share = np.clip((np.nan_to_num(values, nan=low) - low) / (high - low), 0, 1)
-    colours = (mpl.colormaps["cividis"](share)[..., :3] * 255).astype(int)
-    colours[np.isnan(values)] = COLOURS["outside"]  # the net has diverged
-    over = np.all(film.model.terminated[: len(values)], axis=1)
-    greedy = contains(film.greedy[place])
-    half = unit / 2
-    for o in range(len(values)):
-        x, y = _centre(o, film.model.scenario.grid.columns, unit, top)
-        if over[o]:
-            draw.rectangle((x - half, y - half, x + half, y + half), (138, 138, 138))
-            continue
-        for a in range(PING):
-            dy, dx = MOVES[a].tolist()  # a move's triangle stands on the side that it leads to
-            corners = [
-                (x + half * (dx + dy), y + half * (dy + dx)),
-                (x + half * (dx - dy), y + half * (dy - dx)),
-            ]
-            draw.polygon([*corners, (x, y)], tuple(colours[o, a].tolist()))
-        disc = tuple(colours[o, PING].tolist())
-        if marks:
-            draw.circle((x, y), 0.2 * unit, disc, (200, 200, 200), width=max(unit // 30, 1))
-        if greedy[o].all():  # where it never was, mostly: marks would say nothing
-            continue
-        for a in np.flatnonzero(greedy[o]).tolist():
-            if a == PING and (marks or greedy[o].sum() == 1):
-                draw.circle((x, y), 0.1 * unit, (255, 255, 255), (0, 0, 0), width=max(unit // 30, 1))
-            elif a != PING and marks:
-                dy, dx = (MOVES[a] * unit).tolist()
-                tip, base = (x + 0.46 * dx, y + 0.46 * dy), (x + 0.27 * dx, y + 0.27 * dy)
-                side = 0.13 * dy, 0.13 * dx
-                head = [tip, (base[0] + side[0], base[1] + side[1]), (base[0] - side[0], base[1] - side[1])]
-                draw.polygon(head, (255, 255, 255), (0, 0, 0))
+@dataclass(frozen=True)
+class _Painter:
+    """Paints one map on an image."""
 
+    draw: ImageDraw.ImageDraw
+    scene: Scene
+    unit: int  # pixels of a cell's side
+    top: int  # pixels above the map
 
-def _draw_scene(draw: ImageDraw.ImageDraw, model: Model, unit: int, top: int) -> None:
-    """Draws the regions' edges, the issuer and the start."""
-    grid, regions = model.scenario.grid, model.scenario.regions
-    row, column = model.scenario.issuer.position
-    for radius, dashed in ((regions.target_radius, False), (regions.uncomfortable_radius, True)):
-        box = (
-            max(column - radius, 0) * unit,
-            max(row - radius, 0) * unit + top,
-            (min(column + radius, grid.columns - 1) + 1) * unit - 1,
-            (min(row + radius, grid.rows - 1) + 1) * unit - 1 + top,
-        )
-        draw.rectangle(box, outline=(0, 0, 0), width=unit // 6)
-        inner = (box[0] + unit // 24, box[1] + unit // 24, box[2] - unit // 24, box[3] - unit // 24)
-        if dashed:
-            _dashes(draw, inner, unit)
+    def paint(self, film: Film, moment: Moment, *, has_marks: bool) -> None:
+        """Paints a moment of a film."""
+        colours = [[tuple(c) for c in row] for row in film.colours(film.values[moment.place]).tolist()]
+        greedy = contains(film.greedy[moment.place])
+        for cell in range(self.scene.n_cells):
+            self._values(cell, colours[cell], has_marks=has_marks)
+            # All actions are greedy mostly where the agent has never been; marks would say nothing.
+            if not (self.scene.is_over[cell] or greedy[cell].all()):
+                self._marks(cell, np.flatnonzero(greedy[cell]).tolist(), has_marks=has_marks)
+        for outline in self.scene.outlines:
+            for loop in outline.loops:
+                self._border(loop, is_dashed=outline.is_dashed)
+        self._star(self.scene.cell_of("issuer"))
+        self._square(self.scene.cell_of("start"))
+        self._path(moment.cells)
+
+    def _at(self, cell: int) -> tuple[float, float]:
+        """Returns the centre of a cell, (x, y)."""
+        row, column = self.scene.centre(cell)
+        return column * self.unit, row * self.unit + self.top
+
+    def _shape(self, cell: int, corners: NDArray[np.float64]) -> list[tuple[float, float]]:
+        """Returns the corners, (row, column) in cells from a cell's centre, as points, (x, y)."""
+        x, y = self._at(cell)
+        return [(x + column * self.unit, y + row * self.unit) for row, column in corners.tolist()]
+
+    def _values(self, cell: int, colours: Sequence[Colour], *, has_marks: bool) -> None:
+        """Paints the values of a cell's actions, PING's only with marks."""
+        (x, y), half = self._at(cell), self.unit / 2
+        if self.scene.is_over[cell]:
+            self.draw.rectangle((x - half, y - half, x + half, y + half), COLOURS["over"])
+            return
+        for move, triangle in enumerate(TRIANGLES):
+            self.draw.polygon(self._shape(cell, triangle), colours[move])
+        if has_marks:
+            width = max(self.unit // 30, 1)
+            self.draw.circle((x, y), 0.2 * self.unit, colours[PING], COLOURS["line"], width=width)
+
+    def _marks(self, cell: int, actions: Sequence[int], *, has_marks: bool) -> None:
+        """Marks the greedy actions of a cell."""
+        for action in actions:
+            if action == PING and (has_marks or len(actions) == 1):
+                width = max(self.unit // 30, 1)
+                self.draw.circle(self._at(cell), 0.1 * self.unit, _WHITE, _BLACK, width=width)
+            elif action != PING and has_marks:
+                self.draw.polygon(self._shape(cell, ARROWHEADS[action]), _WHITE, _BLACK)
+
+    def _border(self, loop: Loop, *, is_dashed: bool) -> None:
+        """Paints a region's border, on the cells inside: white on black."""
+        unit = self.unit
+        self._edges(loop, 0, unit // 6, _BLACK)
+        if is_dashed:
+            self._edges(loop, unit // 24, unit // 12 + 1, _WHITE, unit // 6 + 1, unit // 3)
         else:
-            draw.rectangle(inner, outline=(255, 255, 255), width=unit // 12)
-    x, y = _centre(row * grid.columns + column, grid.columns, unit, top)
-    radii = np.where(np.arange(10) % 2, 0.16, 0.38) * unit
-    angles = np.arange(10) * np.pi / 5
-    points = np.column_stack([x + radii * np.sin(angles), y - radii * np.cos(angles)])
-    draw.polygon([tuple(point) for point in points.tolist()], (255, 255, 255), (0, 0, 0))
-    x, y = _centre(model.start, grid.columns, unit, top)
-    side = 0.34 * unit
-    draw.rectangle((x - side, y - side, x + side, y + side), outline=(255, 255, 255), width=unit // 14)
+            self._edges(loop, unit // 24, unit // 12, _WHITE)
 
+    def _edges(
+        self, loop: Loop, depth: int, width: int, colour: Colour, dash: int | None = None, period: int = 1
+    ) -> None:
+        """Paints a band along the edges of a loop.
 
-def _dashes(draw: ImageDraw.ImageDraw, box: tuple[int, int, int, int], unit: int) -> None:
-    """Draws a dashed rectangle."""
-    left, top, right, bottom = box
-    width = unit // 12
-    for x in range(left, right, unit // 3):
-        for y in (top, bottom - width):
-            draw.rectangle((x, y, min(x + unit // 6, right), y + width), (255, 255, 255))
-    for y in range(top, bottom, unit // 3):
-        for x in (left, right - width):
-            draw.rectangle((x, y, x + width, min(y + unit // 6, bottom)), (255, 255, 255))
+        Args:
+          loop: The border.
+          depth: Pixels between the border and the band.
+          width: Of the band, in pixels.
+          colour: Of the band.
+          dash: Pixels of a dash; without dashes by default.
+          period: Pixels from one dash to the next.
+        """
+        outer, inner = (self._corners(loop, pixels) for pixels in (depth, depth + width))
+        for i in range(len(loop)):
+            points = outer[i - 1], outer[i], inner[i - 1], inner[i]
+            (left, right), (top, bottom) = ((min(along), max(along)) for along in zip(*points, strict=True))
+            if dash is None:
+                self.draw.rectangle((left, top, right - 1, bottom - 1), colour)
+            elif right - left > bottom - top:
+                for x in range(left, right - 1, period):
+                    self.draw.rectangle((x, top, min(x + dash, right) - 1, bottom - 1), colour)
+            else:
+                for y in range(top, bottom - 1, period):
+                    self.draw.rectangle((left, y, right - 1, min(y + dash, bottom) - 1), colour)
 
+    def _corners(self, loop: Loop, depth: int) -> list[tuple[int, int]]:
+        """Returns a loop's corners, (x, y), some pixels inside the border."""
+        corners = inset(loop, depth / self.unit)
+        return [(round(column * self.unit), round(row * self.unit) + self.top) for row, column in corners]
 
-def _centre(cell: int, columns: int, unit: int, top: int) -> tuple[float, float]:
-    """Returns where a cell's centre is drawn."""
-    row, column = divmod(cell, columns)
-    return (column + 0.5) * unit, (row + 0.5) * unit + top
+    def _star(self, cell: int) -> None:
+        """Paints the issuer."""
+        x, y = self._at(cell)
+        radii = np.where(np.arange(10) % 2, 0.16, 0.38) * self.unit
+        angles = np.arange(10) * np.pi / 5
+        points = np.column_stack([x + radii * np.sin(angles), y - radii * np.cos(angles)])
+        self.draw.polygon([(x, y) for x, y in points.tolist()], _WHITE, _BLACK)
+
+    def _square(self, cell: int) -> None:
+        """Paints the start."""
+        (x, y), side = self._at(cell), 0.34 * self.unit
+        self.draw.rectangle((x - side, y - side, x + side, y + side), outline=_WHITE, width=self.unit // 14)
+
+    def _path(self, cells: Sequence[int]) -> None:
+        """Paints the walk and the agent at its end."""
+        unit, centres = self.unit, [self._at(cell) for cell in cells]
+        if len(centres) > 1:
+            self.draw.line(centres, _WHITE, width=unit // 7, joint="curve")
+            self.draw.line(centres, COLOURS["path"], width=unit // 12, joint="curve")
+        self.draw.circle(centres[-1], 0.28 * unit, COLOURS["path"], _WHITE, width=unit // 14)
 
 
 @cache
 def _font(size: int) -> Any:
-    """Returns matplotlib's own font, which is there wherever figures can be drawn."""
+    """Returns the font that comes with matplotlib, which is present wherever figures can be drawn."""
     return ImageFont.truetype(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)

@@ -118,7 +118,7 @@ def colour_bar(
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if norm(0.0) > 0 and norm(0.0) < 1:
-        bar.ax.axhline(0.0, color="white", lw=1.5)  # signs are what the claims are about
+        bar.ax.axhline(0.0, color="white", lw=1.5)  # marks where the sign changes
 
 
 def region_legend(figure: Figure, *more: Line2D) -> None:

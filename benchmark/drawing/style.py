@@ -23,7 +23,7 @@ _ARM_MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*
 _RC: Final = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),
-    "svg.hashsalt": "proxemic",  # else every drawing gets identifiers of its own
+    "svg.hashsalt": "proxemic",  # otherwise equal figures get different identifiers
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": "medium",
@@ -32,23 +32,29 @@ _RC: Final = {
 
 
 def write_figure(figure: Figure, stem: Path) -> None:
-    """Writes a figure as `stem.png` and `stem.svg`, the same bytes for the same figure."""
+    """Writes a figure as `stem.png` and `stem.svg`; equal figures give equal bytes."""
     with plt.rc_context(_RC):
         figure.savefig(stem.with_suffix(".png"), dpi=160, metadata={"Software": None})
-        figure.set_layout_engine("none")  # the layout stands; computing it again takes seconds
+        figure.set_layout_engine("none")  # computing the same layout again takes seconds
         figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
     plt.close(figure)
 
 
 @contextmanager
 def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure in the project's style; axes are (rows, columns)."""
+    """Makes a figure in the project's style, with axes (rows, columns).
+
+    Args:
+      rows: Of axes.
+      columns: Of axes.
+      size: Width and height in inches.
+    """
     with plt.rc_context(_RC):
         figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
         yield figure, axes
         for axis in axes.flat:
             if axis.get_aspect() != "auto":
-                axis.label_outer()  # maps of a figure share their rows and columns
+                axis.label_outer()  # the maps of a figure share their axes
 
 
 def arm_style(place: int) -> dict[str, Any]:
@@ -66,5 +72,5 @@ def arm_style(place: int) -> dict[str, Any]:
 
 
 def norm_of(values: pd.Series) -> Normalize:
-    """Returns one colour scale for all these values."""
+    """Returns the colour scale that spans all these values."""
     return Normalize(float(values.min()), float(values.max()))

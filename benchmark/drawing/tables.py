@@ -1,4 +1,4 @@
-"""Writes data frames as CSV, Markdown and LaTeX; computes nothing."""
+"""Writes data frames as CSV, Markdown and LaTeX files, and links numbers to their rows."""
 
 import math
 import re
@@ -9,9 +9,9 @@ import pandas as pd
 from tabulate import tabulate
 
 LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text, file, rows
-_DIGITS = 6  # significant ones in CSV, fewer than any machine's rounding shows
-_SHOWN_DIGITS = 3
-_ROWS_OF_A_PAGE = 40
+_DIGITS: Final = 6  # significant digits in CSV files: few enough to hide rounding
+_SHOWN_DIGITS: Final = 3
+_ROWS_PER_PAGE: Final = 40
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
@@ -21,25 +21,30 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
 
 
 def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = None, note: str = "") -> None:
-    """Writes a frame as `stem.csv`, and for readers as `stem.md` and `stem.tex`.
+    """Writes a frame as `stem.csv`, `stem.md` and `stem.tex`.
 
     Args:
-      frame: All of it, for the CSV.
+      frame: What the CSV file holds.
       stem: Path without suffix.
-      shown: What readers see, where that is less or otherwise arranged.
-      note: A sentence to stand above what readers see.
+      shown: What the other two files hold, if that differs.
+      note: A sentence above their tables.
     """
     write_csv(frame, stem.with_suffix(".csv"))
     shown = frame if shown is None else shown
     markdown = f"{note}\n\n{to_markdown(shown)}" if note else to_markdown(shown)
     stem.with_suffix(".md").write_text(markdown, encoding="utf-8")
-    form = "latex_booktabs" if len(shown) <= _ROWS_OF_A_PAGE else "latex_longtable"
+    form = "latex_booktabs" if len(shown) <= _ROWS_PER_PAGE else "latex_longtable"
     latex = f"\\textbf{{{_escape(note)}}}\\par\n{_format(shown, form)}" if note else _format(shown, form)
     stem.with_suffix(".tex").write_text(latex, encoding="utf-8")
 
 
 def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:
-    """Returns the frame with these columns as text, `value [low, high]`, from `name_low` and `name_high`."""
+    """Returns the frame with these columns as text, `value [low, high]`.
+
+    Args:
+      frame: Also has the columns `NAME_low` and `NAME_high` for each name.
+      names: The columns.
+    """
     columns = {
         name: [
             f"{show(value)} [{show(low)}, {show(high)}]" if value == value else "-"
@@ -55,19 +60,20 @@ def to_markdown(frame: pd.DataFrame) -> str:
     return _format(frame, "github")
 
 
-def _format(frame: pd.DataFrame, kind: str) -> str:
-    cells = [[show(value) for value in row] for row in frame.itertuples(index=False)]
+def _format(frame: pd.DataFrame, form: str) -> str:
+    """Returns a table in one of tabulate's formats."""
+    texts = [[show(value) for value in row] for row in frame.itertuples(index=False)]
     aligned = ["left" if isinstance(value, str) else "right" for value in frame.iloc[0]]
-    return tabulate(cells, list(frame.columns), tablefmt=kind, disable_numparse=True, colalign=aligned) + "\n"
+    return tabulate(texts, list(frame.columns), tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
 
 
 def _escape(text: str) -> str:
-    """Returns text as LaTeX wants it."""
+    """Escapes text for LaTeX."""
     return text.replace("_", r"\_").replace("%", r"\%")
 
 
 def show(value: object) -> str:
-    """Returns a cell's text.
+    """Returns a value as text, with three significant digits.
 
     >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7, "S1")]
     ['0.123', '1,000', '52,600,000', 'inf', '-', '7', 'S1']
@@ -82,27 +88,39 @@ def show(value: object) -> str:
 
 
 def _clean(value: object) -> object:
-    """Takes rounding's dust, such as -1e-16 for an exact 0, off a number."""
+    """Replaces a number that is zero but for rounding, such as -1e-16, by zero."""
     return 0.0 if isinstance(value, float) and abs(value) < 1e-12 else value
 
 
 def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
-    """Makes a text a Markdown link to rows of a table, counted as by RFC 7111: the header is the first."""
-    places: set[int] = set()
+    """Returns a Markdown link from a text to rows of a table.
+
+    Rows are numbered as in RFC 7111: from 1, which is the header.
+
+    Args:
+      text: What the link says, usually a number.
+      table: The CSV file's name without suffix.
+      rows: Rows of the frame that the file was written from, with its index.
+
+    >>> frame = pd.DataFrame({"score": [0.5, 0.6, 0.7, 0.8]})
+    >>> link("0.6", "summary", frame.iloc[1]), link("high", "summary", frame.iloc[[0, 2, 3]])
+    ('[0.6](summary.csv#row=3)', '[high](summary.csv#row=2;4-5)')
+    """
+    numbers: set[int] = set()
     for row in rows:
         index = row.index if isinstance(row, pd.DataFrame) else [row.name]
-        places |= {int(str(i)) + 2 for i in index}  # from 1, the header being the first
+        numbers |= {int(str(i)) + 2 for i in index}
     ranges: list[list[int]] = []
-    for place in sorted(places):
-        if ranges and ranges[-1][-1] == place - 1:
-            ranges[-1][1:] = [place]
+    for number in sorted(numbers):
+        if ranges and ranges[-1][-1] == number - 1:
+            ranges[-1][1:] = [number]
         else:
-            ranges.append([place])
-    return f"[{text}]({table}.csv#row={';'.join('-'.join(map(str, one)) for one in ranges)})"
+            ranges.append([number])
+    return f"[{text}]({table}.csv#row={';'.join('-'.join(map(str, ends)) for ends in ranges)})"
 
 
 def plain(text: str) -> str:
-    """Returns a text without its links.
+    """Returns a text with the links removed.
 
     >>> plain("It has [0.63](summary.csv#row=13) [0.5, 0.7] in S2.")
     'It has 0.63 [0.5, 0.7] in S2.'

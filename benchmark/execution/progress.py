@@ -78,7 +78,7 @@ class Display:
         )
         # The time left is estimated from jobs, not runs: a job of many tables ends all at once.
         self._task = self._bar.add_task("", total=len(jobs), runs=f"{sum(self._done.values()):,}", speed="0")
-        self._live = Live(get_renderable=self._render, console=self._console, refresh_per_second=4)
+        self._live = Live(get_renderable=self.__rich__, console=self._console, refresh_per_second=4)
 
     def __enter__(self) -> Self:
         if self._console.is_terminal:
@@ -124,7 +124,7 @@ class Display:
             f"{task.fields['speed']} updates/s{time_left}"
         )
 
-    def _render(self) -> Group:
+    def __rich__(self) -> Group:
         """Returns the table and the bar."""
         with self._lock:
             table = Table(

@@ -1,8 +1,8 @@
-"""The only module that knows how results are kept: one SQLite file, `runs.db`.
+"""The only module that knows how records are stored: in one SQLite file, `runs.db`.
 
-A record is a run's specification, how it ended, where and when it ran, and the arrays it produced.
-Only the driver writes, one transaction for each group of runs, so that an interrupt or a crash
-leaves whole records and nothing else.
+A record is a run's specification, its status, where and when it ran, and the arrays it produced. Only the
+driver writes, with one transaction per job, so that an interrupt or a crash leaves whole records and nothing
+else.
 """
 
 import json
@@ -42,18 +42,18 @@ CREATE TABLE arrays (
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What is kept of a run."""
+    """What is stored of a run."""
 
     digest: str
     specification: str  # canonical JSON
-    status: str  # "done"; "diverged": done, but its policy was not finite in the end; or "failed"
+    status: str  # "done"; "diverged": done, but with a policy that was not finite at the end; or "failed"
     provenance: Mapping[str, Any]  # versions, commit, machine, times
     arrays: Mapping[str, NDArray[Any]]  # empty if it failed
     error: str | None = None
 
 
 def evaluated(name: str, policy: str, start: str) -> str:
-    """Returns what a field of `Evaluation` is called in a record.
+    """Returns the name that a field of `Evaluation` has in a record.
 
     Args:
       name: The field.
@@ -71,10 +71,10 @@ class Store:
     """An open `runs.db`, used as a context manager."""
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
-        """Opens the file, or, unless it is only to be read, makes it.
+        """Opens the file; creates it if it is missing and may be written.
 
         Raises:
-          InputError: It cannot be opened, is no SQLite file, or holds something else.
+          InputError: It cannot be opened, is not an SQLite file, or holds something else.
         """
         self._path = path
         if not read_only:
@@ -88,19 +88,19 @@ class Store:
         elif not path.exists():
             raise InputError(f"{path}: there are no runs yet; run the experiment first.")
         uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rwc'}"
-        with self._sentences():
+        with self._input_errors():
             self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level=None)
         try:
             if not read_only:
-                self._make()
+                self._create()
             self._check()
         except BaseException:
             self._connection.close()
             raise
 
-    def _make(self) -> None:
-        """Makes the tables, if the file is new."""
-        with self._sentences():
+    def _create(self) -> None:
+        """Creates the tables, if the file is new."""
+        with self._input_errors():
             self._connection.execute("PRAGMA foreign_keys = ON")
             with self._transaction():
                 (tables,) = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
@@ -111,13 +111,13 @@ class Store:
                     self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
 
     def _check(self) -> None:
-        """Refuses a database of something else."""
-        with self._sentences():
+        """Checks that the database is one of this project."""
+        with self._input_errors():
             (application,) = self._connection.execute("PRAGMA application_id").fetchone()
             (version,) = self._connection.execute("PRAGMA user_version").fetchone()
         if application != _APPLICATION_ID or version != _FORMAT:
             raise InputError(
-                f"{self._path}: a database of something else, or of another version of this project; "
+                f"{self._path}: not a store of this version of the project; "
                 f"move it away, or choose another folder with --results."
             )
 
@@ -128,23 +128,23 @@ class Store:
         self._connection.close()
 
     def statuses(self) -> dict[str, str]:
-        """Returns the status of every run kept, by digest."""
-        with self._sentences():
+        """Returns the status of every stored run, by digest."""
+        with self._input_errors():
             return dict(self._connection.execute("SELECT digest, status FROM runs"))
 
     def ended(self) -> set[str]:
-        """Returns the digests of the runs that need not be run again: done, or diverged."""
+        """Returns the digests of the runs with a valid record: those that are done, or diverged."""
         return {digest for digest, status in self.statuses().items() if status != "failed"}
 
     def add(self, records: Iterable[Record]) -> None:
-        """Keeps records, all or none; one kept before is replaced, unless this one alone failed."""
-        with self._sentences(), self._transaction():
+        """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""
+        with self._input_errors(), self._transaction():
             for record in records:
                 row = self._connection.execute(
                     "SELECT status FROM runs WHERE digest = ?", (record.digest,)
                 ).fetchone()
                 if row not in (None, ("failed",)) and record.status == "failed":
-                    continue  # another driver got it done meanwhile
+                    continue  # meanwhile another driver has done it
                 self._connection.execute("DELETE FROM runs WHERE digest = ?", (record.digest,))
                 self._connection.execute(
                     "INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?)",
@@ -169,10 +169,10 @@ class Store:
         """Returns the records of these runs, in this order, with or without their arrays.
 
         Raises:
-          KeyError: One of them is not kept.
+          KeyError: One of them has no record.
         """
         records = []
-        with self._sentences():
+        with self._input_errors():
             for digest in digests:
                 row = self._connection.execute(
                     "SELECT specification, status, error, provenance, arrays FROM runs WHERE digest = ?",
@@ -181,12 +181,16 @@ class Store:
                 if row is None:
                     raise KeyError(digest)
                 specification, status, error, provenance, n_arrays = row
-                kept = self._arrays(digest, n_arrays) if arrays else {}
-                records.append(Record(digest, specification, status, json.loads(provenance), kept, error))
+                data = self._arrays(digest, n_arrays) if arrays else {}
+                records.append(Record(digest, specification, status, json.loads(provenance), data, error))
         return records
 
     def _arrays(self, digest: str, n_arrays: int) -> dict[str, NDArray[Any]]:
-        """Returns a run's arrays, or says that the file is damaged."""
+        """Returns a run's arrays.
+
+        Raises:
+          InputError: The file is damaged.
+        """
         rows = self._connection.execute(
             "SELECT name, dtype, shape, data FROM arrays WHERE digest = ?", (digest,)
         )
@@ -199,14 +203,15 @@ class Store:
             arrays = {}
         if len(arrays) != n_arrays:
             raise InputError(
-                f"{self._path}: the record of run {digest[:12]} is damaged; remove the file and run again."
+                f"{self._path}: the record of run {digest[:12]} is damaged; remove the file and run the "
+                "experiment again."
             )
         return arrays
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        """Writes all that follows, or none of it."""
-        if self._connection.in_transaction:  # an interrupt came between a statement and what was to follow
+        """Makes the statements that follow take effect all together, or not at all."""
+        if self._connection.in_transaction:  # left open by an interrupt between two statements
             self._connection.execute("ROLLBACK")
         self._connection.execute("BEGIN IMMEDIATE")
         try:
@@ -217,8 +222,8 @@ class Store:
         self._connection.execute("COMMIT")
 
     @contextmanager
-    def _sentences(self) -> Iterator[None]:
-        """Turns what SQLite says into a sentence."""
+    def _input_errors(self) -> Iterator[None]:
+        """Turns an error of SQLite into an `InputError`."""
         try:
             yield
         except sqlite3.Error as error:

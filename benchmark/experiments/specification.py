@@ -230,7 +230,7 @@ def _settings(experiment: Experiment, arm: str, condition: str, source: str) -> 
     cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{arm}").settings
     for key in experiment.settings:
         if key not in cls.model_fields:
-            unknown_name(f"{source}: [settings], of {arm} too", "key", key, cls.model_fields)
+            unknown_name(f"{source}: [settings], which {arm} shares", "key", key, cls.model_fields)
     where = f"{source}: algorithms.{arm}.settings"
     if experiment.settings:
         where += " with [settings]"

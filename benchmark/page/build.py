@@ -20,12 +20,13 @@ from PIL import Image
 
 from benchmark.page import explorer, script
 from benchmark.page.sources import Folder, open_folder, section
-from benchmark.reports import texts
+from benchmark.reports import certificate, stamp, texts
 from benchmark.reports.item import Item
 from benchmark.reports.published import Published
 from benchmark.reports.view import Cell, Columns, Table
 from envs import InputError
 
+STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.stamp`
 PUBLISHED: Final = ("reproduce", "compare_deep")  # the experiments that `results/index.html` shows
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more look the same
@@ -77,6 +78,47 @@ def published(results: Path) -> list[str]:
     return [name for name in PUBLISHED if (results / name / "manifest.json").exists()]
 
 
+def update(results: Path, experiment: str, *, is_published: bool) -> str:
+    """Writes the page of an experiment unless it is up to date, or as published.
+
+    Args:
+      results: The folder of results.
+      experiment: Whose results were just made, see `write`.
+      is_published: Whether these are identical to the published ones. If then no other result and no code
+        differs from the last commit, the published page is left as it is.
+
+    Returns:
+      The page's path, and whether it was left as it was.
+
+    Raises:
+      InputError: See `write`.
+    """
+    names, target = _subjects(results, experiment)
+    note = target.with_name(STAMP)
+    if stamp.is_up_to_date(note, _inputs(results, names)):
+        return f"{target}, up to date"
+    if is_published and target.parent == results and certificate.is_as_published(results):
+        text = f"{target}, as published"
+    else:
+        text = str(write(results, experiment))
+    stamp.write(note, _inputs(results, names), [target, results / "README.md"])
+    return text
+
+
+def _inputs(results: Path, names: Sequence[str]) -> str:
+    """Returns the digest of all files that a page is made of."""
+    files = [path for name in [*names, "speed"] for path in sorted((results / name).glob("[!.]*"))]
+    parts = [f"{path.relative_to(results)} {stamp.digest_of_file(path)}" for path in files if path.is_file()]
+    return stamp.digest_of(*(part for part in parts if "index.html" not in part))
+
+
+def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
+    """Returns the experiments that a page shows, and the page."""
+    if experiment is None or experiment in PUBLISHED:
+        return published(results), results / "index.html"
+    return [experiment], results / experiment / "index.html"
+
+
 def write(results: Path, experiment: str | None = None) -> Path:
     """Writes the page of the published experiments, or of another one, and the list of all results.
 
@@ -91,12 +133,9 @@ def write(results: Path, experiment: str | None = None) -> Path:
     Raises:
       InputError: There is nothing to show, or the page cannot be written.
     """
-    if experiment is None or experiment in PUBLISHED:
-        folders = [open_folder(results / name, f"{name}/") for name in published(results)]
-        target = results / "index.html"
-    else:
-        folders = [open_folder(results / experiment, "")]
-        target = results / experiment / "index.html"
+    names, target = _subjects(results, experiment)
+    prefix = "{}/" if target.parent == results else ""  # from the page to a folder
+    folders = [open_folder(results / name, prefix.format(name)) for name in names]
     if not folders:
         others = ", ".join(sorted(path.parent.name for path in results.glob("*/manifest.json")))
         hint = f"; the page of {others} is in its folder" if others else ""

@@ -11,6 +11,7 @@ import math
 import subprocess
 from collections.abc import Collection
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
@@ -79,13 +80,17 @@ def compare(
     Args:
       folder: What was made.
       name: The experiment's name.
-      measured: Files that hold measured times.
+      measured: Names of files that hold measured times, as patterns.
       repository: The checkout whose last commit is compared with.
 
     Returns:
       The certificate; None if nothing is published under this name, or this is not a git checkout.
     """
     published = _published(name, repository)
+
+    def is_measured(file: str) -> bool:
+        return any(fnmatchcase(file, pattern) for pattern in measured)
+
     if not published:
         return None
     made = {
@@ -93,14 +98,14 @@ def compare(
     }
     published.pop(MANIFEST, None)
     names = sorted(published.keys() | made.keys())
-    compared = [file for file in names if file not in measured]
+    compared = [file for file in names if not is_measured(file)]
     differing = tuple(file for file in compared if made.get(file) != published.get(file))
     is_apart = SUMMARY in differing and SUMMARY in made and SUMMARY in published
     return Certificate(
         name=name,
         identical=tuple(file for file in compared if file not in differing),
         differing=differing,
-        measured=tuple(file for file in names if file in measured),
+        measured=tuple(file for file in names if is_measured(file)),
         distance=_distance(folder / SUMMARY, name, repository) if is_apart else None,
     )
 
@@ -110,10 +115,10 @@ def published_file(name: str, file: str, repository: Path = REPOSITORY) -> bytes
     return _git(repository, "show", f"HEAD:results/{name}/{file}")
 
 
-def is_committed_code() -> bool:
-    """Returns whether the code is that of the last commit."""
-    changes = _git(REPOSITORY, "status", "--porcelain", "--", "envs", "agents", "benchmark")
-    return changes is not None and not changes
+def is_as_published(results: Path, repository: Path = REPOSITORY) -> bool:
+    """Returns whether a folder is that of the published results, and it and the code are as committed."""
+    changes = _git(repository, "status", "--porcelain", "--", "envs", "agents", "benchmark", "results")
+    return changes == b"" and results.resolve() == repository.resolve() / "results"
 
 
 def _is_compared(file: str) -> bool:

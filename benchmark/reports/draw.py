@@ -1,4 +1,7 @@
-"""Makes an experiment's folder of results from the store: tables, figures and texts."""
+"""Makes an experiment's folder of results from the store: tables, figures and texts.
+
+What is up to date is not made again.
+"""
 
 import hashlib
 import json
@@ -7,7 +10,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Final, NamedTuple
 
 import pandas as pd
 
@@ -20,10 +23,21 @@ from benchmark.experiments import (
     all_specifications,
     specifications,
 )
-from benchmark.reports import load_items, load_report, texts
-from benchmark.reports.item import Data, Frames, Item, Report
+from benchmark.reports import certificate, load_items, load_report, stamp, texts
+from benchmark.reports.certificate import Certificate
+from benchmark.reports.figures import Drawing
+from benchmark.reports.item import Data, Frames, Item, Report, measured_files
 from benchmark.reports.published import MANIFEST
 from envs import InputError
+
+STAMP: Final = ".stamp"  # beside the files, see `benchmark.reports.stamp`
+
+
+class Made(NamedTuple):
+    """What became of a folder of results."""
+
+    is_new: bool  # else it was up to date
+    certificate: Certificate | None  # None if nothing comparable is published
 
 
 def draw(
@@ -33,10 +47,12 @@ def draw(
     seeds: Sequence[int] | None = None,
     *,
     partial: bool = False,
-) -> None:
-    """Writes every table, figure and text of the experiment.
+    jobs: int = 1,
+) -> Made:
+    """Writes every table, figure and text of the experiment, unless they are up to date.
 
-    Files are made aside and moved when all are there, so a failure leaves the folder as it was.
+    Files are made aside and moved when all are there, so a failure leaves the folder as it was. If they are
+    identical to the published ones, the manifest is the published one, too.
 
     Args:
       experiment: As loaded.
@@ -44,6 +60,7 @@ def draw(
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
       partial: Whether to report on the runs that are there if some are missing.
+      jobs: How many processes draw; no result depends on it.
 
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
@@ -52,20 +69,32 @@ def draw(
     items = load_items(report, experiment.items, experiment.argument)
     check_packages(report, experiment.name)
     report.check(experiment)
-    data = report.load(experiment, store, seeds, partial)
+    is_as_declared = seeds is None and not partial  # and so comparable with the published results
+    measured = measured_files(items)
+    inputs = _inputs(experiment, store, seeds, partial=partial)
+    if stamp.is_up_to_date(directory / STAMP, inputs):
+        compared = certificate.compare(directory, experiment.name, measured) if is_as_declared else None
+        return Made(is_new=False, certificate=compared)
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
     except OSError as error:
         raise _unwritable(directory, error) from error
     try:
-        frames = compute(items, data)
-        write_tables(items, frames, data, aside)
-        for item in items:
-            draw_figure(item, frames, data.context, aside, is_partial=data.is_incomplete)
-        manifest = _manifest(experiment, store, seeds, data)
-        (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        with Drawing(jobs) as drawing:
+            data = report.load(experiment, store, seeds, partial)
+            frames = compute(items, data)
+            drawing.start(items, frames, data.context, aside, is_partial=data.is_incomplete)
+            write_tables(items, frames, data, aside)
+            manifest = _manifest(experiment, store, seeds, data)
+            (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+            drawing.finish()
         texts.write(aside)
+        compared = certificate.compare(aside, experiment.name, measured) if is_as_declared else None
+        if compared is not None and compared.is_identical:
+            published = certificate.published_file(experiment.name, MANIFEST)
+            (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
+        stamp.write(aside / STAMP, inputs, list(aside.iterdir()))
         directory.mkdir(exist_ok=True)
         for path in aside.iterdir():
             path.replace(directory / path.name)
@@ -73,6 +102,17 @@ def draw(
         raise _unwritable(directory, error) from error
     finally:
         shutil.rmtree(aside)
+    return Made(is_new=True, certificate=compared)
+
+
+def _inputs(experiment: Experiment, store: Store, seeds: Sequence[int] | None, *, partial: bool) -> str:
+    """Returns the digest of what a folder of results depends on: what is declared, and the records."""
+    ended = store.ended()
+    digests = [run.digest for run in all_specifications(experiment, seeds) if run.digest in ended]
+    provenance = [
+        json.dumps(dict(record.provenance), sort_keys=True) for record in store.get(digests, arrays=False)
+    ]
+    return stamp.digest_of(experiment.model_dump_json(), str(seeds), str(partial), *digests, *provenance)
 
 
 def check_packages(report: Report, source: str) -> None:
@@ -111,27 +151,6 @@ def write_tables(items: Sequence[Item], frames: Frames, data: Data, directory: P
                 tables.write_table(frame, stem, item.display(frame), note=note)
         if item.write is not None:
             item.write(data, frames, directory)
-
-
-def draw_figure(item: Item, frames: Frames, context: Any, directory: Path, *, is_partial: bool) -> None:
-    """Draws an item's figure if it has one; needs nothing but its arguments.
-
-    Args:
-      item: Of a report.
-      frames: The tables of all items.
-      context: Of the report's data.
-      directory: Where to write it.
-      is_partial: Whether it is marked as drawn from some of the runs.
-    """
-    if item.draw is None:
-        return
-    from benchmark.drawing.style import write_figure
-
-    figure = item.draw(frames, context)
-    if figure is not None:
-        if is_partial:
-            figure.suptitle("PARTIAL: runs are missing", color="firebrick")
-        write_figure(figure, directory / item.name)
 
 
 def _unwritable(directory: Path, error: OSError) -> InputError:

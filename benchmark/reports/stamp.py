@@ -6,6 +6,7 @@ and a digest of each file: they are up to date if neither has changed.
 
 import hashlib
 import json
+import os
 import platform
 from collections.abc import Iterable
 from functools import cache
@@ -44,7 +45,7 @@ def write(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
     """
     noted = {
         "inputs": inputs,
-        "files": {str(path.relative_to(stamp.parent)): digest_of_file(path) for path in sorted(files)},
+        "files": {os.path.relpath(path, stamp.parent): digest_of_file(path) for path in sorted(files)},
     }
     stamp.write_text(json.dumps(noted, indent=1) + "\n", encoding="utf-8")
 

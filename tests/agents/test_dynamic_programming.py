@@ -1,4 +1,4 @@
-"""Exact answers against hand arithmetic, a linear programme, a backward sweep, and simulation."""
+"""Exact values against hand arithmetic, a linear programme, a backward sweep, and simulation."""
 
 from typing import Any
 
@@ -50,20 +50,20 @@ def test_optimum_by_hand(name: str) -> None:
     model = model_of(name)
     assert solve(model, 1.0, 200, issuer_rewards=False).value[0] == pytest.approx(0.0, abs=1e-12)
     assert solve(model, 0.9).value[0] == pytest.approx(2 * 0.9**10 - 1)
-    # Ten moves leave no time to PING: standing still in place of moving costs the same, so -0.1 a step.
+    # Ten moves leave no time for a PING. Bumping a wall costs as much as moving, so -0.1 per step.
     assert solve(model, 1.0, 10).value[0] == pytest.approx(-1.0)
     assert solve(model, 1.0, 11).value[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_optimum_of_s3_by_hand() -> None:
-    # The near corner, four cells off in both ways together: -1 + 1 - 4/14; nearer to the issuer costs
-    # 0.1 for a step and saves 1/14 only.
+    # The nearest corner of the target region has L1 distance 4 from the issuer: -1 + 1 - 4/14. A step nearer
+    # costs 0.1 and saves only 1/14.
     assert solve(model_of("S3"), 1.0, 200).value[0] == pytest.approx(-4 / 14)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_memoryless_policy_reaches_the_optimum(name: str) -> None:
-    # So the anchor, computed for an agent that knows its state, is one that a score can reach.
+    # So a score can reach the anchor, which is computed for an agent that knows its state.
     model = model_of(name)
     q = solve(model, 0.9).q[: model.n_observations]
     result = evaluate(model, mask_policy(greedy_masks(q, 1e-9)), 200)
@@ -158,14 +158,14 @@ def test_evaluation_equals_simulation(name: str) -> None:
 def test_batches_keep_their_shape() -> None:
     model = model_of("S2")
     policy = uniform_policy(model)
-    one = evaluate(model, policy, 20)
-    many = evaluate(model, np.tile(policy, (2, 3, 1, 1)), 20)
-    assert many.grid_return.shape == (2, 3)
-    assert many.zone_steps.shape == (2, 3, len(ZONES))
-    assert (many.grid_return == one.grid_return).all()
+    single = evaluate(model, policy, 20)
+    batch = evaluate(model, np.tile(policy, (2, 3, 1, 1)), 20)
+    assert batch.grid_return.shape == (2, 3)
+    assert batch.zone_steps.shape == (2, 3, len(ZONES))
+    assert (batch.grid_return == single.grid_return).all()
 
 
-def test_what_is_no_policy_is_refused() -> None:
+def test_wrong_policies_are_refused() -> None:
     model = model_of("S1")
     policy = uniform_policy(model)
     with pytest.raises(ValueError, match=r"this model takes \(..., 120, 5\)"):

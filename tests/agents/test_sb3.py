@@ -1,4 +1,4 @@
-"""Stable-Baselines3's learners: the adapter, the settings, and training that repeats to the last bit."""
+"""Stable-Baselines3's algorithms: the adapter, the settings, and training that is repeatable bit by bit."""
 
 import inspect
 import math
@@ -9,7 +9,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-import stable_baselines3
 import torch
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
@@ -20,9 +19,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import ALL_ACTIONS, contains, mask_policy
-from agents.sb3 import training as sb3_training
+from agents.sb3 import algorithms
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
-from agents.sb3.training import DeepTraining, make_agent, policy_table, sb3_arguments, train
+from agents.sb3.training import DeepTraining, make_agent, policy_table, train
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.model import PING
@@ -32,6 +31,7 @@ S1 = compile_scenario(load_scenario("S1"))
 DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
 PPO = PpoSettings(budget=400, time_limit=50, n_steps=50, n_envs=2, batch_size=32, n_epochs=2)
 SETTINGS: dict[str, DqnSettings | PpoSettings] = {"dqn": DQN, "ppo": PPO}
+METHODS = {"dqn": algorithms.DQN.method, "ppo": algorithms.PPO.method}
 
 
 def vec_env(n: int, scenario: str = "S1", observation: str = "coordinates", limit: int = 7) -> SB3VecEnv:
@@ -45,22 +45,22 @@ def vec_env(n: int, scenario: str = "S1", observation: str = "coordinates", limi
 @pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
 @pytest.mark.parametrize(("scenario", "n"), [("S1", 1), ("S1", 5), ("S3", 4), ("S2", 1)])
 def test_vec_env_steps_as_stable_baselines3s_own_does(scenario: str, n: int, observation: str) -> None:
-    ours = vec_env(n, scenario, observation)
-    theirs = DummyVecEnv(
+    ours: Any = vec_env(n, scenario, observation)
+    theirs: Any = DummyVecEnv(
         [lambda: gymnasium.make(f"envs:Proxemic/{scenario}-v0", observation=observation, max_episode_steps=7)]
         * n
     )
     ours.seed(3)
     theirs.seed(3)
-    assert np.array_equal(ours.reset(), theirs.reset())  # type: ignore[arg-type]
+    assert np.array_equal(ours.reset(), theirs.reset())
     actions = np.random.default_rng(0).choice(5, size=(400, n), p=[0.1, 0.1, 0.1, 0.1, 0.6])
     truncated = terminated = 0
     for action in actions:
-        one, other = ours.step(action), theirs.step(action)
-        for mine, its in zip(one[:3], other[:3], strict=True):
-            assert np.array_equal(mine, its)  # type: ignore[arg-type]
-            assert mine.dtype == its.dtype  # type: ignore[union-attr]
-        for info, expected in zip(one[3], other[3], strict=True):
+        (*arrays, infos), (*their_arrays, their_infos) = ours.step(action), theirs.step(action)
+        for array, their_array in zip(arrays, their_arrays, strict=True):
+            assert np.array_equal(array, their_array)
+            assert array.dtype == their_array.dtype
+        for info, expected in zip(infos, their_infos, strict=True):
             assert info.get("TimeLimit.truncated", False) is expected["TimeLimit.truncated"]
             assert ("terminal_observation" in info) == ("terminal_observation" in expected)
             if "terminal_observation" in info:
@@ -85,7 +85,7 @@ def test_vec_env_gives_copies() -> None:
 
 def test_no_two_envs_of_any_run_share_draws() -> None:
     draws = []
-    for seed in range(5):  # neighbours, which SB3's seed + i would make share
+    for seed in range(5):  # with SB3's seed + i, neighbours would share draws
         env = vec_env(4, "S2")
         env.seed(seed)
         env.reset()
@@ -126,9 +126,10 @@ def test_vec_env_refuses_what_a_batch_cannot_do() -> None:
 # Settings
 
 
-@pytest.mark.parametrize(("name", "settings"), [("dqn", DqnSettings), ("ppo", PpoSettings)])
-def test_settings_bear_sb3s_names_and_values(name: str, settings: type[DqnSettings | PpoSettings]) -> None:
-    parameters = inspect.signature(getattr(stable_baselines3, name.upper()).__init__).parameters
+@pytest.mark.parametrize("name", METHODS)
+def test_settings_have_sb3s_names_and_defaults(name: str) -> None:
+    settings = METHODS[name].settings
+    parameters = inspect.signature(METHODS[name].load().__init__).parameters
     ours = {"budget", "time_limit", "n_envs", "policy_kwargs"}
     for key, field in settings.model_fields.items():
         if key not in ours:
@@ -143,9 +144,9 @@ def test_settings_bear_sb3s_names_and_values(name: str, settings: type[DqnSettin
 
 @pytest.mark.parametrize("name", ["dqn", "ppo"])
 def test_default_net_is_sb3s(name: str) -> None:
-    settings = load_algorithm(name).settings.model_validate({"budget": 2048})
-    ours = make_agent(name, settings, vec_env(1))  # type: ignore[arg-type]
-    theirs = getattr(stable_baselines3, name.upper())("MlpPolicy", vec_env(1))
+    settings = METHODS[name].settings.model_validate({"budget": 2048})
+    ours = make_agent(METHODS[name], settings, vec_env(1))
+    theirs = METHODS[name].load()("MlpPolicy", vec_env(1))
     assert str(ours.policy) == str(theirs.policy)
     groups = [
         {key: value for key, value in agent.policy.optimizer.param_groups[0].items() if key != "params"}
@@ -156,9 +157,9 @@ def test_default_net_is_sb3s(name: str) -> None:
 
 
 def test_replay_buffer_is_as_large_as_the_budget() -> None:
-    assert sb3_arguments(DqnSettings(budget=400))["buffer_size"] == 400
-    assert sb3_arguments(DqnSettings(budget=400, buffer_size=50))["buffer_size"] == 50
-    agent: Any = make_agent("dqn", DqnSettings(budget=400, n_envs=4, train_freq=1), vec_env(4))
+    assert DqnSettings(budget=400).arguments["buffer_size"] == 400
+    assert DqnSettings(budget=400, buffer_size=50).arguments["buffer_size"] == 50
+    agent: Any = make_agent(METHODS["dqn"], DqnSettings(budget=400, n_envs=4, train_freq=1), vec_env(4))
     assert agent.replay_buffer.observations.nbytes == 400 * 2 * 4
 
 
@@ -191,8 +192,8 @@ def trained(
     name: str, seed: int = 0, points: list[int] | None = None, observation: str = "one_hot", **changes: Any
 ) -> DeepTraining:
     settings = SETTINGS[name].model_copy(update=changes)
-    points = [0, 200, 400] if points is None else points
-    return train(name, S1, settings, observation, [SeedSequence([4, seed])], points)
+    schedule = Schedule(settings.budget, (0, 200, 400) if points is None else tuple(points))
+    return train(METHODS[name], S1, settings, observation, [SeedSequence([4, seed])], schedule)
 
 
 @pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
@@ -202,7 +203,8 @@ def test_same_seed_gives_the_same_weights(name: str, observation: str) -> None:
     torch.rand(3)
     np.random.rand(3)  # noqa: NPY002
     seeds = [SeedSequence([4, 1]), SeedSequence([4, 0])]
-    together = train(name, S1, SETTINGS[name], observation, seeds, [0, 200, 400])
+    schedule = Schedule(400, (0, 200, 400))
+    together = train(METHODS[name], S1, SETTINGS[name], observation, seeds, schedule)
     for key, values in vars(alone).items():
         if key != "cpu_time_s":
             assert values[0].tobytes() == getattr(together, key)[1].tobytes(), key
@@ -210,7 +212,7 @@ def test_same_seed_gives_the_same_weights(name: str, observation: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["dqn", "ppo"])
-def test_looking_does_not_disturb(name: str) -> None:
+def test_snapshots_do_not_disturb_training(name: str) -> None:
     often = trained(name, points=list(range(0, 401, 10)))
     never = trained(name, points=[])
     assert (often.weights == never.weights).all()
@@ -219,30 +221,21 @@ def test_looking_does_not_disturb(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["dqn", "ppo"])
 def test_maps_are_the_values_at_their_steps(name: str) -> None:
-    points, map_steps = list(range(0, 401, 100)), [0, 200, 400]
-    training = train(
-        name,
-        S1,
-        SETTINGS[name],
-        "one_hot",
-        [SeedSequence([4, 0])],
-        evaluation_steps=points,
-        map_steps=map_steps,
-    )
+    schedule = Schedule(400, tuple(range(0, 401, 100)), (0, 200, 400))
+    training = train(METHODS[name], S1, SETTINGS[name], "one_hot", [SeedSequence([4, 0])], schedule)
     assert training.values.shape == (1, 3, 120, 5)
     # SB3 takes the first of several best actions.
     assert (1 << training.values[0].argmax(axis=-1) == training.greedy[0, ::2]).all()
     last = training.stochastic[0, -1] if name == "ppo" else training.q[0]
     assert (training.values[0, -1] == last.astype(np.float32)).all()
-    with pytest.raises(ValueError, match="map_steps: must be among the evaluation steps"):
-        train(name, S1, SETTINGS[name], "one_hot", [SeedSequence(0)], points, [150])
 
 
 @pytest.mark.parametrize("name", ["dqn", "ppo"])
-def test_logs_tell_and_change_nothing(name: str, tmp_path: Path) -> None:
+def test_logs_are_written_and_change_no_result(name: str, tmp_path: Path) -> None:
     seeds = [SeedSequence([4, 0]), SeedSequence([4, 1])]
     folders = [tmp_path / "0", tmp_path / "1"]
-    logged = train(name, S1, SETTINGS[name], "one_hot", seeds, [0, 200, 400], logs=folders)
+    schedule = Schedule(400, (0, 200, 400))
+    logged = train(METHODS[name], S1, SETTINGS[name], "one_hot", seeds, schedule, logs=folders)
     for i in range(2):
         assert (logged.weights[i] == trained(name, i).weights[0]).all()
         events = EventAccumulator(str(folders[i])).Reload()
@@ -300,7 +293,7 @@ def test_updates_and_parameters_by_hand() -> None:
     assert ppo.parameters[0] == 2 * body + (64 * 5 + 5) + (64 + 1)
 
 
-def test_policy_changes_between_rollouts_alone() -> None:
+def test_policy_changes_only_between_rollouts() -> None:
     probabilities = trained("ppo", points=list(range(0, 401, 50))).stochastic[0]
     assert (probabilities[0:8:2] == probabilities[1:8:2]).all()  # rollouts are of 100 steps
     for before, after in ((0, 2), (2, 4), (4, 6), (6, 8)):
@@ -325,28 +318,27 @@ def test_counts_and_seconds_rise() -> None:
 def test_seconds_include_the_update_that_made_the_policy() -> None:
     points = [0, 99, 100, 199, 200, 399, 400]
     seconds = trained("ppo", points=points, n_steps=100, n_envs=1, n_epochs=30).cpu_time_s[0]
-    for before, after in ((1, 2), (3, 4), (5, 6)):  # an update of 120 steps of gradient lies between
+    for before, after in ((1, 2), (3, 4), (5, 6)):  # 120 gradient steps lie between
         assert seconds[after] - seconds[before] > 5 * (seconds[1] / 99)
 
 
-def test_evaluation_steps_must_rise() -> None:
-    for points in ([5, 5], [-1], [401], [9, 3]):
-        with pytest.raises(ValueError, match="must rise"):
-            trained("dqn", points=points)
-    with pytest.raises(ValueError, match="at least one"):
-        train("dqn", S1, DQN, "one_hot", [], [])
+def test_calls_without_agents_are_refused() -> None:
+    with pytest.raises(ValueError, match="0 agents"):
+        train(METHODS["dqn"], S1, DQN, "one_hot", [], Schedule(400))
+    with pytest.raises(ValueError, match="for a budget of 200; the settings say 400"):
+        train(METHODS["dqn"], S1, DQN, "one_hot", [SeedSequence(0)], Schedule(200))
 
 
 @pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
 @pytest.mark.parametrize("name", ["dqn", "ppo"])
-def test_table_of_all_cells_says_what_the_agent_does(name: str, observation: str) -> None:
-    agent = make_agent(name, SETTINGS[name], vec_env(SETTINGS[name].n_envs, observation=observation))
+def test_table_of_all_observations_is_what_the_agent_does(name: str, observation: str) -> None:
+    agent = make_agent(METHODS[name], SETTINGS[name], vec_env(SETTINGS[name].n_envs, observation=observation))
     agent.learn(400)
     observations = observation_table(S1, observation)
-    table = policy_table(agent, torch.as_tensor(observations))
-    for cell, own in enumerate(observations):
-        action, _ = agent.predict(own, deterministic=True)
-        assert table[cell].argmax() == action
+    table = policy_table(METHODS[name], agent, torch.as_tensor(observations))
+    for values, array in zip(table, observations, strict=True):
+        action, _ = agent.predict(array, deterministic=True)
+        assert values.argmax() == action
     if name == "ppo":
         assert table.sum(axis=1) == pytest.approx(1)
         np.random.seed(0)  # noqa: NPY002
@@ -357,7 +349,7 @@ def test_table_of_all_cells_says_what_the_agent_does(name: str, observation: str
 
 
 def test_time_limits_are_bootstrapped_through() -> None:
-    agent: Any = make_agent("dqn", DQN, vec_env(1, observation="coordinates", limit=3))
+    agent: Any = make_agent(METHODS["dqn"], DQN, vec_env(1, observation="coordinates", limit=3))
     agent.learn(300)
     buffer = agent.replay_buffer
     n = buffer.pos
@@ -378,13 +370,13 @@ def test_ppo_bootstraps_through_time_limits() -> None:
     steps = []
     step_wait = env.step_wait
 
-    def kept() -> Any:
+    def recorded() -> Any:
         result = step_wait()
         steps.append((result[1].copy(), *result[2:]))  # SB3 adds to the rewards in place
         return result
 
-    env.step_wait = kept
-    agent: Any = make_agent("ppo", settings, env)
+    env.step_wait = recorded
+    agent: Any = make_agent(METHODS["ppo"], settings, env)
     agent.learn(60)
     seen = []
     for reward, (raw, dones, infos) in zip(agent.rollout_buffer.rewards[:, 0], steps, strict=True):
@@ -421,7 +413,8 @@ SMALL = compile_scenario(
     ],
 )  # fmt: skip
 def test_both_solve_a_small_scene(name: str, settings: DqnSettings | PpoSettings) -> None:
-    training = train(name, SMALL, settings, "one_hot", [SeedSequence(1)], [settings.budget])
+    schedule = Schedule(settings.budget, (settings.budget,))
+    training = train(METHODS[name], SMALL, settings, "one_hot", [SeedSequence(1)], schedule)
     optimum = solve(SMALL, 1.0, 50).value[SMALL.start]
     reached = evaluate(SMALL, mask_policy(training.greedy), 50).grid_return[0, 0]
     assert reached == pytest.approx(optimum, abs=1e-9)
@@ -433,13 +426,13 @@ def test_linear_layer_over_one_hot_learns_the_optimal_values() -> None:
         target_update_interval=50, exploration_fraction=1.0, exploration_final_eps=1.0,
         policy_kwargs=PolicyArguments(net_arch=()),
     )  # fmt: skip
-    q = train("dqn", SMALL, settings, "one_hot", [SeedSequence(1)], []).q[0]
+    q = train(METHODS["dqn"], SMALL, settings, "one_hot", [SeedSequence(1)], Schedule(6000)).q[0]
     expected = solve(SMALL, 0.9).q[SMALL.start]  # with no wrong PING so far, and the moves alone
     assert q[SMALL.start, :PING] == pytest.approx(expected[:PING], abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["dqn", "ppo"])
-def test_divergence_is_told_and_counts_as_random(name: str) -> None:
+def test_divergence_is_reported_and_counts_as_random(name: str) -> None:
     points = list(range(0, 401, 100))
     training = trained(name, points=points, learning_rate=1e38)
     at = int(training.diverged_at[0])
@@ -457,7 +450,8 @@ def test_divergence_is_told_and_counts_as_random(name: str) -> None:
 def test_maps_of_a_diverged_net_hold_no_number() -> None:
     points = list(range(0, 401, 100))
     settings = DQN.model_copy(update={"learning_rate": 1e38})
-    training = train("dqn", S1, settings, "one_hot", [SeedSequence([4, 0])], points, points)
+    schedule = Schedule(400, tuple(points), tuple(points))
+    training = train(METHODS["dqn"], S1, settings, "one_hot", [SeedSequence([4, 0])], schedule)
     lost = points.index(int(training.diverged_at[0]))
     assert np.isfinite(training.values[0, :lost]).all()
     assert np.isnan(training.values[0, lost:]).all()
@@ -476,6 +470,7 @@ def test_without_torch_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.delitem(sys.modules, "agents.sb3.training")
     monkeypatch.delattr("agents.sb3.training", raising=False)
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(InputError, match="dqn: needs the package torch, which is not installed; make"):
+    with pytest.raises(
+        InputError, match="stable_baselines3:DQN: needs the package torch, which is not installed; make"
+    ):
         load_algorithm("dqn").train(S1, DQN, "one_hot", [SeedSequence(0)], Schedule(400))
-    assert sb3_training  # the one imported above goes on

@@ -1,4 +1,4 @@
-"""The kernel against a slow, obviously correct learner fed the same draws."""
+"""The kernel against a slow, obviously correct learner that gets the same draws."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -9,31 +9,14 @@ import pytest
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
+from agents import Schedule
 from agents.dynamic_programming import solve
 from agents.policy import contains, greedy_masks
-from agents.tabular.learner import _CHOICE, Settings, TabularTraining, _xoshiro, train
+from agents.tabular.kernel import CHOICES, choose_action, draw_word
+from agents.tabular.learner import Settings, TabularTraining, train
 from envs import ACTIONS, InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.inputs import parse
-
-WORD = 2**64
-
-
-def xoshiro(state: list[int]) -> Iterator[int]:
-    """xoshiro256++ as its authors print it, in Python's whole numbers."""
-    s = list(state)
-
-    def rotate(x: int, k: int) -> int:
-        return (x << k | x >> (64 - k)) % WORD
-
-    while True:
-        yield (rotate((s[0] + s[3]) % WORD, 23) + s[0]) % WORD
-        shifted = (s[1] << 17) % WORD
-        s[2] ^= s[0]
-        s[3] ^= s[1]
-        s[1] ^= s[2]
-        s[0] ^= s[3]
-        s[2] ^= shifted
-        s[3] = rotate(s[3], 45)
+from tests.agents.words import choose, uniform, words, xoshiro
 
 
 def test_generator_gives_the_published_numbers() -> None:
@@ -52,23 +35,23 @@ def test_generator_gives_the_published_numbers() -> None:
     ]
     stream = xoshiro([1, 2, 3, 4])
     assert [next(stream) for _ in published] == published
-    state = [np.uint64(i) for i in (1, 2, 3, 4)]
+    state = tuple(map(np.uint64, (1, 2, 3, 4)))
     for expected in published:
-        draw, *words = _xoshiro(*state)
-        state = [np.uint64(word) for word in words]
-        assert draw == expected
+        word, following = draw_word(state)
+        state = tuple(map(np.uint64, following))
+        assert word == expected
 
 
 class Draws:
-    """Stands in for the env's generator: draws the issuer's noise from the agent's stream."""
+    """Replaces the env's generator: draws the issuer's noise from the agent's stream."""
 
     def __init__(self, stream: Iterator[int]) -> None:
         self.stream = stream
         self.wanted = False
 
     def random(self) -> float:
-        """Returns the next draw, as the kernel makes it of 64 bits."""
-        return (next(self.stream) >> 11) / 2**53 if self.wanted else 0.5
+        """Returns the next draw from [0, 1)."""
+        return uniform(next(self.stream)) if self.wanted else 0.5
 
 
 def slow_learner(
@@ -78,8 +61,8 @@ def slow_learner(
     seed: SeedSequence,
     evaluation_steps: list[int],
 ) -> dict[str, Any]:
-    """Q-learning as in the textbook, over the Gymnasium env, nothing kept incrementally."""
-    stream = xoshiro([int(word) for word in seed.generate_state(4, np.uint64)])
+    """Q-learning as in the textbook, over the Gymnasium env; nothing is updated incrementally."""
+    stream = words(seed)
     env = gymnasium.make(
         f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=settings.time_limit or -1
     )
@@ -112,14 +95,7 @@ def slow_learner(
         visited.append(q[observation].max())
         table.append(q.max())
 
-        draw = next(stream)
-        upper, lower = draw >> 32, draw % 2**32
-        candidates = (
-            list(range(5)) if upper < round(settings.epsilon * 2**32) else best_actions(q[observation])
-        )
-        # A draw from 0..59 picks one of one to five candidates, each equally often.
-        action = candidates[(lower * 60 >> 32) * len(candidates) // 60]
-
+        action = choose(next(stream), settings.epsilon, best_actions(q[observation]))
         draws.wanted = ACTIONS[action] == "PING"
         following, reward, terminated, truncated, _ = env.step(action)
         value_after = 0.0 if terminated else q[following].max()
@@ -180,17 +156,17 @@ def test_kernel_equals_slow_learner(name: str, reading: str) -> None:
     points = [0, 1, settings.budget // 3, settings.budget]
     seeds = [SeedSequence([11, i]) for i in range(2)]
     model = compile_scenario(load_scenario(name, overrides))
-    training = train(model, settings, seeds, points, record_table=True)
+    training = train(model, settings, seeds, Schedule(settings.budget, tuple(points)), record_table=True)
     for i, seed in enumerate(seeds):
         check_same(training, i, slow_learner(name, overrides, settings, seed, points))
     assert (training.q[0] != training.q[1]).any()
     assert training.episodes_ended.min() > 5
 
 
-def assert_equal(one: TabularTraining, other: TabularTraining, rows: slice = slice(None)) -> None:
-    for key, values in vars(one).items():
+def check_same_agent(together: TabularTraining, i: int, alone: TabularTraining) -> None:
+    for key, values in vars(together).items():
         if key != "cpu_time_s":  # measured
-            assert values[rows].tobytes() == getattr(other, key).tobytes(), key
+            assert values[i].tobytes() == getattr(alone, key)[0].tobytes(), key
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 8])
@@ -198,19 +174,20 @@ def test_together_equals_one_at_a_time_on_any_number_of_threads(threads: int) ->
     model = compile_scenario(load_scenario("S2"))
     settings = Settings(budget=500)
     seeds = [SeedSequence([5, i]) for i in range(100)]
-    together = train(model, settings, seeds, [0, 250, 500], record_table=True, threads=threads)
+    schedule = Schedule(500, (0, 250, 500))
+    together = train(model, settings, seeds, schedule, record_table=True, threads=threads)
     for i in range(0, 100, 9):
-        alone = train(model, settings, [seeds[i]], [0, 250, 500], record_table=True)
-        assert_equal(together, alone, slice(i, i + 1))
-    backwards = train(model, settings, seeds[::-1], [0, 250, 500], record_table=True, threads=threads)
+        check_same_agent(together, i, train(model, settings, [seeds[i]], schedule, record_table=True))
+    backwards = train(model, settings, seeds[::-1], schedule, record_table=True, threads=threads)
     assert together.q.tobytes() == backwards.q[::-1].tobytes()
 
 
 def test_snapshots_and_records_do_not_disturb_learning() -> None:
     model = compile_scenario(load_scenario("S3"))
     seeds = [SeedSequence(3)]
-    plain = train(model, Settings(budget=2000, record_every=500), seeds)
-    watched = train(model, Settings(budget=2000), seeds, range(0, 2001, 10), record_table=True)
+    plain = train(model, Settings(budget=2000, record_every=500), seeds, Schedule(2000))
+    often = Schedule(2000, tuple(range(0, 2001, 10)))
+    watched = train(model, Settings(budget=2000), seeds, often, record_table=True)
     assert plain.q.tobytes() == watched.q.tobytes()
     assert plain.table_max_q.shape == (1, 0)
     assert watched.greedy.shape == (1, 201, 120)
@@ -220,54 +197,56 @@ def test_snapshots_and_records_do_not_disturb_learning() -> None:
 def test_maps_are_the_table_at_their_steps() -> None:
     model = compile_scenario(load_scenario("S2"))
     seeds = [SeedSequence(i) for i in range(3)]
-    training = train(model, Settings(budget=2000), seeds, [0, 500, 1000, 2000], [0, 1000, 2000])
+    schedule = Schedule(2000, (0, 500, 1000, 2000), (0, 1000, 2000))
+    training = train(model, Settings(budget=2000), seeds, schedule)
     assert (training.values[:, 0] == 0).all()
-    # What the table is at a step is what a shorter training ends with.
-    shorter = train(model, Settings(budget=1000), seeds)
+    # The table at a step is the table at the end of a shorter training.
+    shorter = train(model, Settings(budget=1000), seeds, Schedule(1000))
     assert (training.values[:, 1] == shorter.q.astype(np.float32)).all()
     assert (training.values[:, 2] == training.q.astype(np.float32)).all()
-    for wrong in ([250], [1000, 0], [0, 3000]):
-        with pytest.raises(ValueError, match="map_steps: must be among the evaluation steps"):
-            train(model, Settings(budget=2000), seeds, [0, 500, 1000, 2000], wrong)
 
 
 def test_last_snapshot_is_greedy_in_the_final_values() -> None:
     model = compile_scenario(load_scenario("S1"))
-    training = train(model, Settings(budget=4000), [SeedSequence(i) for i in range(4)], [4000])
+    training = train(
+        model, Settings(budget=4000), [SeedSequence(i) for i in range(4)], Schedule(4000, (4000,))
+    )
     assert (training.greedy[:, 0] == greedy_masks(training.q)).all()
 
 
 def test_every_candidate_is_drawn_equally_often() -> None:
     masks = np.arange(1, 32, dtype=np.uint8)
+    places = [np.uint64(-(-(place << 32) // 60)) for place in range(60)]  # the lowest word of each sixtieth
+    never = np.uint64(0)
     for mask, members in zip(masks, contains(masks), strict=True):
-        counts = np.bincount(_CHOICE[mask], minlength=5)
-        assert (counts == members * 60 // members.sum()).all()
+        actions = [int(choose_action(word, never, int(mask), CHOICES)) for word in places]
+        assert (np.bincount(actions, minlength=5) == members * 60 // members.sum()).all()
 
 
 def test_share_of_random_actions_is_epsilon() -> None:
-    # All rewards are 0, so Q stays 0 for ever and, with ties "lowest", the greedy action is UP:
-    # every PING is a random action.
+    # All rewards are 0, so Q stays 0. With ties "lowest" the greedy action is then UP, and every PING is a
+    # random action.
     rewards = dict.fromkeys(
         (f"rewards.{key}" for key in ("issuer_reached", "target_ping", "last_wrong_ping", "wrong_ping",
                                       "wrong_ping_uncomfortable", "uncomfortable", "other")), 0.0
     )  # fmt: skip
     model = compile_scenario(load_scenario("S1", rewards | {"ping_limit": 1}))
     settings = Settings(epsilon=0.3, ties="lowest", budget=400_000)
-    training = train(model, settings, [SeedSequence(1)])
+    training = train(model, settings, [SeedSequence(1)], Schedule(400_000))
     assert not training.q.any()
-    # An episode ends by its first PING (or, rarely, at the issuer): at a rate of 0.3 / 5 a step.
+    # An episode ends by its first PING or, rarely, at the issuer: at a rate of 0.3 / 5 per step.
     rate = training.episodes_ended[0] / training.steps_taken[0]
     assert rate == pytest.approx(0.06, abs=4.5 * np.sqrt(0.06 * 0.94 / 400_000) + 0.0005)
 
 
 def test_learns_the_optimal_values_of_a_task_it_observes_fully() -> None:
-    # With the first wrong PING ending the episode the cell is the whole state, and with rewards that
-    # are fixed a learning rate of 1 is exact: Q-learning then converges to Q* itself.
+    # If the first wrong PING ends the episode, the cell is the state. If rewards are not random, a learning
+    # rate of 1 is exact. Q-learning then converges to Q* itself.
     model = compile_scenario(
         load_scenario("S3", {"ping_limit": 1, "grid.rows": 6, "grid.columns": 6, "issuer.position": [3, 3]})
     )
     settings = Settings(learning_rate=1.0, epsilon=0.9, budget=3_000_000)
-    training = train(model, settings, [SeedSequence(0)])
+    training = train(model, settings, [SeedSequence(0)], Schedule(3_000_000))
     assert training.q[0] == pytest.approx(solve(model, 0.9).q, abs=1e-9)
 
 
@@ -292,13 +271,11 @@ def test_wrong_settings_get_one_sentence(change: dict[str, Any], expected: str) 
     assert str(caught.value).startswith("mine.toml: ")
 
 
-@pytest.mark.parametrize("points", [[-1, 5], [3, 3], [5, 2], [0, 11]])
-def test_wrong_evaluation_steps_are_refused(points: list[int]) -> None:
-    model = compile_scenario(load_scenario("S1"))
-    with pytest.raises(ValueError, match="must rise"):
-        train(model, Settings(budget=10), [SeedSequence(0)], points)
-
-
-def test_no_agents_are_refused() -> None:
+def test_calls_without_agents_or_threads_are_refused() -> None:
+    model = ProxemicEnv().model
     with pytest.raises(ValueError, match="0 agents"):
-        train(ProxemicEnv().model, Settings(), [])
+        train(model, Settings(budget=10), [], Schedule(10))
+    with pytest.raises(ValueError, match="for a budget of 20; the settings say 10"):
+        train(model, Settings(budget=10), [SeedSequence(0)], Schedule(20))
+    with pytest.raises(ValueError, match="threads = 0"):
+        train(model, Settings(budget=10), [SeedSequence(0)], Schedule(10), threads=0)

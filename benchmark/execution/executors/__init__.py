@@ -56,5 +56,8 @@ def load_executor(name: str, source: str = "executors") -> ExecutorFactory:
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(f"{source}: executor {name} cannot be imported: {error}.") from error
     if not callable(factory):
-        raise InputError(f"{source}: {name} is not an executor; accepted: a class or function of an integer.")
+        raise InputError(
+            f"{source}: {name} is not an executor; accepted: a class or function that takes the number of "
+            "jobs."
+        )
     return factory

@@ -78,7 +78,7 @@ class Processes:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        with _interrupts_blocked(), self._lock:
+        with interrupts_blocked(), self._lock:
             if self._is_cancelled:
                 raise CancelledError
             process.start()
@@ -88,7 +88,7 @@ class Processes:
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
+def interrupts_blocked() -> Iterator[None]:
     """Makes processes that start meanwhile ignore the terminal's interrupt: `cancel` ends them."""
     resource_tracker.ensure_running()  # the first start would begin it, and that unblocks the interrupt
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,11 +25,11 @@ SMALL = load_experiment("reproduce_smoke")
 COMPARED = load_experiment("compare_deep_smoke")
 
 
-def extended(tmp_path: Path, name: str, base: str = "reproduce_smoke", **changes: object) -> Experiment:
-    """Loads an extension of an experiment, written to a file; __ in a key stands for a dot."""
+def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
+    """Loads an extension of the miniature, written to a file; __ in a key stands for a dot."""
     lines = [f'"{key.replace("__", ".")}" = {json.dumps(value)}' for key, value in changes.items()]
     path = tmp_path / f"{name}.toml"
-    path.write_text("\n".join([f'extends = "{base}"', 'description = ""', "[changes]", *lines]))
+    path.write_text("\n".join(['extends = "reproduce_smoke"', 'description = ""', "[changes]", *lines]))
     return load_experiment(path)
 
 
@@ -131,7 +132,7 @@ def test_learners_do_not_share_streams() -> None:
 
 
 def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
-    more = {"algorithms__q_learning__seeds": 8}
+    more: dict[str, Any] = {"algorithms__q_learning__seeds": 8}
     other = all_specifications(extended(tmp_path, "other", **more))
     shared = all_specifications(extended(tmp_path, "shared", stream="reproduce_smoke", **more))
     runs = all_specifications(SMALL)
@@ -239,7 +240,7 @@ def test_mistakes_in_a_replication_get_one_sentence(
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
         ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
         ('"every_cell"]', '"anywhere"]', "evaluated_from"),
-        ("time_limit = 200", "time_limits = 200", "[settings], of q_learning too: unknown key time_limits"),
+        ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limi"),
     ],
 )
 def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:

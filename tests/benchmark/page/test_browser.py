@@ -9,11 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from numpy.typing import NDArray
 from PIL import Image
 
 from benchmark.__main__ import main
+from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from benchmark.page import build, script
-from envs import ACTIONS
+from envs import ACTIONS, Model, Scenario, compile_scenario
 from envs.scene import colour_limits
 from tests.benchmark.page.pages import Open, Opened, number, rows_of, unpacked
 
@@ -45,7 +47,7 @@ def test_explorer_shows_the_numbers_of_the_files(
     greedy = [line[0] for line in lines if "greedy" in line[4]]
     assert "|".join(greedy) == row["greedy"]
     # The link leads to that row, which the dialog shows as it is in the file.
-    target = readout.locator("a.n").first.get_attribute("href")
+    target = str(readout.locator("a.n").first.get_attribute("href"))
     place_in_file = int(target.partition("#row=")[2])
     written = rows_of(folder / f"agent_{scenario}.csv")[place_in_file - 1]
     assert written[2:5] == [str(place * 400), str(cell[0]), str(cell[1])]
@@ -262,13 +264,62 @@ def test_mean_of_several_lines_says_so(opened: Opened, results: Path) -> None:
     assert float(found[1]) == pytest.approx(frame[found[2]].mean(), rel=0.005)
 
 
-def test_walk_that_goes_in_circles_says_so(opened: Opened, results: Path) -> None:
-    agents = pd.read_csv(results / "compare_deep" / "agent.csv")
-    stuck = agents.query("algorithm == 'dqn_default' and step == 10000 and success == 0").iloc[0]
-    opened.choose("left", stuck["scenario"], "dqn_default", stuck["observation"])
-    opened.walk(60)
-    summary = opened.panel("left").locator(".walked").inner_text()
-    assert "and would do so until the limit of 200 steps." in summary
+ENDINGS = {
+    "target_ping": "PING in the target region: success.",
+    "issuer_reached": "The agent ran into the issuer, and the episode ended.",
+    "last_wrong_ping": "One wrong PING too many, and the episode ended.",
+    CIRCLE: "and would do so until the limit of 200 steps.",
+    HORIZON: "The limit of 200 steps is reached.",
+}
+
+
+def walks_of(folder: Path) -> dict[tuple[str, str, str, int], tuple[Model, Walk, NDArray[np.bool_]]]:
+    """Returns Python's walk by every map of a folder, and which of its steps had a choice."""
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    found = {}
+    for scenario, declared in manifest["scenarios"].items():
+        model = compile_scenario(Scenario.model_validate_json(json.dumps(declared)))
+        maps = pd.read_csv(folder / f"agent_{scenario}.csv")
+        for (arm, observation, step), rows in maps.groupby(["algorithm", "observation", "step"]):
+            is_greedy = np.array(
+                [[action in names.split("|") for action in ACTIONS] for names in rows["greedy"]]
+            )
+            masks = (is_greedy @ (1 << np.arange(len(ACTIONS)))).astype(np.uint8)
+            taken = walk(model, masks, manifest["horizon"])
+            had_choice = is_greedy[list(taken.cells[:-1])].sum(axis=1) > 1
+            found[scenario, str(arm), str(observation), int(str(step))] = model, taken, had_choice
+    return found
+
+
+def test_script_walks_as_python_does(opened: Opened, results: Path) -> None:
+    walks = walks_of(results / "compare_deep")
+    kinds: dict[tuple[str, bool], list[tuple[str, str, str, int]]] = {}
+    for key, (_, taken, had_choice) in walks.items():
+        kinds.setdefault((taken.ending, bool(had_choice.any())), []).append(key)
+    assert {(CIRCLE, False), ("target_ping", False), ("target_ping", True)} <= set(kinds)
+    chosen = [key for alike in kinds.values() for key in alike[:: len(alike) // 2 + 1]]
+    for key in chosen:
+        model, taken, had_choice = walks[key]
+        *agent, step = key
+        opened.page.evaluate(f"location.hash = '#explorer={'.'.join(agent)}~{'.'.join(agent)}~{step}~values'")
+        label = f"Map of {agent[1]}, {agent[2]}, in {agent[0]}, step {step}."
+        opened.page.wait_for_function(
+            "label => document.querySelector('.map').ariaLabel.startsWith(label)", arg=label
+        )
+        opened.page.locator("#walk-again").click()
+        opened.walk(len(taken.actions) + 5)
+        summary = opened.panel("left").locator(".walked").inner_text()
+        n_steps = len(taken.actions)
+        assert summary.startswith(f"{n_steps} step{'s' if n_steps > 1 else ''} from row 0, column 0.")
+        assert summary.endswith(ENDINGS[taken.ending])
+        lines = opened.panel("left").locator(".walk tbody").inner_text().splitlines()[::-1]
+        cells = [re.findall(r"\t([^\t]+)\t([A-Z]+)( \(tie of \d\))?\t", line)[0] for line in lines]
+        positions = model.position[list(taken.cells[:-1])].tolist()
+        assert [where for where, _, _ in cells] == [
+            f"row {row}, column {column}" for row, column in positions
+        ]
+        assert [action for _, action, _ in cells] == [ACTIONS[action] for action in taken.actions]
+        assert [bool(tie) for _, _, tie in cells] == had_choice.tolist()
 
 
 def test_walk_starts_again_when_training_goes_on(opened: Opened) -> None:

@@ -1,0 +1,57 @@
+"""Writes what an agent does and where it walks as coloured text, for the terminal."""
+
+from typing import Final
+
+import numpy as np
+from rich.text import Text
+
+from agents.policy import contains
+from benchmark.drawing.film import ENDINGS, Film, Moment
+from envs.model import ACTIONS, PING
+from envs.scene import ARROWS
+
+_BRACKETS: Final = {
+    "outside": (" ", " "),
+    "target": ("[", "]"),
+    "uncomfortable": ("{", "}"),
+    "issuer": (" ", " "),
+}
+_LEGEND: Final = f"""\
+{ARROWS} greedy move   P greedy PING   + several   . all alike
+[ ] target region   {{ }} uncomfortable region
+* issuer            @ agent"""
+
+
+def to_text(film: Film, moment: Moment) -> Text:
+    """Returns a moment as text: a cell's greedy actions, on the colour of its best value."""
+    scene, values, place = film.scene, film.values[moment.place], moment.place
+    colours = film.colours(values.max(axis=1)).tolist()  # of an agent that diverged, the maximum is NaN
+    greedy = contains(film.greedy[place])
+    agent = moment.cells[-1]
+    text = Text(f"{film.title}\n")
+    text.append(f"step {film.steps[place]:,}, score {film.scores[place]:.2f}  ")
+    text.append(f"{ENDINGS.get(moment.ending, '')}\n")
+    for cell, (red, green, blue) in enumerate(colours):
+        if cell == agent:
+            sign = "@"
+        elif scene.is_over[cell]:
+            sign = "*"
+        else:
+            sign = _sign(np.flatnonzero(greedy[cell]).tolist())
+        before, after = _BRACKETS[scene.zone[cell]]
+        ink = "rgb(0,0,0)" if red + green + blue > 330 else "rgb(255,255,255)"
+        style = f"{'bold ' if cell == agent else ''}{ink} on rgb({red},{green},{blue})"
+        text.append(f"{before}{sign}{after}", style=style)
+        if (cell + 1) % scene.columns == 0:
+            text.append("\n")
+    text.append(_LEGEND, style="dim")
+    return text
+
+
+def _sign(actions: list[int]) -> str:
+    """Returns the sign of a set of greedy actions."""
+    if len(actions) == len(ACTIONS):
+        return "."
+    if len(actions) > 1:
+        return "+"
+    return "P" if actions[0] == PING else ARROWS[actions[0]]

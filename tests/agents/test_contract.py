@@ -1,0 +1,102 @@
+"""The contract between algorithms and the rest of the project."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from agents import ALGORITHMS, Schedule, Training, check_training, load_algorithm
+from envs import InputError, ProxemicEnv
+
+MODEL = ProxemicEnv().model  # 120 observations, 5 actions
+SCHEDULE = Schedule(30, (0, 10, 30), (0, 30))
+TRAINING = Training(
+    greedy=np.ones((2, 3, 120), dtype=np.uint8),
+    q=np.zeros((2, 120, 5)),
+    stochastic=np.empty((2, 0, 120, 5)),
+    values=np.zeros((2, 2, 120, 5), dtype=np.float32),
+    disagreements=np.zeros((2, 3), dtype=np.int64),
+    cpu_time_s=np.zeros((2, 3)),
+    updates=np.zeros(2, dtype=np.int64),
+    parameters=np.zeros(2, dtype=np.int64),
+    diverged_at=np.full(2, -1),
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WithWeights(Training):
+    """A training with a further field."""
+
+    weights: NDArray[np.uint8]
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
+    algorithm = load_algorithm(name)
+    settings = algorithm.settings.model_validate({"budget": 2048})
+    assert settings.discount_factor == {"dqn": 0.99, "ppo": 0.99, "q_learning": 0.9}[name]
+    assert (algorithm.family, algorithm.placement) == (
+        ("tabular", "thread") if name == "q_learning" else ("deep", "process")
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("q_lerning", r"mine.toml: unknown algorithm q_lerning \(did you mean q_learning\?\)"),
+        ("no.such:THING", "mine.toml: algorithm no.such:THING cannot be imported"),
+        ("agents.policy:NOTHING", "cannot be imported"),
+        ("agents.policy:greedy_masks", "is not an algorithm"),
+    ],
+)
+def test_wrong_names_get_a_sentence(name: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        load_algorithm(name, "mine.toml")
+
+
+def test_schedules_know_which_steps_are_mapped() -> None:
+    assert SCHEDULE.is_mapped.tolist() == [True, False, True]
+    assert Schedule(5).is_mapped.shape == (0,)
+
+
+@pytest.mark.parametrize("steps", [(-1, 5), (3, 3), (5, 2), (0, 11)])
+def test_evaluation_steps_must_rise_within_the_budget(steps: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="evaluation_steps: must rise, from at least 0 to at most 10"):
+        Schedule(10, steps)
+
+
+@pytest.mark.parametrize("steps", [(5,), (10, 0), (0, 0), (0, 12)])
+def test_map_steps_must_be_evaluation_steps(steps: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="map_steps: must be among the evaluation steps"):
+        Schedule(10, (0, 3, 10), steps)
+
+
+def test_trainings_that_keep_the_contract_pass() -> None:
+    check_training(TRAINING, MODEL, 2, SCHEDULE)
+    probabilities = np.full((2, 3, 120, 5), 0.2)
+    check_training(replace(TRAINING, stochastic=probabilities), MODEL, 2, SCHEDULE)
+    check_training(replace(TRAINING, stochastic=probabilities, q=np.empty((2, 0, 5))), MODEL, 2, SCHEDULE)
+    check_training(
+        WithWeights(**vars(TRAINING), weights=np.zeros((2, 7), dtype=np.uint8)), MODEL, 2, SCHEDULE
+    )
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Training)])
+def test_fields_of_other_shapes_are_refused(name: str) -> None:
+    array: NDArray[Any] = getattr(TRAINING, name)
+    for wrong in (array[:1], array[..., :1][..., None]):
+        with pytest.raises(ValueError, match=f"{name}: shape .* accepted: "):
+            check_training(replace(TRAINING, **{name: wrong}), MODEL, 2, SCHEDULE)
+
+
+def test_further_fields_need_a_row_per_agent() -> None:
+    training = WithWeights(**vars(TRAINING), weights=np.zeros((3, 7), dtype=np.uint8))
+    with pytest.raises(ValueError, match=r"weights: shape \(3, 7\); accepted: \(2, 7\)"):
+        check_training(training, MODEL, 2, SCHEDULE)
+
+
+def test_trainings_without_values_and_probabilities_are_refused() -> None:
+    with pytest.raises(ValueError, match="both are empty"):
+        check_training(replace(TRAINING, q=np.empty((2, 0, 5))), MODEL, 2, SCHEDULE)

@@ -1,0 +1,94 @@
+"""Populations: what they are read from, and what is computed of each."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmark.analysis.population import load_population, optimal_values, overlap
+from benchmark.execution.driver import run
+from benchmark.execution.store import Store
+from benchmark.experiments import load_experiment, specifications
+from envs import InputError
+from envs.model import PING
+from tests.benchmark.populations import population
+
+SMOKE = load_experiment("reproduce_smoke")
+
+
+def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
+    runs = specifications(SMOKE, "default", "S1", "q_learning", "index", [0])
+    with Store(tmp_path / "runs.db") as store:
+        run(runs, store, jobs=1)
+        with pytest.raises(InputError, match="runs per scenario and learner = 1: accepted: at least 2"):
+            load_population(runs, store)
+        assert len(load_population(runs, store, fewest=1).scores) == 1
+
+
+def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
+    runs = specifications(SMOKE, "default", "S2", "q_learning", "index")
+    with Store(tmp_path / "runs.db") as store:
+        run(runs[:2] + runs[3:], store, jobs=2)
+        with pytest.raises(InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"):
+            load_population(runs, store)
+        run(runs, store, jobs=2)
+        loaded = load_population(runs[::-1], store)
+        assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
+        records = store.get([runs[i].digest for i in (5, 0)])
+    for i, record in zip((0, 5), records, strict=True):
+        assert (loaded.arrays["q"][i] == record.arrays["q"]).all()
+
+
+def test_scores_lie_between_the_exact_anchors() -> None:
+    random, optimal = population().anchors["grid_return"]
+    assert optimal == pytest.approx(0.0, abs=1e-12)
+    returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
+    assert population(n=1, grid_return=returns).scores[0] == pytest.approx([1, 0, 0.5, -1])
+
+
+def test_maps_are_at_some_of_the_evaluation_steps() -> None:
+    made = population()
+    assert made.evaluation_steps == [0, 200, 400, 600]
+    assert made.map_places.tolist() == [0, 1, 2, 3]
+    # Every 400 steps, and at the end.
+    rarer = replace(made, specification={**made.specification, "map_every": 400})
+    assert rarer.map_places.tolist() == [0, 2, 3]
+
+
+def test_target_cells_are_those_of_the_region() -> None:
+    # Chebyshev distance 2 from the issuer at row 6, column 8: a ring of sixteen cells.
+    square = [(row, column) for row in range(4, 9) for column in range(6, 11)]
+    ring = [(row, column) for row, column in square if row in (4, 8) or column in (6, 10)]
+    assert [divmod(int(cell), 12) for cell in np.flatnonzero(population().in_target)] == ring
+
+
+def test_ping_is_valued_where_its_value_is_positive() -> None:
+    q = np.ones((1, 120, 5))
+    q[0, :, PING] = 0
+    q[0, 7, PING] = 0.1
+    assert np.flatnonzero(population(n=1, q=q).values_ping[0]).tolist() == [7]
+
+
+@pytest.mark.parametrize("has_values", [False, True])
+def test_stochastic_policies_value_ping_where_it_is_the_likeliest(has_values: bool) -> None:
+    stochastic = np.full((1, 4, 120, 5), 0.2)
+    stochastic[0, -1, 7] = [0.1, 0.1, 0.1, 0.1, 0.6]
+    stochastic[0, 0, 9] = [0.1, 0.1, 0.1, 0.1, 0.6]  # not after training
+    q = np.ones((1, 120 if has_values else 0, 5))
+    marked = population(n=1, stochastic=stochastic, q=q).values_ping
+    assert np.flatnonzero(marked[0]).tolist() == [7]
+
+
+def test_overlap_by_hand() -> None:
+    target = np.array([True, True, False, False])
+    cells = np.array([[1, 1, 0, 0], [1, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1]], dtype=bool)
+    assert overlap(cells, target).tolist() == [1, 0.5, 0.5, 0]
+
+
+def test_optimal_values_by_hand() -> None:
+    # PING pays 1 in a target cell. The start is ten moves away; each costs 0.1. The discount is 0.9.
+    values = optimal_values(population())
+    assert values.shape == (120, 5)
+    assert values[4 * 12 + 6, PING] == pytest.approx(1.0)
+    assert values[0].max() == pytest.approx(2 * 0.9**10 - 1)

@@ -1,0 +1,45 @@
+"""The command `run`."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmark.__main__ import main
+from benchmark.execution.store import Store
+
+
+def test_logs_that_no_algorithm_writes_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = main(["run", "reproduce", "--results", str(tmp_path), "--tensorboard", str(tmp_path / "logs")])
+    assert code == 2
+    assert "--tensorboard: no algorithm of reproduce writes logs" in capsys.readouterr().err
+    assert not (tmp_path / "runs.db").exists()
+
+
+def test_logs_come_from_worker_processes_and_change_nothing(tmp_path: Path) -> None:
+    experiment = tmp_path / "logged.toml"
+    experiment.write_text('extends = "compare_deep_smoke"\ndescription = ""\nchanges.scenarios = ["S2"]\n')
+    logs = tmp_path / "logs"
+    for results, more in (("a", ["--tensorboard", str(logs)]), ("b", [])):
+        arguments = ["run", str(experiment), "--seeds", "0", "--results", str(tmp_path / results)]
+        assert main([*arguments, *more]) == 0
+    written = {str(path.parent.relative_to(logs)) for path in logs.rglob("events*")}
+    assert len(written) == 9
+    assert "logged/S2/ppo_coordinates/seed_0" in written
+    with Store(tmp_path / "a" / "runs.db") as logged, Store(tmp_path / "b" / "runs.db") as plain:
+        digests = sorted(logged.ended())
+        assert digests == sorted(plain.ended())
+        for x, y in zip(logged.get(digests), plain.get(digests), strict=True):
+            assert all(x.arrays[name].tobytes() == y.arrays[name].tobytes() for name in x.arrays)
+
+
+def test_experiments_that_the_report_refuses_are_not_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    experiment = tmp_path / "mine.toml"
+    changes = '"sweep.rate.low.settings" = { learning_rate = 0.2 }'
+    experiment.write_text(f'extends = "reproduce_smoke"\ndescription = ""\n[changes]\n{changes}\n')
+    assert main(["run", str(experiment), "--results", str(tmp_path)]) == 2
+    assert "sweep" in capsys.readouterr().err
+    assert not (tmp_path / "runs.db").exists()

@@ -1,0 +1,240 @@
+"""The driver executes what is missing, once, and stores what comes of it."""
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from numpy.random import SeedSequence
+
+from agents import LearnerSettings, Schedule, Training, load_algorithm
+from agents.dynamic_programming import evaluate
+from agents.policy import ALL_ACTIONS, mask_policy
+from benchmark.execution import job as execution
+from benchmark.execution.driver import pending, run
+from benchmark.execution.plan import Job, plan
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import (
+    EXPERIMENT_DIRECTORY,
+    Experiment,
+    RunSpecification,
+    all_specifications,
+    load_experiment,
+    specifications,
+)
+from envs import Model, compile_scenario
+from envs.inputs import override, parse, read_toml
+
+SMALL = load_experiment("reproduce_smoke")
+
+
+class Settings(LearnerSettings):
+    """A budget and a time limit."""
+
+    @property
+    def discount_factor(self) -> float:
+        """A constant."""
+        return 0.9
+
+
+@dataclass
+class Toy:
+    """An algorithm that learns a number: one that depends on the batch or on the seed, or an error."""
+
+    depends_on_batch: bool
+    error: Exception | None = None
+    version: int = 1
+    family: Literal["tabular", "deep"] = "tabular"
+    settings: type[LearnerSettings] = Settings
+    observations: tuple[str, ...] = ("index",)
+    packages: tuple[str, ...] = ()
+    batch_size: int = 4
+    placement: Literal["thread", "process"] = "thread"
+    writes_logs: bool = False
+
+    def train(
+        self,
+        model: Model,
+        settings: Any,  # noqa: ARG002
+        observation: str,  # noqa: ARG002
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
+        logs: Sequence[Path] = (),  # noqa: ARG002
+    ) -> Training:
+        """Fills the tables of action values with the number that is learned."""
+        if self.error is not None:
+            raise self.error
+        learned = np.array([seed.generate_state(1)[0] for seed in seeds], dtype=np.float64)
+        if self.depends_on_batch:
+            learned += np.arange(1, len(seeds) + 1) @ learned
+        n, steps, table = len(seeds), len(schedule.evaluation_steps), (model.n_observations, 5)
+        return Training(
+            greedy=np.full((n, steps, model.n_observations), ALL_ACTIONS, dtype=np.uint8),
+            q=np.broadcast_to(learned[:, None, None], (n, *table)),
+            stochastic=np.empty((n, 0, *table)),
+            values=np.zeros((n, len(schedule.map_steps), *table), dtype=np.float32),
+            disagreements=np.zeros((n, steps), dtype=np.int64),
+            cpu_time_s=np.zeros((n, steps)),
+            updates=np.zeros(n, dtype=np.int64),
+            parameters=np.ones(n, dtype=np.int64),
+            diverged_at=np.full(n, -1),
+        )
+
+
+BATCH = Toy(depends_on_batch=True)
+FICKLE = Toy(depends_on_batch=False)
+
+
+def toy_runs(name: str, seeds: Sequence[int]) -> list[RunSpecification]:
+    """Runs of one of the algorithms above."""
+    data = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml") | {"readings": {}, "scenarios": ["S1"]}
+    arm = {"algorithm": f"{__name__}:{name}", "observations": ["index"], "seeds": 10, "settings": {}}
+    changes = {"algorithms": {"toy": arm}, "readings.default": {"question": "?", "answer": "!"}}
+    experiment = parse(Experiment, override(data, changes, "test"), "test", name="toy")
+    return specifications(experiment, "default", "S1", "toy", "index", seeds)
+
+
+def learned(store: Store, runs: Sequence[RunSpecification]) -> list[float]:
+    return [float(record.arrays["q"][0, 0]) for record in store.get([run.digest for run in runs])]
+
+
+def test_every_run_is_reported_once(tmp_path: Path) -> None:
+    runs = all_specifications(SMALL)
+    reported: list[str] = []
+    started: list[str] = []
+    with Store(tmp_path / "runs.db") as store:
+        for _ in range(2):  # the second time, nothing is left to do
+            errors = run(
+                runs,
+                store,
+                2,
+                on_progress=lambda records: reported.extend(record.digest for record in records),
+                on_start=lambda job: started.extend(run.digest for run in job),
+            )
+            assert errors == []
+            assert sorted(reported) == sorted(started) == sorted(run.digest for run in runs)
+        assert pending(runs, store) == []
+
+
+def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
+    runs = specifications(SMALL, "budget", "S2", "q_learning", "index")
+    model = compile_scenario(runs[0].scenario)
+    seeds = [run.seed_sequence for run in runs]
+    algorithm = load_algorithm("q_learning")
+    training = algorithm.train(model, runs[0].settings, "index", seeds, runs[0].schedule)
+    evaluation = evaluate(model, mask_policy(training.greedy), SMALL.horizon)
+    none = evaluate(model, training.stochastic, SMALL.horizon)
+    with Store(tmp_path / "runs.db") as store:
+        assert run(runs, store, jobs=2) == []
+        records = store.get([run.digest for run in runs])
+    expected = vars(training) | vars(evaluation)
+    expected |= {f"stochastic_{name}": values for name, values in vars(none).items()}
+    del expected["cpu_time_s"]  # measured, and so a part of the provenance
+    for i, record in enumerate(records):
+        assert record.arrays.keys() == expected.keys()
+        for name, values in expected.items():
+            assert np.array_equal(record.arrays[name], values[i]), name
+        assert record.arrays["episodes_ended"] == 600
+        assert len(record.provenance["cpu_time_s"]) == len(runs[0].evaluation_steps)
+
+
+def test_failed_runs_are_stored_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = toy_runs("FICKLE", range(6))
+    with Store(tmp_path / "runs.db") as store:
+        with monkeypatch.context() as patch:
+            patch.setattr(FICKLE, "error", FloatingPointError("diverged"))
+            errors = run(runs, store, jobs=1)
+        assert errors == ["FloatingPointError: diverged"] * 6
+        assert set(store.statuses().values()) == {"failed"}
+        assert {record.error for record in store.get([run.digest for run in runs])} == set(errors)
+        assert pending(runs, store) == runs
+        assert run(runs, store, jobs=1) == []
+        assert pending(runs, store) == []
+
+
+def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = all_specifications(SMALL)
+    executed: list[str] = []
+    execute = execution.execute_job
+    together = threading.Barrier(3, timeout=60)
+
+    def slow(job: Job, logs: Path | None) -> list[Record]:
+        records = execute(job, logs)
+        executed.extend(run.digest for run in job)
+        if len(executed) <= 3 * len(job):  # the first three jobs end together
+            together.wait()
+        else:
+            time.sleep(0.2)  # so that the interrupt comes before the last of them
+        return records
+
+    calls: list[int] = []
+
+    def interrupt(records: list[Record]) -> None:
+        calls.append(len(records))
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(execution, "execute_job", slow)
+    with Store(tmp_path / "runs.db") as store:
+        with pytest.raises(KeyboardInterrupt):
+            run(runs, store, 3, interrupt)
+        assert len(executed) >= 18
+        assert set(store.statuses()) == set(executed)
+        assert len(executed) < len(runs)
+        assert run(runs, store, 3) == []
+        assert pending(runs, store) == []
+
+
+# Algorithms whose bits depend on the batch
+
+
+def test_batches_are_whole_blocks_of_seeds() -> None:
+    jobs = plan(toy_runs("BATCH", [9, 2, 3]))
+    assert [[run.seed for run in job] for job in jobs] == [[8, 9, 10, 11], [0, 1, 2, 3]]
+
+
+def test_batches_do_not_depend_on_what_is_missing(tmp_path: Path) -> None:
+    wanted = toy_runs("BATCH", range(10))
+    with Store(tmp_path / "whole.db") as store:
+        assert run(wanted, store, jobs=2) == []
+        whole = learned(store, wanted)
+    reported: list[str] = []
+    with Store(tmp_path / "parts.db") as store:
+        assert run([wanted[5]], store, 1, lambda records: reported.extend(r.digest for r in records)) == []
+        assert reported == [wanted[5].digest]
+        assert pending(wanted, store) == wanted[:4] + wanted[8:]  # the rest of its block is done, too
+        assert run(wanted, store, jobs=2) == []
+        assert learned(store, wanted) == whole
+    alone = load_algorithm(wanted[5].algorithm).train(
+        compile_scenario(wanted[5].scenario),
+        wanted[5].settings,
+        "index",
+        [wanted[5].seed_sequence],
+        wanted[5].schedule,
+    )
+    assert alone.q[0, 0, 0] != whole[5]  # so that a batch of the missing runs alone would be noticed
+
+
+def test_runs_trained_again_for_their_batch_keep_their_records(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = toy_runs("BATCH", range(4))
+    with Store(tmp_path / "runs.db") as store:
+        execute = execution.execute_job
+
+        def lose_one(job: Job, logs: Path | None) -> list[Record]:
+            return [*execute(job, logs)[:3], *execution.failures(job[3:], OSError("lost"), "", 0.0)]
+
+        with monkeypatch.context() as patch:
+            patch.setattr(execution, "execute_job", lose_one)
+            assert run(runs, store, 1) == ["OSError: lost"]
+        before = store.get([run.digest for run in runs])
+        monkeypatch.setattr(execution, "now", lambda: "later")
+        assert run(runs, store, 1) == []
+        after = store.get([run.digest for run in runs])
+    assert [record.provenance for record in after[:3]] == [record.provenance for record in before[:3]]
+    assert (after[3].status, after[3].provenance["started_at"]) == ("done", "later")

@@ -1,0 +1,91 @@
+"""What records say of the code, the machine and the packages that made them."""
+
+import shutil
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import pytest
+
+from benchmark.execution import provenance
+from benchmark.execution.driver import run
+from benchmark.execution.provenance import commit, peak_memory_mb, reset_peak_memory
+from benchmark.execution.store import Store
+from benchmark.experiments import load_experiment, specifications
+from envs import InputError
+
+COMPARED = load_experiment("compare_deep_smoke")
+
+
+def git(directory: Path, *arguments: str) -> str:
+    identity = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
+    command = ["git", "-C", str(directory), *identity, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_commit_is_that_of_the_repository_that_tracks_the_code(tmp_path: Path) -> None:
+    file = tmp_path / "benchmark" / "execution" / "provenance.py"
+    file.parent.mkdir(parents=True)
+    file.write_text("1")
+    assert commit(file) is None  # no repository
+    git(tmp_path, "init", "--quiet")
+    (tmp_path / "notes.txt").write_text("")
+    git(tmp_path, "add", "notes.txt")
+    git(tmp_path, "commit", "--quiet", "-m", "Notes")
+    assert commit(file) is None  # a repository of something else, for example around site-packages
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "--quiet", "-m", "Code")
+    head = git(tmp_path, "rev-parse", "--short=12", "HEAD")
+    assert commit(file) == head
+    (tmp_path / "notes.txt").write_text("changed")
+    assert commit(file) == head
+    file.write_text("2")
+    assert commit(file) == f"{head}-changed"
+
+
+def test_records_name_the_packages_of_their_algorithm(tmp_path: Path) -> None:
+    if shutil.which("git") is None:
+        pytest.skip("needs git")
+    runs = specifications(COMPARED, "default", "S1", "q_learning", "index", [0])
+    with Store(tmp_path / "runs.db") as store:
+        assert run(runs, store, 1) == []
+        (record,) = store.get([runs[0].digest])
+    assert record.provenance["versions"]["numpy"] == version("numpy")
+    assert "torch" not in record.provenance["versions"]
+    assert record.provenance["commit"] == commit(Path(provenance.__file__))
+
+
+def test_missing_packages_are_refused_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_torch(name: str) -> str:
+        if name == "torch":
+            raise PackageNotFoundError
+        return "1"
+
+    monkeypatch.setattr(provenance, "version", without_torch)
+    runs = [
+        *specifications(COMPARED, "default", "S1", "q_learning", "index", [0]),
+        *specifications(COMPARED, "default", "S1", "dqn", "one_hot", [0, 1]),
+    ]
+    expected = pytest.raises(InputError, match="torch is not installed, but dqn needs it; make compare-deep")
+    with Store(tmp_path / "runs.db") as store:
+        with expected:
+            run(runs, store, 1)
+        assert store.statuses() == {}
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the system cannot reset the peak")
+def test_peak_memory_is_that_since_the_last_reset() -> None:
+    reset_peak_memory()
+    before = peak_memory_mb()
+    assert before is not None
+    data = b"x" * (300 << 20)
+    during = peak_memory_mb()
+    del data
+    reset_peak_memory()
+    after = peak_memory_mb()
+    assert during is not None
+    assert after is not None
+    assert during - before > 250
+    assert during - after > 250

@@ -1,0 +1,154 @@
+"""The store gives back what was put into it, whole, or says what is wrong with it."""
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmark.execution.store import Record, Store
+from envs import InputError
+
+
+def record(digest: str, status: str = "done", arrays: dict[str, NDArray[Any]] | None = None) -> Record:
+    arrays = arrays or {}
+    return Record(digest, "{}", status, {"wall_time_s": 1.0}, arrays, "oh" if status == "failed" else None)
+
+
+def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
+    arrays = {"a": np.arange(6.0).reshape(2, 3), "b": np.array(7, dtype=np.int64), "c": np.empty((0, 3))}
+    with Store(tmp_path / "deep" / "runs.db") as store:
+        store.add([record("x", arrays=arrays), record("y")])
+        store.add([record("x", "failed")])
+        store.add([record("x", arrays=arrays)])
+    with Store(tmp_path / "deep" / "runs.db") as store:
+        assert store.statuses() == {"x": "done", "y": "done"}
+        second, first = store.get(["y", "x"])
+        assert (second.arrays, first.status) == ({}, "done")
+        for name, values in arrays.items():
+            assert first.arrays[name].dtype == values.dtype
+            assert np.array_equal(first.arrays[name], values)
+            assert first.arrays[name].shape == values.shape
+        with pytest.raises(KeyError):
+            store.get(["z"])
+
+
+def test_records_are_added_all_or_none(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x")])
+        with pytest.raises(InputError, match="CHECK constraint"):
+            store.add([record("x", "failed"), record("y"), record("z", "odd")])
+        assert store.statuses() == {"x": "done"}
+
+
+def test_failure_does_not_replace_a_valid_record(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x", arrays={"a": np.ones(3)})])
+        store.add([record("x", "failed"), record("y", "failed")])  # for example by another driver
+        assert store.statuses() == {"x": "done", "y": "failed"}
+        assert store.get(["x"])[0].arrays["a"].tolist() == [1, 1, 1]
+
+
+def test_foreign_and_broken_stores_are_refused_and_left_alone(tmp_path: Path) -> None:
+    text = tmp_path / "text.db"
+    text.write_text("these are my notes, and no database at all\n" * 100)
+    with pytest.raises(InputError, match=r"text\.db: cannot be used as the store of runs: file is not"):
+        Store(text)
+    assert text.read_text().startswith("these are my notes")
+    other = tmp_path / "other.db"
+    with sqlite3.connect(other) as connection:
+        connection.execute("CREATE TABLE cats (name TEXT)")
+    connection.close()
+    before = other.read_bytes()
+    with pytest.raises(InputError, match=r"other\.db: not a store of this version"):
+        Store(other)
+    assert other.read_bytes() == before
+    with pytest.raises(InputError, match="cannot be used as the store"):
+        Store(tmp_path)  # a folder
+    with pytest.raises(InputError, match="cannot be made"):
+        Store(text / "runs.db")
+
+
+def test_damaged_store_is_reported_in_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "runs.db"
+    with Store(path) as store:
+        store.add([record(str(i), arrays={"a": np.zeros(500)}) for i in range(50)])
+    content = bytearray(path.read_bytes())
+    content[8192:] = b"\x5a" * (len(content) - 8192)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"runs\.db: cannot be used"), Store(path) as store:
+        store.get(list(store.statuses()))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["DELETE FROM arrays WHERE name = 'q'", "UPDATE arrays SET data = substr(data, 1, 13) WHERE name = 'q'"],
+)
+def test_damaged_records_are_reported_in_one_sentence(tmp_path: Path, damage: str) -> None:
+    arrays = {"q": np.zeros(5), "r": np.zeros(5)}
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("0123456789abcdef", arrays=arrays)])
+    connection = sqlite3.connect(tmp_path / "runs.db")
+    with connection:
+        connection.execute(damage)
+    connection.close()
+    expected = pytest.raises(InputError, match=r"runs\.db: the record of run 0123456789ab is damaged; remove")
+    with Store(tmp_path / "runs.db", read_only=True) as store, expected:
+        store.get(["0123456789abcdef"])
+
+
+def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "runs.db"
+    with pytest.raises(InputError, match=r"runs\.db: there are no runs yet"):
+        Store(path, read_only=True)
+    assert not path.exists()
+    with Store(path) as store:
+        store.add([record("x")])
+    before = path.read_bytes()
+    with Store(path, read_only=True) as store:
+        assert store.statuses() == {"x": "done"}
+        with pytest.raises(InputError, match="readonly"):
+            store.add([record("y")])
+    assert path.read_bytes() == before
+
+
+class Connection:
+    """A connection whose user can press Ctrl-C just before or after a statement."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+        self.before = self.after = ""  # statements; each interrupts once
+
+    def execute(self, statement: str, *arguments: Any) -> Any:
+        if statement == self.before:
+            self.before = ""
+            raise KeyboardInterrupt
+        result = self._connection.execute(statement, *arguments)
+        if statement == self.after:
+            self.after = ""
+            raise KeyboardInterrupt
+        return result
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._connection, name)
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("statement", ["BEGIN IMMEDIATE", "COMMIT"])
+def test_interrupt_around_a_transaction_leaves_the_store_usable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: str, when: str
+) -> None:
+    connection = Connection(sqlite3.connect(tmp_path / "runs.db", isolation_level=None))
+    with monkeypatch.context() as patch:
+        patch.setattr(sqlite3, "connect", lambda *_, **__: connection)
+        store = Store(tmp_path / "runs.db")
+    with store:
+        setattr(connection, when, statement)
+        with pytest.raises(KeyboardInterrupt):
+            store.add([record("x")])
+        store.add([record("x")])  # as the driver does with the jobs that had ended by then
+        store.add([record("y")])
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert store.statuses() == {"x": "done", "y": "done"}

@@ -1,0 +1,91 @@
+"""What a map looks like, by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+from envs import ZONES, compile_scenario, load_scenario
+from envs.model import MOVES
+from envs.regions import outlines
+from envs.scene import ARROWHEADS, TRIANGLES, colour_limits, inset, scene_of
+
+S1 = compile_scenario(load_scenario("S1"))
+
+
+def test_scene_of_the_paper_by_hand() -> None:
+    scene = scene_of(S1)
+    assert (scene.rows, scene.columns, scene.n_cells) == (10, 12, 120)
+    assert [(outline.region, outline.is_dashed, outline.loops) for outline in scene.outlines] == [
+        ("target", False, (((4, 6), (4, 11), (9, 11), (9, 6)),)),
+        ("uncomfortable", True, (((5, 7), (5, 10), (8, 10), (8, 7)),)),
+    ]
+    assert scene.cell_of("issuer") == 6 * 12 + 8
+    assert scene.cell_of("start") == 0
+    assert scene.centre(13) == (1.5, 1.5)
+    assert scene.position[[0, 11, 12, 119]].tolist() == [[0, 0], [0, 11], [1, 0], [9, 11]]
+    assert np.flatnonzero(scene.is_over).tolist() == [6 * 12 + 8]
+    # 5 x 5 cells, of which 3 x 3 are uncomfortable or, in the middle, the issuer's.
+    assert [scene.zone.count(zone) for zone in ZONES] == [95, 16, 8, 1]
+
+
+def test_regions_end_where_the_room_does() -> None:
+    model = compile_scenario(load_scenario("S1", {"issuer.position": [9, 11]}))
+    loops = [outline.loops for outline in scene_of(model).outlines]
+    assert loops == [(((7, 9), (7, 12), (10, 12), (10, 9)),), (((8, 10), (8, 12), (10, 12), (10, 10)),)]
+
+
+def test_scene_of_equal_scenarios_is_the_same() -> None:
+    assert scene_of(compile_scenario(load_scenario("S1"))) is scene_of(S1)
+
+
+def test_json_holds_the_scene() -> None:
+    scene = scene_of(S1)
+    read = json.loads(json.dumps(scene.as_json()))
+    assert (read["rows"], read["columns"], read["zone"]) == (10, 12, list(scene.zone))
+    assert np.flatnonzero(read["over"]).tolist() == [80]
+    assert read["outlines"][1] == {
+        "label": "uncomfortable region's edge",
+        "dashed": True,
+        "loops": [[[5, 7], [5, 10], [8, 10], [8, 7]]],
+    }
+    assert read["glyphs"] == [{"kind": "issuer", "cell": 80}, {"kind": "start", "cell": 0}]
+    assert read["triangles"] == TRIANGLES.tolist()
+    assert read["moves"] == [[-1, 0], [1, 0], [0, -1], [0, 1]]
+
+
+def test_triangles_and_arrows_point_where_moves_lead() -> None:
+    assert TRIANGLES.mean(axis=1) == pytest.approx(MOVES / 3)
+    # Together the triangles fill the cell: each has a quarter of its area.
+    first, second = TRIANGLES[:, 0], TRIANGLES[:, 1]
+    assert abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2 == pytest.approx(0.25)
+    for move, (tip, left, right) in zip(MOVES, ARROWHEADS, strict=True):
+        assert tip == pytest.approx(0.46 * move)
+        assert (left + right) / 2 == pytest.approx(0.27 * move)
+        assert (left - right) @ move == pytest.approx(0)
+        assert abs(left - right).sum() == pytest.approx(0.26)
+
+
+def test_corners_move_into_the_set() -> None:
+    ring = np.ones((3, 3), dtype=bool)
+    ring[1, 1] = False
+    outer, hole = outlines(ring)
+    assert set(inset(outer, 0.2)) == {(0.2, 0.2), (0.2, 2.8), (2.8, 2.8), (2.8, 0.2)}
+    assert set(inset(hole, 0.2)) == {(0.8, 0.8), (0.8, 2.2), (2.2, 2.2), (2.2, 0.8)}
+    (bent,) = outlines(np.array([[True, False], [True, True]]))
+    assert inset(bent, 0.25) == [
+        (0.25, 0.25),
+        (0.25, 0.75),
+        (1.25, 0.75),
+        (1.25, 1.75),
+        (1.75, 1.75),
+        (1.75, 0.25),
+    ]
+
+
+def test_colour_limits_leave_out_outliers_and_what_is_not_known() -> None:
+    values = np.concatenate([np.linspace(0, 1, 101), [np.nan, np.inf]])
+    assert colour_limits(values) == pytest.approx((0.01, 0.99))
+    assert colour_limits(np.append(np.zeros(1000), 99.0)) == (0.0, 1e-9)
+    assert colour_limits(np.full(3, np.nan)) == (0.0, 1.0)
+    assert colour_limits(np.full((2, 2), 5.0)) == (5.0, 5.0 + 1e-9)

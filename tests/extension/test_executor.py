@@ -1,0 +1,127 @@
+"""An executor from outside: a Python process per job, as a cluster's scheduler would start it."""
+
+import pickle
+import subprocess
+import sys
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from benchmark.__main__ import main
+from benchmark.execution.job import execute_job
+from benchmark.execution.plan import Job, plan
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import all_specifications, load_experiment
+
+ROOT = Path(__file__).parents[2]
+TOML = """
+description = "A table in S1 and S2."
+scenarios = ["S1", "S2"]
+horizon = 200
+evaluation_every = 200
+map_every = 200
+
+[algorithms.q_learning]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 3
+
+[algorithms.q_learning.settings]
+budget = 1000
+"""
+_CODE = """
+import pickle, sys
+from benchmark.execution.job import execute_job
+pickle.dump(execute_job(*pickle.load(sys.stdin.buffer)), sys.stdout.buffer)
+"""
+
+
+class ProcessPerJob:
+    """Executes each job in a new process; without a process for the jobs of S2, if it is `broken`."""
+
+    def __init__(self, jobs: int, *, broken: bool = False) -> None:
+        self._pool = ThreadPoolExecutor(jobs)
+        self._broken = broken
+
+    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
+        return self._pool.submit(self._execute, job, logs)
+
+    def cancel(self) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def _execute(self, job: Job, logs: Path | None) -> list[Record]:
+        if self._broken and job[0].scenario.name == "S2":
+            raise ConnectionError("the machine does not answer")
+        done = subprocess.run(
+            [sys.executable, "-c", _CODE],
+            input=pickle.dumps((job, logs)),
+            cwd=ROOT,
+            check=True,
+            capture_output=True,
+        )
+        records: list[Record] = pickle.loads(done.stdout)
+        return records
+
+
+def broken(jobs: int) -> ProcessPerJob:
+    return ProcessPerJob(jobs, broken=True)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """The experiment's file."""
+    (tmp_path / "small.toml").write_text(TOML, encoding="utf-8")
+    return tmp_path / "small.toml"
+
+
+def test_records_from_another_executor_are_identical(
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["run", str(path), "--results", str(tmp_path), "--executor", f"{__name__}:ProcessPerJob"]
+    assert main(arguments) == 0
+    assert "6 runs done, 0 were done already" in capsys.readouterr().out
+    jobs = plan(all_specifications(load_experiment(path)))
+    assert len(jobs) == 2
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        for job in jobs:
+            records = store.get([run.digest for run in job])
+            for record, expected in zip(records, execute_job(job), strict=True):
+                assert record.digest == expected.digest
+                assert record.specification == expected.specification
+                assert record.arrays.keys() == expected.arrays.keys()
+                for name, values in expected.arrays.items():
+                    assert record.arrays[name].tobytes() == values.tobytes(), name
+                assert record.provenance["versions"] == expected.provenance["versions"]
+
+
+def test_lost_jobs_are_failed_runs(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["run", str(path), "--results", str(tmp_path)]
+    assert main([*arguments, "--executor", f"{__name__}:broken"]) == 1
+    error = capsys.readouterr().err
+    assert "3 runs failed" in error
+    assert "First error: ConnectionError: the machine does not answer" in error
+    runs = all_specifications(load_experiment(path))
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        statuses = store.statuses()
+    assert len(statuses) == len(runs)
+    assert all((statuses[run.digest] == "failed") == (run.scenario.name == "S2") for run in runs)
+    assert main(arguments) == 0  # by the usual executor
+    assert "3 runs done, 3 were done already" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("proces", "--executor: unknown executor proces (did you mean process?)"),
+        ("nowhere:Executor", "--executor: executor nowhere:Executor cannot be imported"),
+        (f"{__name__}:ROOT", "is not an executor; accepted: a class or function"),
+    ],
+)
+def test_mistakes_get_one_sentence(
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, expected: str
+) -> None:
+    assert main(["run", str(path), "--results", str(tmp_path), "--executor", name]) == 2
+    error = capsys.readouterr().err
+    assert expected in error
+    assert error.count("\n") == 1
