@@ -225,4 +225,4 @@ def test_published_texts_are_what_the_published_tables_say(tmp_path: Path) -> No
         for text_file in ("README.md", "findings.csv"):
             if (PUBLISHED.parent / name / text_file).exists():
                 made = (copy / text_file).read_text(encoding="utf-8")
-                assert made == (PUBLISHED.parent / name / text_file).read_text(encoding="utf-8"), (name, text_file)
+                assert made == (PUBLISHED.parent / name / text_file).read_text(encoding="utf-8"), name
