@@ -219,10 +219,10 @@ def test_published_texts_are_what_the_published_tables_say(tmp_path: Path) -> No
         copy.mkdir()
         for path in (PUBLISHED.parent / name).iterdir():
             (copy / path.name).symlink_to(path)
-        for text_file in ("README.md", "findings.csv"):
-            (copy / text_file).unlink(missing_ok=True)
+        for file in ("README.md", "findings.csv"):
+            (copy / file).unlink(missing_ok=True)
         texts.write(copy)
-        for text_file in ("README.md", "findings.csv"):
-            if (PUBLISHED.parent / name / text_file).exists():
-                made = (copy / text_file).read_text(encoding="utf-8")
-                assert made == (PUBLISHED.parent / name / text_file).read_text(encoding="utf-8"), name
+        for file in ("README.md", "findings.csv"):
+            if (PUBLISHED.parent / name / file).exists():
+                made = (copy / file).read_text(encoding="utf-8")
+                assert made == (PUBLISHED.parent / name / file).read_text(encoding="utf-8"), (name, file)
