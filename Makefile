@@ -33,7 +33,7 @@ report: $(BASE) ## the page alone, results/index.html, from the results that are
 	$(PY) -m benchmark report --results $(RESULTS)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
-	$(PY) -m pytest $(TESTS)
+	$(PY) -m pytest -n 2 --dist loadfile $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m ruff format --check $(CHECKED)

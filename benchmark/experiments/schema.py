@@ -53,9 +53,8 @@ class Experiment(Table):
 
     name: str
     description: str
-    report: str = (
-        ""  # the kind of report, see `benchmark.reports`; without one, runs are stored and not drawn
-    )
+    # The kind of report, see `benchmark.reports`; without a report, runs are stored and not drawn.
+    report: str = ""
     items: tuple[str, ...] = ()  # further tables and figures of the report, each as module:attribute
     note: str = ""  # for readers of the results, for example how settings were chosen
     stream: str = ""  # experiments with the same stream share runs; by default, the experiment's name

@@ -1,4 +1,4 @@
-"""A sweep, declared in a file of one's own: its conditions, its runs and their records."""
+"""A sweep, declared in an experiment's file: its conditions, its runs and their records."""
 
 from pathlib import Path
 

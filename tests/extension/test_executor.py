@@ -113,7 +113,7 @@ def test_lost_jobs_are_failed_runs(path: Path, tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("proces", "--executor: unknown executor proces (did you mean process?)"),
+        ("procss", "--executor: unknown executor procss (did you mean process?)"),
         ("nowhere:Executor", "--executor: executor nowhere:Executor cannot be imported"),
         (f"{__name__}:ROOT", "is not an executor; accepted: a class or function"),
     ],

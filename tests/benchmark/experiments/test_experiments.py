@@ -203,8 +203,8 @@ SWEEP = "[readings.default]"  # where a sweep is put before
         (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one condition"),
         (
             SWEEP,
-            f"[sweep.rate.low]\nsetings = {{}}\n{SWEEP}",
-            "[sweep.rate.low]: unknown key setings (did you mean settings?)",
+            f"[sweep.rate.low]\nsetting = {{}}\n{SWEEP}",
+            "[sweep.rate.low]: unknown key setting (did you mean settings?)",
         ),
         (
             SWEEP,
@@ -240,7 +240,11 @@ def test_mistakes_in_a_replication_get_one_sentence(
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
         ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
         ('"every_cell"]', '"anywhere"]', "evaluated_from"),
-        ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key"),
+        (
+            "time_limit = 200",
+            "time_limits = 200",
+            "[settings], which q_learning shares: unknown key time_limits",
+        ),
     ],
 )
 def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:
@@ -248,17 +252,17 @@ def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
-    for name, base in (("one", "two"), ("two", "one")):
+    for name, base in (("first", "second"), ("second", "first")):
         text = f'extends = "{tmp_path}/{base}.toml"\ndescription = ""\nchanges = {{}}\n'
         (tmp_path / f"{name}.toml").write_text(text)
-    with pytest.raises(InputError, match=r"two\.toml: extends = .*one\.toml\": it extends itself"):
-        load_experiment(tmp_path / "one.toml")
+    with pytest.raises(InputError, match=r"second\.toml: extends = .*first\.toml\": it extends itself"):
+        load_experiment(tmp_path / "first.toml")
 
 
 def test_reports_refuse_experiments_that_they_cannot_report_on() -> None:
     tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
     replication = parse(Experiment, tables, "test", name="test")
-    with pytest.raises(InputError, match="readings, sweep: a comparison takes the default"):
+    with pytest.raises(InputError, match="a comparison takes the default"):
         load_report("comparison").check(replication)
     swept = override(tables, {"sweep.rate.low.settings": {"learning_rate": 0.1}}, "test")
     with pytest.raises(InputError, match="sweep"):
