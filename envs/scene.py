@@ -1,7 +1,7 @@
 """What a map of a scenario looks like: computed once from the model, painted by several back ends.
 
 A scene has cells, outlines of the regions, glyphs and a palette. Matplotlib, Pillow, SVG, text and the window
-paint what it holds; none of them knows radii or the shape of a region. Lengths are in cells; cell (r, c)
+only paint what it holds; none of them knows radii or the shape of a region. Lengths are in cells; cell (r, c)
 covers rows r to r + 1 and columns c to c + 1.
 """
 
@@ -29,7 +29,7 @@ COLOURS: Final[dict[str, Colour]] = {
     "agent": (0, 114, 178),
     "path": (213, 94, 0),  # the agent and its path on a map of values
     "ink": (30, 30, 30),
-    "over": (138, 138, 138),  # a cell without actions, on a map of values
+    "over": (138, 138, 138),  # a cell in which the episode is over, on a map of values
     "no value": (250, 250, 250),
 }
 # The borders that are drawn, the outermost first: label, and whether the line is dashed.
@@ -38,7 +38,9 @@ BORDERS: Final = {
     "uncomfortable": ("uncomfortable region's edge", True),
 }
 COLOUR_MAP: Final = "cividis"  # of values, in every back end
-CLIPPED_SHARE: Final = 0.01  # of all values, at each end of a colour scale: a few outliers would take it all
+CLIPPED_SHARE: Final = (
+    0.01  # of all values, clipped at each end of a colour scale that outliers would stretch
+)
 # Of each move: corners of its triangle, (row, column) from the cell's centre; the third is the centre.
 TRIANGLES: Final = np.array(
     [
@@ -80,7 +82,7 @@ class Scene:
     rows: int
     columns: int
     zone: tuple[str, ...]  # (O,) one of ZONES
-    is_over: NDArray[np.bool_]  # (O,) whether the episode is over there, so that there are no actions
+    is_over: NDArray[np.bool_]  # (O,) in which cells the episode is over, so that nothing can be done
     outlines: tuple[Outline, ...]  # the outermost first
     glyphs: tuple[Glyph, ...]
 
@@ -162,7 +164,7 @@ def inset(loop: Loop, depth: float) -> list[tuple[float, float]]:
 def colour_limits(values: NDArray[Any]) -> tuple[float, float]:
     """Returns the ends of a colour scale for all these values, without the outliers at both ends.
 
-    NaN values do not count; if there is nothing else, the scale is (0, 1).
+    Values that are not finite do not count; if there are no others, the scale is (0, 1).
     """
     known = values[np.isfinite(values)]
     if not known.size:

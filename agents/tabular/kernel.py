@@ -158,8 +158,9 @@ def _take_snapshot(
     results.disagreements[n, i] = disagreements
     for o in range(len(greedy)):
         results.greedy[n, i, o] = greedy[o]
-    if i_map >= 0:
-        results.values[n, i_map] = q
+        if i_map >= 0:
+            for a in range(N_ACTIONS):
+                results.values[n, i_map, o, a] = q[o, a]
 
 
 @numba.njit

@@ -7,7 +7,7 @@ from benchmark.commands import parse_seeds
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
-from benchmark.reports import draw, load_report
+from benchmark.reports import draw, load_items, load_report
 from envs import InputError
 
 
@@ -43,10 +43,15 @@ def check(experiment: Experiment, *, is_required: bool) -> None:
       is_required: Whether it must have a report.
 
     Raises:
-      InputError: It has none although it must, or its report asks for something else.
+      InputError: It has none although it must, or its report asks for something else, lacks a package that it
+        needs, or has an item that cannot be used.
     """
     if experiment.report:
-        load_report(experiment.report, experiment.argument).check(experiment)
+        report = load_report(experiment.report, experiment.argument)
+        report.check(experiment)
+        load_items(report, experiment.items, experiment.argument)
+        if is_required:
+            draw.check_packages(report, experiment.name)
     elif is_required:
         raise InputError(
             f"{experiment.argument}: has no report; accepted: an experiment with the key report."

@@ -235,7 +235,7 @@ def _report(folder: Folder, ids: set[str]) -> dict[str, Any]:
         sections.append(
             {
                 "id": key,
-                "heading": part.heading,
+                "heading": folder.as_html(part.heading),
                 "text": folder.as_html(part.text),
                 "items": shown,
                 "terms": [(name, folder.as_html(text)) for name, text in terms],

@@ -94,6 +94,8 @@ def section(folder: Folder, read: Callable[[Folder], Content]) -> Content:
     """
     try:
         return read(folder)
+    except InputError:
+        raise
     except _UNREADABLE as error:
         if isinstance(error, FileNotFoundError):
             fault = f"{Path(error.filename).name} is missing"

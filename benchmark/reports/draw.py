@@ -65,8 +65,8 @@ def draw(
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
     """
-    report = load_report(experiment.report, experiment.name)
-    items = load_items(report, experiment.items, experiment.name)
+    report = load_report(experiment.report, experiment.argument)
+    items = load_items(report, experiment.items, experiment.argument)
     check_packages(report, experiment.name)
     report.check(experiment)
     is_as_declared = seeds is None and not partial  # and so comparable with the published results

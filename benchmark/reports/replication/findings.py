@@ -131,9 +131,8 @@ def _failing_parts(claims: pd.DataFrame) -> str:
         n_failing = states.count("fails")
         if n_failing:
             verb = "fails" if n_failing == 1 else "fail"
-            texts.append(
-                f"{link(str(n_failing), 'claims', row)} of the {len(states)} parts of `{row['claim']}` {verb}"
-            )
+            shown = link(f"{n_failing} of the {len(states)} parts", "claims", row)
+            texts.append(f"{shown} of `{row['claim']}` {verb}")
     return " and ".join(texts)
 
 

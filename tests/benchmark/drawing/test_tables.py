@@ -47,11 +47,11 @@ def test_links_name_the_lines_of_the_csv_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kept", "rows"), [([0], "2"), ([2, 0], "2;4"), ([0, 1, 2], "2-4"), ([3, 1, 0], "2-3;5")]
+    ("places", "rows"), [([0], "2"), ([2, 0], "2;4"), ([0, 1, 2], "2-4"), ([3, 1, 0], "2-3;5")]
 )
-def test_links_to_several_rows_are_short(kept: list[int], rows: str) -> None:
+def test_links_to_several_rows_are_short(places: list[int], rows: str) -> None:
     frame = pd.DataFrame({"value": [1, 2, 3, 4]})
-    linked = link("0.5 [0, 1]", "t", frame.loc[kept])
+    linked = link("0.5 [0, 1]", "t", frame.loc[places])
     assert linked == f"[0.5 [0, 1]](t.csv#row={rows})"
-    assert link("x", "t", *(frame.loc[i] for i in kept)) == f"[x](t.csv#row={rows})"
-    assert plain(f"It is {link('0.5', 't', frame.loc[kept])}.") == "It is 0.5."
+    assert link("x", "t", *(frame.loc[i] for i in places)) == f"[x](t.csv#row={rows})"
+    assert plain(f"It is {link('0.5', 't', frame.loc[places])}.") == "It is 0.5."

@@ -240,7 +240,7 @@ def test_mistakes_in_a_replication_get_one_sentence(
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
         ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
         ('"every_cell"]', '"anywhere"]', "evaluated_from"),
-        ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limi"),
+        ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key"),
     ],
 )
 def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:
@@ -258,7 +258,7 @@ def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
 def test_reports_refuse_experiments_that_they_cannot_report_on() -> None:
     tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
     replication = parse(Experiment, tables, "test", name="test")
-    with pytest.raises(InputError, match=r"readings: a comparison takes the default"):
+    with pytest.raises(InputError, match="readings, sweep: a comparison takes the default"):
         load_report("comparison").check(replication)
     swept = override(tables, {"sweep.rate.low.settings": {"learning_rate": 0.1}}, "test")
     with pytest.raises(InputError, match="sweep"):

@@ -13,26 +13,6 @@ from benchmark.experiments import load_experiment, specifications
 from benchmark.reports.comparison.data import Data, Learner
 
 
-def replicated(scenario: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:
-    """Returns agents of the small replication with these arrays, in which otherwise nothing was learned.
-
-    N agents, T = 4 evaluation steps, O = 120 cells, A = 5 actions, R = 60 records of max Q.
-    """
-    experiment = load_experiment("reproduce_smoke")
-    specification = specifications(experiment, "default", scenario, "q_learning", "index")[0]
-    blank: dict[str, NDArray[Any]] = {
-        "q": np.zeros((n, 120, 5)),
-        "stochastic": np.zeros((n, 0, 120, 5)),
-        "greedy": np.full((n, 4, 120), ALL_ACTIONS, dtype=np.uint8),
-        "max_q": np.zeros((n, 60)),
-        "table_max_q": np.zeros((n, 60)),
-        "grid_return": np.zeros((n, 4)),
-        "success": np.zeros((n, 4)),
-        "scenario_return": np.zeros((n, 4)),
-    }
-    return Population(json.loads(specification.content), blank | arrays, range(n), [{}] * n)
-
-
 def compared(scenario: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:
     """Returns runs of the small comparison with these arrays, in which otherwise nothing was learned.
 

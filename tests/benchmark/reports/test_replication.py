@@ -19,7 +19,7 @@ from benchmark.reports.replication import claims, findings
 from benchmark.reports.replication import tables as replication_tables
 from envs import InputError
 from envs.model import PING
-from tests.benchmark.reports.made import replicated as population
+from tests.benchmark.populations import population
 
 ROOT = Path(__file__).parents[3]
 
@@ -238,7 +238,7 @@ def test_parts_that_fail_are_counted_where_no_claim_fails(tmp_path: Path) -> Non
     text = findings.headline(published)
     assert text == (
         "Of the 3 claims of the paper, [1](claims.csv#row=2) holds, [2](claims.csv#row=3-4) hold in part and "
-        "none fails as a whole. Of those that hold in part, [2](claims.csv#row=3) of the 3 parts of `b` "
+        "none fails as a whole. Of those that hold in part, [2 of the 3 parts](claims.csv#row=3) of `b` "
         "fail. Of those that hold, [1](sensitivity.csv#row=5) (`a`) fails under `control`."
     )
 

@@ -1,0 +1,378 @@
+"""The comparison by itself: its tables by hand and by second methods, and all of it in miniature."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rliable import metrics
+from scipy import stats
+
+from benchmark.analysis.population import Population
+from benchmark.drawing.tables import write_csv
+from benchmark.execution.driver import pending, run
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import (
+    EXPERIMENT_DIRECTORY,
+    Experiment,
+    all_specifications,
+    load_experiment,
+    specifications,
+)
+from benchmark.reports import draw, load_report
+from benchmark.reports.comparison import tables as comparison
+from benchmark.reports.comparison.data import Data, Learner, load
+from benchmark.reports.draw import digest_of
+from benchmark.reports.item import measured_files
+from envs import InputError
+from envs.inputs import override, parse, read_toml
+from tests.benchmark.reports.made import compared, data_of, with_scores
+
+ROOT = Path(__file__).parents[3]
+SMOKE = load_experiment("compare_deep_smoke")
+
+
+def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "benchmark", *map(str, arguments)], cwd=ROOT, capture_output=True, text=True
+    )
+
+
+# In miniature
+
+
+def test_everything_is_there(miniature: Path) -> None:
+    report = load_report("comparison")
+    names = {path.name for path in (miniature / SMOKE.name).iterdir() if not path.name.startswith(".")}
+    expected = {"README.md", "manifest.json", "index.html", "learning.webp"}
+    expected |= {"agent_S1.csv", "agent_S2.csv", "agent_S3.csv"}
+    for item in report.items:
+        has_table = item.compute is not None or item.tell is not None
+        expected |= {f"{item.name}.csv"} if has_table else set()
+        expected |= {f"{item.name}.{end}" for end in ("md", "tex") if item.display is not None}
+        expected |= {f"{item.name}.{end}" for end in ("png", "svg") if item.draw is not None}
+    assert names == expected
+    scores = pd.read_csv(miniature / SMOKE.name / "scores.csv")
+    assert len(scores) == len(all_specifications(SMOKE))
+    assert scores["score"].notna().all()
+    assert scores["stochastic_score"].notna().equals(scores["algorithm"].str.startswith("ppo"))
+    readme = (miniature / SMOKE.name / "README.md").read_text(encoding="utf-8")
+    numbers = [line.split(".")[0] for line in readme.splitlines() if line[:1].isdecimal()]
+    assert numbers == [str(i) for i in range(1, 11)]
+    assert "it is undecided whether deep RL earns its keep" in readme  # two runs decide nothing
+    cost = pd.read_csv(miniature / SMOKE.name / "cost.csv")
+    assert cost["peak_memory_mb"].between(50, 700).all()
+    manifest = json.loads((miniature / SMOKE.name / "manifest.json").read_text())
+    assert {"torch", "stable_baselines3"} <= set(manifest["versions"][0]) | set(manifest["versions"][-1])
+    families = {name: arm["family"] for name, arm in manifest["algorithms"].items()}
+    assert {name for name, family in families.items() if family == "tabular"} == {
+        "q_learning",
+        "q_learning_tuned",
+    }
+
+
+def test_drawing_again_changes_measured_files_alone(miniature: Path, tmp_path: Path) -> None:
+    """Halves the measured times of all records, as if other runs had given the same results."""
+    with Store(miniature / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        for record in store.get(sorted(store.statuses())):
+            seconds = [second / 2 for second in record.provenance["cpu_time_s"]]
+            provenance = {**record.provenance, "cpu_time_s": seconds, "peak_memory_mb": 123.0}
+            other.add([Record(record.digest, record.specification, record.status, provenance, record.arrays)])
+        draw.draw(SMOKE, other, tmp_path / "drawn")
+    patterns = measured_files(load_report("comparison").items)
+    for path in (tmp_path / "drawn").iterdir():
+        same = path.read_bytes() == (miniature / SMOKE.name / path.name).read_bytes()
+        is_apart = path.name in ("manifest.json", draw.STAMP) or any(map(path.match, patterns))
+        assert same or is_apart, path.name
+
+
+def test_missing_runs_are_refused_or_marked(miniature: Path, tmp_path: Path) -> None:
+    with Store(miniature / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        runs = all_specifications(SMOKE)
+        failed = specifications(SMOKE, "default", "S1", "dqn", "one_hot", [1])[0]
+        absent = specifications(SMOKE, "default", "S1", "ppo", "coordinates", [0, 1])
+        lost = {run.digest for run in (failed, *absent)}
+        other.add(store.get([run.digest for run in runs if run.digest not in lost and run.seed < 2]))
+        other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
+        n_there = len(other.ended())
+    n_wanted = len(all_specifications(SMOKE, range(2)))
+    done = command("report", SMOKE.name, "--results", tmp_path, "--seeds", "0-1")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"{n_wanted - n_there} of {n_wanted} runs are missing, 1 of them failed" in done.stderr
+    assert "dqn, one_hot in S1 has 1 of 2; ppo, coordinates in S1 has 0 of 2" in done.stderr
+    assert "--partial" in done.stderr
+    assert not (tmp_path / SMOKE.name).exists()
+    done = command("report", SMOKE.name, "--results", tmp_path, "--seeds", "0-1", "--partial")
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / f"{SMOKE.name}_partial"
+    assert "**Partial: 3 of " in (folder / "README.md").read_text()
+    assert (folder / "summary.md").read_text().startswith("Partial: 3 of ")
+    whole = (miniature / SMOKE.name / "aggregate.svg").read_text()
+    assert 'style="fill: #b22222"' in (folder / "aggregate.svg").read_text()  # the mark's colour
+    assert "#b22222" not in whole
+    shown = pd.read_csv(folder / "summary.csv")
+    learners = set(zip(shown["algorithm"], shown["observation"], strict=True))
+    assert ("ppo", "coordinates") not in learners  # no run in S1
+    assert ("dqn", "one_hot") not in learners  # a single run, which has no spread
+
+
+def test_partial_takes_the_seeds_that_every_scenario_has() -> None:
+    first, second = with_scores(np.array([0.1, 0.2, 0.3])), with_scores(np.array([0.4, 0.5]), "S2")
+    first, second = (
+        Population(p.specification, p.arrays, seeds, p.provenance)
+        for p, seeds in ((first, [0, 1, 2]), (second, [2, 1]))
+    )
+    scores = data_of(a={"S1": first, "S2": second}).scores(Learner("a", "index"))
+    assert scores == pytest.approx(np.array([[0.2, 0.5], [0.3, 0.4]]))
+
+
+def test_partial_leaves_out_learners_without_common_seeds(miniature: Path, tmp_path: Path) -> None:
+    lost = {("S1", 0), ("S1", 1), ("S2", 2), ("S2", 3)}
+    runs = [
+        run
+        for run in all_specifications(SMOKE)
+        if not (run.arm == "q_learning" and (run.scenario.name, run.seed) in lost)
+    ]
+    with Store(miniature / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        other.add(store.get([run.digest for run in runs]))
+        data = load(SMOKE, other, None, True)
+    assert Learner("q_learning", "index") not in data.learners
+    assert data.missing.endswith("; left out: `q_learning, index`")
+    assert len(data.learners) == 10
+
+
+def test_replication_knows_no_partial(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db"):
+        pass
+    done = command("report", "reproduce_smoke", "--results", tmp_path, "--partial")
+    assert done.returncode == 2
+    assert "--partial: reproduce_smoke is a replication" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arms", "has_values", "has_probabilities"),
+    [(("ppo",), False, True), (("q_learning", "q_learning_tuned"), True, False)],
+)
+def test_comparison_of_nets_or_of_tables_alone_has_no_sentences(
+    miniature: Path, tmp_path: Path, arms: tuple[str, ...], has_values: bool, has_probabilities: bool
+) -> None:
+    chosen = {name: arm for name, arm in SMOKE.algorithms.items() if name in arms}
+    with Store(miniature / "runs.db", read_only=True) as store:
+        draw.draw(SMOKE.model_copy(update={"algorithms": chosen}), store, tmp_path / "drawn")
+    folder = tmp_path / "drawn"
+    assert ("maps.png" in {path.name for path in folder.iterdir()}) == has_values
+    assert (folder / "maps_probability.png").exists() == has_probabilities
+    readme = (folder / "README.md").read_text(encoding="utf-8")
+    assert ("maps_probability.png" in readme) == has_probabilities
+    assert "What was found" not in readme
+    assert pd.read_csv(folder / "findings.csv").empty
+
+
+def test_missing_packages_are_named_before_any_run(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['rliable'] = None\n"
+        "from benchmark.__main__ import main\n"
+        f"sys.exit(main(['run', '{SMOKE.name}', '--report', '--results', {str(tmp_path)!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "its report needs the package rliable, which is not installed; make compare-deep" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "runs.db").exists()
+
+
+def test_comparison_takes_the_default_condition_alone() -> None:
+    readings = load_experiment("reproduce_smoke").readings
+    with pytest.raises(InputError, match="a comparison takes the default condition alone"):
+        load_report("comparison").check(SMOKE.model_copy(update={"readings": readings}))
+
+
+def test_divergence_is_recorded_shown_and_not_tried_again(tmp_path: Path) -> None:
+    base = read_toml(EXPERIMENT_DIRECTORY / "compare_deep.toml")
+    small = read_toml(EXPERIMENT_DIRECTORY / "compare_deep_smoke.toml")["changes"]
+    changes = small | {"algorithms.dqn_linear.settings.learning_rate": 1e38}
+    experiment = parse(Experiment, override(base, changes, "test"), "test", name=SMOKE.name)
+    arms = {name: arm for name, arm in experiment.algorithms.items() if name in ("q_learning", "dqn_linear")}
+    experiment = experiment.model_copy(update={"algorithms": arms})
+    runs = all_specifications(experiment)
+    with Store(tmp_path / "runs.db") as store:
+        assert run(runs, store, 2) == []
+        statuses = store.statuses()
+        assert {statuses[each.digest] for each in runs if each.arm == "dqn_linear"} == {"diverged"}
+        assert {statuses[each.digest] for each in runs if each.arm == "q_learning"} == {"done"}
+        assert pending(runs, store) == []
+        data = load(experiment, store, None, False)
+    summary = comparison.summary(data)
+    nets = summary[summary["algorithm"] == "dqn_linear"]
+    assert nets["diverged"].tolist() == [2, 2, 2]
+    assert summary["diverged"].sum() == 6
+    assert nets["score_mean"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
+    scores = comparison.scores(data)
+    assert (scores.loc[scores["algorithm"] == "dqn_linear", "diverged_at"] > 0).all()
+    maps = comparison.maps(data)
+    assert maps.loc[maps["algorithm"] == "dqn_linear", "value"].isna().all()
+
+
+# Tables, by hand
+
+
+def test_threshold_by_hand() -> None:
+    scores = np.array(
+        [
+            [0, 0.96, 0.2, 0.95, 1.0],  # reached at 100, stays from 300 on
+            [0, 0, 0, 0, 0.95],  # at the end
+            [0, 1, 1, 1, 0.9],  # reached, and lost
+            [0, 0.9, 0.949, 0, -3],  # never
+        ]
+    )
+    row = comparison.threshold(data_of(a={"S1": with_scores(scores)})).iloc[0]
+    assert row["n"] == 4
+    assert row["reached_share"] == 0.75
+    assert row["stays_share"] == 0.5
+    assert row["reached_step_median"] == (100 + 400) / 2
+    assert np.isinf(row["stays_step_median"])
+    always = comparison.threshold(data_of(a={"S1": with_scores(np.ones((3, 5)))})).iloc[0]
+    assert always["stays_step_median"] == always["reached_step_median"] == 0
+
+
+def test_disagreements_are_counted_per_1000_steps_since_the_last_evaluation() -> None:
+    counts = np.array([[0, 10, 10, 40, 50], [0, 30, 30, 40, 50]])
+    frame = comparison.curves(data_of(a={"S1": compared(n=2, disagreements=counts)}))
+    assert np.isnan(frame["disagreements"][0])
+    assert frame["disagreements"][1:].tolist() == [200, 0, 200, 100]
+
+
+def test_region_by_hand() -> None:
+    target = compared().in_target
+    assert target.sum() == 16
+    q = np.full((2, 120, 5), -1.0)
+    q[0, np.flatnonzero(target)[:8], 4] = 0.5  # half of the region and nothing else
+    q[1, np.flatnonzero(target), 4] = 0.5  # all of it, and 8 cells more
+    q[1, np.flatnonzero(~target)[:8], 4] = 0.1
+    row = comparison.region(data_of(a={"S1": compared(n=2, q=q)})).iloc[0]
+    assert row["cells_marked"] == (8 + 24) / 2
+    assert row["precision"] == (8 + 16) / (8 + 24)
+    assert row["recall"] == (0.5 + 1) / 2
+    assert row["overlap"] == pytest.approx((8 / 16 + 16 / 24) / 2)
+    none = comparison.region(data_of(a={"S1": compared(n=2)})).iloc[0]
+    assert np.isnan(none["precision"])
+    assert none["overlap"] == 0
+
+
+def test_stochastic_policies_value_ping_where_it_is_the_likeliest() -> None:
+    stochastic = np.full((1, 5, 120, 5), 0.2)
+    stochastic[0, -1, 7] = [0.1, 0.1, 0.1, 0.1, 0.6]
+    stochastic[0, 0, 9] = [0.1, 0.1, 0.1, 0.1, 0.6]  # not at the end
+    marked = compared(n=1, stochastic=stochastic, q=np.ones((1, 0, 5))).values_ping
+    assert np.flatnonzero(marked[0]).tolist() == [7]
+
+
+def random_data(n: int = 10) -> Data:
+    rng = np.random.default_rng(0)
+    return data_of(
+        a={name: with_scores(rng.normal(0.5, 0.3, n), name) for name in ("S1", "S2", "S3")},
+        b={name: with_scores(rng.normal(0.6, 0.3, 3 * n), name) for name in ("S1", "S2", "S3")},
+    )
+
+
+def test_aggregates_by_a_second_method() -> None:
+    data = random_data()
+    frame = comparison.aggregate(data)
+    greedy = frame[(frame["evaluated_from"] == "start") & (frame["policy"] == "greedy")]
+    for name in ("a", "b"):
+        scores = data.scores(Learner(name, "index"))
+        rows = greedy[greedy["algorithm"] == name].set_index("metric")
+        assert rows["value"]["iqm"] == pytest.approx(stats.trim_mean(scores, 0.25, axis=None))
+        assert rows["value"]["mean"] == pytest.approx(scores.mean())
+        assert rows["value"]["median"] == pytest.approx(np.median(scores.mean(axis=0)))
+        assert rows["value"]["optimality_gap"] == pytest.approx(1 - np.minimum(scores, 1).mean())
+        error = scores.std(axis=0).mean() / np.sqrt(scores.size)  # of the mean, stratified
+        assert rows["high"]["mean"] - rows["low"]["mean"] == pytest.approx(2 * 1.96 * error, rel=0.25)
+    again = comparison.aggregate(data)
+    assert again.equals(frame)  # seeded
+
+
+def test_resampling_leaves_numpys_global_generator_alone() -> None:
+    np.random.seed(3)  # noqa: NPY002
+    expected = np.random.rand()  # noqa: NPY002
+    np.random.seed(3)  # noqa: NPY002
+    comparison.improvement(random_data())
+    assert np.random.rand() == expected  # noqa: NPY002
+
+
+def test_improvement_is_rliables() -> None:
+    data = random_data()
+    frame = comparison.improvement(data).set_index(["x", "y"])
+    a, b = (data.scores(Learner(name, "index")) for name in ("a", "b"))
+    expected = metrics.probability_of_improvement(a, b)
+    assert frame["probability"]["a, index", "b, index"] == pytest.approx(expected)
+    assert frame["probability"]["b, index", "a, index"] == pytest.approx(1 - expected)
+    assert frame["low"]["a, index", "b, index"] < expected < frame["high"]["a, index", "b, index"]
+    ties = np.array([1.0, 1.0, 0.0])
+    tied = data_of(a={"S1": with_scores(ties)}, b={"S1": with_scores(ties[:2])})
+    expected = metrics.probability_of_improvement(ties[:, None], ties[:2, None])
+    assert comparison.improvement(tied)["probability"][0] == pytest.approx(expected)
+
+
+def test_profile_is_the_share_of_runs_above() -> None:
+    scores = np.array([0.0, 0.25, 0.5, 1.0])
+    frame = comparison.profile(data_of(a={"S1": with_scores(scores)}, b={"S1": with_scores(scores)}))
+    share = frame[frame["algorithm"] == "a"].set_index("score")["share"]
+    assert share[0.0] == 0.75
+    assert share[0.5] == 0.25  # above, not at
+    assert share[0.98] == 0.25
+    assert share[1.0] == 0  # rounding does not lift an optimum above 1
+
+
+def test_scores_that_differ_by_rounding_alone_are_ties() -> None:
+    data = data_of(
+        a={"S1": with_scores(np.array([1.0, 1.0]))}, b={"S1": with_scores(np.array([1 + 1e-13, 1 - 1e-13]))}
+    )
+    assert comparison.improvement(data)["probability"].tolist() == [0.5, 0.5]
+
+
+# What is published
+
+
+def test_published_comparison_is_of_the_declared_runs_and_its_tables_are_what_the_code_makes(
+    tmp_path: Path,
+) -> None:
+    folder = ROOT / "results" / "compare_deep"
+    full = load_experiment("compare_deep")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    runs = all_specifications(full)
+    assert manifest["runs"] == len(runs)
+    assert manifest["digest"] == digest_of([each.digest for each in runs])
+    tabular = {name: arm for name, arm in full.algorithms.items() if arm.algorithm == "q_learning"}
+    tables = full.model_copy(update={"algorithms": tabular})
+    with Store(tmp_path / "runs.db") as store:
+        assert run(all_specifications(tables), store, 2) == []
+        made = comparison.scores(load(tables, store, None, False))
+    write_csv(made, tmp_path / "scores.csv")
+    published = pd.read_csv(folder / "scores.csv")
+    published = published[published["algorithm"].isin(list(tabular))].reset_index(drop=True)
+    columns = [name for name in map(str, published) if not name.startswith("stochastic")]
+    again = pd.read_csv(tmp_path / "scores.csv")
+    keys = ["scenario", "algorithm", "seed"]
+    pd.testing.assert_frame_equal(
+        published[columns].sort_values(keys, ignore_index=True),
+        again[columns].sort_values(keys, ignore_index=True),
+    )
+
+
+def test_published_aggregates_follow_from_published_scores() -> None:
+    folder = ROOT / "results" / "compare_deep"
+    scores = pd.read_csv(folder / "scores.csv")
+    aggregate = pd.read_csv(folder / "aggregate.csv")
+    for name, prefix in (("start", ""), ("every_cell", "every_cell_")):
+        shown = aggregate.query(f"policy == 'greedy' and evaluated_from == '{name}'")
+        for (algorithm, observation), rows_of in scores.groupby(["algorithm", "observation"]):
+            rows = shown[(shown["algorithm"] == algorithm) & (shown["observation"] == observation)]
+            value = rows.set_index("metric")["value"]
+            assert value["mean"] == pytest.approx(rows_of[f"{prefix}score"].mean(), abs=1e-5)
+            trimmed = stats.trim_mean(rows_of[f"{prefix}score"], 0.25)
+            assert value["iqm"] == pytest.approx(trimmed, abs=1e-5)
