@@ -104,7 +104,7 @@ class Algorithm(Protocol):
 
     @property
     def packages(self) -> tuple[str, ...]:
-        """Packages that it needs and whose versions belong in a run's record, beside the usual ones."""
+        """Packages that it needs, in addition to the usual ones; a run's record names their versions."""
 
     @property
     def batch_size(self) -> int:

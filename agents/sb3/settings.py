@@ -45,7 +45,7 @@ class Sb3Settings(LearnerSettings):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The arguments of SB3's class, beside policy and env."""
+        """The arguments of SB3's class, except policy and env."""
         return self.model_dump(mode="json", exclude=_NOT_SB3S, exclude_none=True)
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""Trains agents of Stable-Baselines3 so that a run does not depend on where or beside what it runs.
+"""Trains agents of Stable-Baselines3 so that a run does not depend on where it runs, or next to what.
 
 SB3's classes do the learning. This module gives them the native vector env, one torch thread, random
 streams that derive from one seed, and exactly the declared number of environment steps. At each
@@ -36,7 +36,7 @@ from envs.observations import observation_table
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DeepTraining(Training):
-    """What training N agents returns beside the fields that every algorithm has."""
+    """What training N agents returns in addition to the fields that every algorithm has."""
 
     weights: NDArray[np.uint8]  # (N, 32) SHA-256 of all final weights
 

@@ -54,7 +54,7 @@ class Settings(LearnerSettings):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TabularTraining(Training):
-    """What training N agents returns beside the fields that every algorithm has; R records."""
+    """What training N agents returns in addition to the fields that every algorithm has; R records."""
 
     # (N, R) max_a Q(o_t, a) of the visited o_t before its update; with a budget of episodes, the
     # largest of the episode.

@@ -33,9 +33,9 @@ _FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more look the
 _LINKED: Final = re.compile(r'href="([^"#]*\.csv)#row=')  # a file whose rows the page links to
 _SPEED: Final = Columns(
     file="speed.csv",
-    caption="Speed of this project against the stock way, measured in the same run",
+    caption="Speed of this project against a common alternative, measured in the same run",
     keys=("name", "unit", "against"),
-    numbers={"per_second": "per second", "baseline": "stock way, per second", "ratio": "ratio"},
+    numbers={"per_second": "per second", "baseline": "alternative, per second", "ratio": "ratio"},
 )
 
 

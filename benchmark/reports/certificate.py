@@ -67,7 +67,8 @@ class Certificate:
             return f"{self.name}: identical to the published results ({n} of {n} files{apart})."
         names = ", ".join(self.differing[:_LISTED])
         more = f" and {len(self.differing) - _LISTED} more" if len(self.differing) > _LISTED else ""
-        differ = f"{len(self.differing)} of {n} files differ from the published results"
+        verb = "differs" if len(self.differing) == 1 else "differ"
+        differ = f"{len(self.differing)} of {n} files {verb} from the published results"
         text = f"{self.name}: {differ}: {names}{more}{apart}."
         return text if self.distance is None else f"{text}\n{self.name}: {self.distance}"
 

@@ -112,7 +112,10 @@ def _inputs(experiment: Experiment, store: Store, seeds: Sequence[int] | None, *
     provenance = [
         json.dumps(dict(record.provenance), sort_keys=True) for record in store.get(digests, arrays=False)
     ]
-    return stamp.digest_of(experiment.model_dump_json(), str(seeds), str(partial), *digests, *provenance)
+    outside = [name for name in (experiment.report, *experiment.items) if ":" in name]
+    sources = [stamp.digest_of_source(name.partition(":")[0]) for name in outside]
+    declared = experiment.model_dump_json(), str(seeds), str(partial)
+    return stamp.digest_of(*declared, *digests, *provenance, *sources)
 
 
 def check_packages(report: Report, source: str) -> None:

@@ -39,11 +39,11 @@ class Data(Protocol):
 
     @property
     def context(self) -> Any:
-        """What figures need beside the tables: light, and picklable."""
+        """What figures need in addition to the tables: light, and picklable."""
 
     @property
     def facts(self) -> Mapping[str, object]:
-        """What README and page need beside the tables, for the manifest; numbers and texts only."""
+        """What README and page need in addition to the tables, for the manifest; numbers and texts only."""
 
 
 def whole(frame: pd.DataFrame) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Measures speed: each row compares this project with the stock way of doing the same, in the same run.
+"""Measures speed: each row compares this project with a common alternative, in the same run.
 
 Machines are noisy, so all rows take turns for many rounds, and within a row its two sides do. The best round
 of each side counts.
@@ -98,8 +98,8 @@ def _readme(frame: pd.DataFrame) -> str:
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
-project's rate, `baseline` that of the stock way, both the best of many rounds, in which all rows take turns,
-in the same run; machines differ and are noisy, `ratio` less so.
+project's rate, `baseline` that of the alternative, both the best of many rounds in the same run, in which all
+rows take turns. Machines differ and are noisy; `ratio` is less so.
 
 {tables.to_markdown(frame)}"""
 

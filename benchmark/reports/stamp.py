@@ -11,6 +11,7 @@ import platform
 from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import distributions
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -50,6 +51,12 @@ def write(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
     stamp.write_text(json.dumps(noted, indent=1) + "\n", encoding="utf-8")
 
 
+def digest_of_source(module: str) -> str:
+    """Returns the digest of a module's file; empty if it has none."""
+    found = find_spec(module)
+    return digest_of_file(Path(found.origin)) if found is not None and found.origin else ""
+
+
 def digest_of_file(path: Path) -> str:
     """Returns the digest of a file's content."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -57,7 +64,7 @@ def digest_of_file(path: Path) -> str:
 
 @cache
 def _code() -> str:
-    """Returns a digest of this project's sources, and of what is installed beside them."""
+    """Returns a digest of this project's sources, and of all installed packages."""
     digest = hashlib.sha256(platform.python_version().encode())
     for package in _PACKAGES:
         for path in sorted((_ROOT / package).rglob("*")):

@@ -35,7 +35,7 @@ class Learner(NamedTuple):
 
 @dataclass(frozen=True)
 class Context:
-    """What the figures need beside the tables."""
+    """What the figures need in addition to the tables."""
 
     models: Mapping[str, Model]  # by scenario
     panels: Mapping[str, Sequence[Learner]]  # title to the learners that are drawn together
@@ -125,7 +125,8 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     missing = _missing(declared, there, statuses)
     if missing and not partial:
         raise InputError(
-            f"{experiment.name}: {missing}: run the experiment first, or draw what there is with --partial."
+            f"{experiment.name}: {missing}: run the experiment first, or draw the existing runs with "
+            "--partial."
         )
     names = list(dict.fromkeys(learner for learner, _ in declared))
     few = {name for name in names if len(_common_seeds(name, there)) < 2}

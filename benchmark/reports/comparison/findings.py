@@ -222,7 +222,7 @@ class Findings:
                 parts.append(
                     f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs each)"
                 )
-        return f"Mean scores by form of observation, runs per scenario: {'; '.join(parts)}." if parts else ""
+        return f"Mean scores by form of observation: {'; '.join(parts)}." if parts else ""
 
     def _linear(self) -> str:
         """Says how a linear layer compares with the best net that has hidden layers, in the same learner."""
@@ -300,7 +300,7 @@ class Findings:
         )
 
     def _every_cell(self, learners: Sequence[Learner]) -> str:
-        """Says what was learned off the path."""
+        """Says what was learned away from the greedy path."""
         if not (self._published.frame("aggregate")["evaluated_from"] == "every_cell").any():
             return ""
         parts = [

@@ -94,7 +94,7 @@ def _shown(data: Data) -> list[Shown]:
 
 
 def _write_film(data: Data, _: Frames, directory: "Path") -> None:
-    """Writes the moving picture of learning: the first table and the first net, in every scenario."""
+    """Writes an animation of learning: the first table and the first net, in every scenario."""
     from benchmark.drawing import film
 
     families: dict[str, list[Learner]] = {"tabular": [], "deep": []}
@@ -454,7 +454,7 @@ ITEMS: Final = (
     ),
     Item(
         name="learning",
-        description="moving picture of learning: the agents of the first seed, a table and a net",
+        description="animation of learning: the agents of the first seed, a table and a net",
         write=_write_film,
         files=("learning.webp",),
     ),
@@ -514,7 +514,7 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
             "comparisons. With ten runs bootstrap intervals are too narrow, and where all runs agree they "
             "have no width.",
         ),
-        ("inf", "half of the runs or more never got there."),
+        ("inf", "at least half of the runs never reached the threshold."),
         (
             "diverged",
             "a net whose values are no longer finite counts as the random policy from then on. "

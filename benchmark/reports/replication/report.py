@@ -31,7 +31,7 @@ _CURVES: Final = ("max_q", "table_max_q")  # what the claims on curves need of a
 
 @dataclass(frozen=True)
 class Context:
-    """What the figures need beside the tables."""
+    """What the figures need in addition to the tables."""
 
     models: Mapping[str, Model]  # by scenario
 
@@ -99,7 +99,9 @@ def check(experiment: Experiment) -> None:
             "records the maximum Q."
         )
     if experiment.sweep:
-        raise InputError(f"{experiment.argument}: sweep: a replication takes readings alone.")
+        raise InputError(
+            f"{experiment.argument}: sweep: accepted: none, since a replication varies its readings alone."
+        )
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:
@@ -282,7 +284,7 @@ ITEMS: Final = (
     ),
     Item(
         name="optimal",
-        description="the exact optimum beside what was learned, and the regret",
+        description="the exact optimum, what was learned, and the regret",
         section="learning",
         compute=_optimal,
         display=_display_optimal,
@@ -291,7 +293,7 @@ ITEMS: Final = (
     ),
     Item(
         name="optimal_cells",
-        description="Q* beside the learned Q of every cell and action, and where policies differ",
+        description="Q* and the learned Q of every cell and action, and where policies differ",
         compute=_optimal_cells,
     ),
     Item(name="q_values", description="final Q over agents of every cell and action", compute=_q_values),

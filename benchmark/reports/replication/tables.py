@@ -73,7 +73,7 @@ def learning(populations: Sequence[Population]) -> pd.DataFrame:
 
 
 def optimal(populations: Sequence[Population]) -> pd.DataFrame:
-    """Tabulates the exact anchors beside what the greedy policies reached at the end of training."""
+    """Tabulates the exact anchors and what the greedy policies reached at the end of training."""
     rows = []
     for population in populations:
         scores = population.scores[:, -1]
@@ -96,7 +96,7 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
 
 
 def optimal_cells(populations: Sequence[Population]) -> pd.DataFrame:
-    """Tabulates Q* beside the learned Q: one row per scenario, cell and action.
+    """Tabulates Q* and the learned Q: one row per scenario, cell and action.
 
     Q* is that of an agent that knows its state, with no wrong PING so far, discounted and with the
     issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
