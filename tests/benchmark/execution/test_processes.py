@@ -27,8 +27,8 @@ from benchmark.experiments import (
 )
 from envs import InputError
 from envs.inputs import override, parse, read_toml
+from tests.support import ROOT, command
 
-ROOT = Path(__file__).parents[3]
 SMALL = load_experiment("compare_deep_smoke")
 
 
@@ -219,10 +219,7 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
     with Store(tmp_path / "runs.db", read_only=True) as store:
         stored = len(store.ended())
     assert 9 < stored < len(expected)
-    arguments = ["run", str(experiment), "--results", str(tmp_path), "--jobs", "1"]
-    again = subprocess.run(
-        [sys.executable, "-m", "benchmark", *arguments], cwd=ROOT, capture_output=True, text=True
-    )
+    again = command("run", experiment, "--results", tmp_path, "--jobs", "1")
     assert again.returncode == 0, again.stderr
     assert f"{len(expected) - stored} runs done, {stored} were done already" in again.stdout
     with Store(tmp_path / "runs.db", read_only=True) as store:

@@ -1,0 +1,119 @@
+"""The replication at the size of the paper, in a clean clone: killed, continued, and as published."""
+
+import platform
+import re
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.support import ROOT, make
+
+RUNS = 2300
+if not (ROOT / ".git").exists():
+    pytest.skip("not a git checkout: there is nothing to clone", allow_module_level=True)
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
+    arguments = ("git", "-C", str(folder), *identity, *arguments)
+    return subprocess.run(arguments, check=True, capture_output=True, text=True).stdout
+
+
+def stop_early(results: Path, cwd: Path, number: signal.Signals) -> tuple[int, int, str]:
+    """Starts all runs and signals the driver once some are stored; returns exit code, stored runs, stderr."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "benchmark", "run", "reproduce", "--results", str(results)],
+        cwd=cwd,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
+    count = 0
+    deadline = time.monotonic() + 300
+    while count < 100 and time.monotonic() < deadline and process.poll() is None:
+        time.sleep(0.02)
+        if (results / "runs.db").exists():
+            connection = sqlite3.connect(results / "runs.db", timeout=10)
+            try:
+                (count,) = connection.execute("SELECT count(*) FROM runs").fetchone()
+            except sqlite3.OperationalError:
+                count = 0  # not created yet
+            connection.close()
+    process.send_signal(number)
+    _, stderr = process.communicate(timeout=300)
+    return process.returncode, count, stderr
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A clone of the working tree, as if it were committed, after a killed run and `make reproduce`."""
+    folder = tmp_path_factory.mktemp("clean") / "clone"
+    git(ROOT, "clone", "-q", str(ROOT), str(folder))
+    for name in git(ROOT, "ls-files", "-z", "-m", "-o", "--exclude-standard").split("\0"):
+        if name and (ROOT / name).exists():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, folder / name)
+        elif name:
+            (folder / name).unlink()
+    git(folder, "add", "-A")
+    git(folder, "commit", "-q", "--allow-empty", "-m", "The working tree")
+    code, count, _ = stop_early(folder / "results", folder, signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    assert 100 <= count < RUNS
+    done = make("reproduce", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    found = re.search(r"(\d+) runs done, (\d+) were done already", done.stdout)
+    assert found is not None
+    assert int(found[2]) >= count  # nothing finished was lost or repeated
+    assert int(found[1]) + int(found[2]) == RUNS
+    return folder, done.stdout
+
+
+def is_like_the_publishers() -> bool:
+    """Whether figures come out the same here; elsewhere a coordinate's last digit may differ."""
+    return (platform.system(), platform.machine()) == ("Linux", "x86_64")
+
+
+def test_results_are_the_published_ones_after_a_kill(clone: tuple[Path, str]) -> None:
+    folder, _ = clone
+    changed = git(folder, "status", "--porcelain", "--", "results").splitlines()
+    endings = (".csv", ".md", ".tex", ".svg") if is_like_the_publishers() else (".csv", ".md", ".tex")
+    outdated = [line for line in changed if line.endswith(endings) and "results/reproduce/" in line]
+    assert outdated == [], "out of date: run make reproduce"
+
+
+@pytest.mark.skipif(not is_like_the_publishers(), reason="figures may differ on this type of machine")
+def test_certificate_says_so_and_leaves_nothing_to_commit(clone: tuple[Path, str]) -> None:
+    folder, output = clone
+    assert re.search(r"reproduce: identical to the published results \((\d+) of \1 files\)\.", output)
+    assert git(folder, "status", "--porcelain") == ""
+
+
+def times(folder: Path) -> dict[Path, int]:
+    """Returns when each published file was written last."""
+    published = git(folder, "ls-files", "-z", "results").split("\0")
+    return {folder / name: (folder / name).stat().st_mtime_ns for name in published if name}
+
+
+def test_second_time_makes_nothing_again(clone: tuple[Path, str]) -> None:
+    folder, _ = clone
+    before = times(folder)
+    again = make("reproduce", cwd=folder)
+    assert again.returncode == 0, again.stderr
+    assert f"all {RUNS} runs are done already" in again.stdout
+    assert again.stdout.count("up to date") == 2  # the folder and the page
+    assert times(folder) == before
+
+
+def test_interrupt_is_polite(tmp_path: Path) -> None:
+    code, count, stderr = stop_early(tmp_path, ROOT, signal.SIGINT)
+    assert code == 130
+    assert count >= 100
+    assert "interrupted: finished runs are kept" in stderr
+    assert "Traceback" not in stderr
