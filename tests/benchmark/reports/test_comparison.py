@@ -33,10 +33,11 @@ from tests.benchmark.reports.made import compared, data_of, with_scores
 from tests.support import ROOT, command
 
 SMOKE = load_experiment("compare_deep_smoke")
-# With fewer learners, of which there are fewer pairs to compare.
-SMALL = SMOKE.model_copy(
-    update={"algorithms": {name: SMOKE.algorithms[name] for name in ("q_learning", "dqn", "ppo")}}
-)
+
+
+def with_arms(*names: str) -> Experiment:
+    """Returns the miniature with fewer arms, of which there are fewer pairs to compare."""
+    return SMOKE.model_copy(update={"algorithms": {name: SMOKE.algorithms[name] for name in names}})
 
 
 # In miniature
@@ -79,8 +80,9 @@ def test_measured_times_change_measured_files_alone(miniature: Path, tmp_path: P
             seconds = [second / 2 for second in record.provenance["cpu_time_s"]]
             provenance = {**record.provenance, "cpu_time_s": seconds, "peak_memory_mb": 123.0}
             other.add([Record(record.digest, record.specification, record.status, provenance, record.arrays)])
-        draw.draw(SMALL, store, tmp_path / "measured")
-        draw.draw(SMALL, other, tmp_path / "halved")
+        small = with_arms("q_learning", "dqn_linear")
+        draw.draw(small, store, tmp_path / "measured")
+        draw.draw(small, other, tmp_path / "halved")
     patterns = measured_files(load_report("comparison").items)
     for path in (tmp_path / "measured").iterdir():
         same = path.read_bytes() == (tmp_path / "halved" / path.name).read_bytes()
@@ -90,10 +92,11 @@ def test_measured_times_change_measured_files_alone(miniature: Path, tmp_path: P
 
 
 def test_missing_runs_are_refused_or_marked(miniature: Path, tmp_path: Path) -> None:
+    small = with_arms("q_learning", "dqn", "ppo")
     with Store(miniature / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
-        runs = all_specifications(SMALL, range(2))
-        failed = specifications(SMALL, "default", "S1", "dqn", "one_hot", [1])[0]
-        absent = specifications(SMALL, "default", "S1", "ppo", "coordinates", [0, 1])
+        runs = all_specifications(small, range(2))
+        failed = specifications(small, "default", "S1", "dqn", "one_hot", [1])[0]
+        absent = specifications(small, "default", "S1", "ppo", "coordinates", [0, 1])
         lost = {run.digest for run in (failed, *absent)}
         other.add(store.get([run.digest for run in runs if run.digest not in lost]))
         other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
@@ -105,7 +108,7 @@ def test_missing_runs_are_refused_or_marked(miniature: Path, tmp_path: Path) -> 
         assert "--partial" in str(caught.value)
         assert not (tmp_path / "whole").exists()
         folder = tmp_path / "partial"
-        draw.draw(SMALL, other, folder, range(2), partial=True)
+        draw.draw(small, other, folder, range(2), partial=True)
     assert "**Partial: 3 of " in (folder / "README.md").read_text()
     assert (folder / "summary.md").read_text().startswith("Partial: 3 of ")
     assert 'style="fill: #b22222"' in (folder / "aggregate.svg").read_text()  # the mark's colour
@@ -156,9 +159,8 @@ def test_replication_knows_no_partial(tmp_path: Path) -> None:
 def test_comparison_of_nets_or_of_tables_alone_has_no_sentences(
     miniature: Path, tmp_path: Path, arms: tuple[str, ...], has_values: bool, has_probabilities: bool
 ) -> None:
-    chosen = {name: arm for name, arm in SMOKE.algorithms.items() if name in arms}
     with Store(miniature / "runs.db", read_only=True) as store:
-        draw.draw(SMOKE.model_copy(update={"algorithms": chosen}), store, tmp_path / "drawn")
+        draw.draw(with_arms(*arms), store, tmp_path / "drawn")
     folder = tmp_path / "drawn"
     assert ("maps.png" in {path.name for path in folder.iterdir()}) == has_values
     assert (folder / "maps_probability.png").exists() == has_probabilities
