@@ -103,7 +103,7 @@ def test_missing_runs_are_refused_or_marked(miniature: Path, tmp_path: Path) -> 
         with pytest.raises(
             InputError, match=f"3 of {len(runs)} runs are missing, 1 of them failed"
         ) as caught:
-            draw.draw(SMALL, other, tmp_path / "whole", range(2))
+            draw.draw(small, other, tmp_path / "whole", range(2))
         assert "dqn, one_hot in S1 has 1 of 2; ppo, coordinates in S1 has 0 of 2" in str(caught.value)
         assert "--partial" in str(caught.value)
         assert not (tmp_path / "whole").exists()
