@@ -52,7 +52,7 @@ def draw(
     """Writes every table, figure and text of the experiment, unless they are up to date.
 
     Files are made aside and moved when all are there, so a failure leaves the folder as it was. If they are
-    identical to the published ones, the manifest is the published one, too.
+    identical to the published ones, and none holds measured times, the manifest is the published one, too.
 
     Args:
       experiment: As loaded.
@@ -91,7 +91,7 @@ def draw(
             drawing.finish()
         texts.write(aside)
         compared = certificate.compare(aside, experiment.name, measured) if is_as_declared else None
-        if compared is not None and compared.is_identical:
+        if compared is not None and compared.is_identical and not compared.measured:
             published = certificate.published_file(experiment.name, MANIFEST)
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
         stamp.write(aside / STAMP, inputs, list(aside.iterdir()))

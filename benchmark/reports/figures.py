@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from importlib import import_module
 from multiprocessing import get_context
@@ -23,6 +24,7 @@ class Drawing:
         self._pool = ProcessPoolExecutor(jobs - 1, get_context("spawn")) if jobs > 1 else None
         self._here: list[partial[None]] = []
         self._there: list[tuple[Future[None], partial[None]]] = []
+        self._jobs = jobs
         if self._pool is not None:
             with interrupts_blocked():
                 for _ in range(jobs - 1):
@@ -38,27 +40,27 @@ class Drawing:
     def start(
         self, items: Sequence[Item], frames: Frames, context: Any, directory: Path, *, is_partial: bool
     ) -> None:
-        """Starts drawing; see `draw_figure`."""
-        for item in items:
-            if item.draw is None:
-                continue
-            task = partial(draw_figure, item, frames, context, directory, is_partial=is_partial)
-            if self._pool is None:
-                self._here.append(task)
-            else:
-                with interrupts_blocked():
-                    self._there.append((self._pool.submit(task), task))
+        """Has the workers start drawing their share; see `draw_figure`."""
+        tasks = [
+            partial(draw_figure, item, frames, context, directory, is_partial=is_partial)
+            for item in items
+            if item.draw is not None
+        ]
+        self._here = tasks[:: self._jobs]
+        if self._pool is not None:
+            with interrupts_blocked():
+                there = [task for i, task in enumerate(tasks) if i % self._jobs]
+                self._there = [(self._pool.submit(task), task) for task in there]
 
     def finish(self) -> None:
-        """Draws the figures that no worker has begun, the last first, and waits for the others."""
+        """Draws the share of this process, and waits for the others."""
         for task in self._here:
             task()
-        for future, task in reversed(self._there):
-            if future.cancel():
-                task()
-        for future, _ in self._there:
-            if not future.cancelled():
+        for future, task in self._there:
+            try:
                 future.result()
+            except BrokenProcessPool:  # a worker was killed, and with it the pool
+                task()
 
 
 def draw_figure(item: Item, frames: Frames, context: Any, directory: Path, *, is_partial: bool) -> None:
