@@ -29,7 +29,7 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=30: with 30 seeds each)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
-report: $(BASE) ## the page alone, results/index.html, from the results that are there
+report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)

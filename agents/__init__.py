@@ -4,11 +4,10 @@ An algorithm is imported when it is loaded, and torch only when a deep algorithm
 does not wait for a deep-learning library.
 """
 
-from importlib import import_module
 from typing import Final
 
 from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request, check_training
-from envs.inputs import InputError, unknown_name
+from envs.inputs import InputError, imported, unknown_name
 
 __all__ = [
     "ALGORITHMS",
@@ -40,11 +39,7 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, [*ALGORITHMS, "module:attribute"])
-    module, _, attribute = ALGORITHMS.get(name, name).partition(":")
-    try:
-        algorithm: object = getattr(import_module(module), attribute)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise InputError(f"{source}: algorithm {name} cannot be imported: {error}.") from error
+    algorithm = imported(ALGORITHMS.get(name, name), source, "algorithm")
     if not isinstance(algorithm, Algorithm):
         raise InputError(f"{source}: {name} is not an algorithm; accepted: an agents.contract.Algorithm.")
     return algorithm

@@ -32,11 +32,11 @@ class LearnerSettings(Table):
 
 @dataclass(frozen=True)
 class Schedule:
-    """When policies and values are kept during training, in units of the learner's budget."""
+    """When policies and values are recorded during training, in units of the learner's budget."""
 
     budget: int
-    evaluation_steps: tuple[int, ...] = ()  # (T,) when the policy is kept: rising, within 0 and the budget
-    map_steps: tuple[int, ...] = ()  # (V,) when the values of all observations are kept, too
+    evaluation_steps: tuple[int, ...] = ()  # (T,) when policies are recorded: rising, from 0 to the budget
+    map_steps: tuple[int, ...] = ()  # (V,) when the values of all observations are, too
 
     def __post_init__(self) -> None:
         """Checks the steps.

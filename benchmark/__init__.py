@@ -1,1 +1,1 @@
-"""What is run, kept, aggregated and shown; `python -m benchmark --help` says how."""
+"""Runs experiments, stores their records and publishes reports; see `python -m benchmark --help`."""

@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help="an arm of the experiment (default: q_learning)",
     )
-    watch.add_argument("--observation", help="an observation of that entry (default: its first)")
+    watch.add_argument("--observation", help="an observation of that arm (default: its first)")
     watch.add_argument("--seed", default="0", metavar="N", help="the run's seed (default: 0)")
     watch.add_argument(
         "--experiment",

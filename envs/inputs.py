@@ -8,6 +8,7 @@ import difflib
 import json
 import tomllib
 from collections.abc import Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_args, get_origin
 
@@ -108,6 +109,25 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
     nearest = difflib.get_close_matches(name, accepted, n=1, cutoff=0.6)
     hint = f" (did you mean {nearest[0]}?)" if nearest else ""
     raise InputError(f"{source}: unknown {kind} {name}{hint}; accepted: {', '.join(accepted)}.")
+
+
+def imported(name: str, source: str, kind: str) -> object:
+    """Imports what `module:attribute` names.
+
+    Args:
+      name: The module and the attribute.
+      source: What named it, for the message.
+      kind: What it should be, for the message.
+
+    Raises:
+      InputError: It cannot be imported.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        found: object = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        raise InputError(f"{source}: {kind} {name} cannot be imported: {error}.") from error
+    return found
 
 
 def _reason(error: ErrorDetails) -> str:

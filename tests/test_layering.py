@@ -32,6 +32,20 @@ def test_no_arrow_points_backwards(layer: str) -> None:
         assert not imported(path) & above, path
 
 
+ROOMS = ("experiments", "execution", "analysis", "drawing", "reports", "page", "commands")
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_arrow_points_backwards_inside_benchmark(room: str) -> None:
+    """A function may still import from a later room when it is called: `load_report`, say."""
+    above = {f"benchmark.{later}" for later in ROOMS[ROOMS.index(room) + 1 :]}
+    for path in sorted((ROOT / "benchmark" / room).rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ImportFrom):
+                package = ".".join(str(node.module).split(".")[:2])
+                assert package not in above, f"{path} imports {node.module}"
+
+
 def test_results_hold_no_code() -> None:
     assert not list((ROOT / "results").rglob("*.py"))
 

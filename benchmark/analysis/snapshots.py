@@ -5,7 +5,6 @@ goes with it, for every discount that a learner has.
 """
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
 from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
-from benchmark.drawing import tables
 from envs import ACTIONS, Model
 
 AGENT: Final = 0  # index of the agent that is shown, in its population
@@ -27,16 +25,6 @@ class Shown(NamedTuple):
     algorithm: str  # the arm's name
     observation: str
     population: Population
-
-
-def write(shown: Iterable[Shown], directory: Path) -> None:
-    """Writes `agent.csv`, `optimum.csv`, and each scenario's maps as `agent_SCENARIO.csv`."""
-    shown = list(shown)
-    tables.write_csv(agents(shown), directory / "agent.csv")
-    tables.write_csv(optimum(shown), directory / "optimum.csv")
-    for scenario in dict.fromkeys(item.population.scenario for item in shown):
-        there = [item for item in shown if item.population.scenario == scenario]
-        tables.write_csv(values(there), directory / f"agent_{scenario}.csv")
 
 
 def agents(shown: Iterable[Shown]) -> pd.DataFrame:

@@ -15,7 +15,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
         if options.partial or options.seeds is not None:
-            raise InputError("--partial and --seeds: accepted: only together with an experiment.")
+            raise InputError("--partial, --seeds: accepted only together with an experiment.")
         print(f"the page is {page.write(options.results)}.")
         return 0
     experiment = load_experiment(options.experiment)
@@ -24,7 +24,12 @@ def main(options: argparse.Namespace) -> int:
     directory = options.results / (f"{experiment.name}_partial" if options.partial else experiment.name)
     with Store(options.results / "runs.db", read_only=True) as store:
         made = draw.draw(
-            experiment, store, directory, seeds, partial=options.partial, jobs=os.cpu_count() or 1
+            experiment,
+            store,
+            directory,
+            seeds,
+            partial=options.partial,
+            jobs=getattr(options, "jobs", None) or os.cpu_count() or 1,
         )
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     is_published = made.certificate is not None and made.certificate.is_identical
@@ -53,6 +58,4 @@ def check(experiment: Experiment, *, is_required: bool) -> None:
         if is_required:
             draw.check_packages(report, experiment.name)
     elif is_required:
-        raise InputError(
-            f"{experiment.argument}: has no report; accepted: an experiment with the key report."
-        )
+        raise InputError(f"{experiment.argument}: there is no key report; accepted: an experiment with one.")

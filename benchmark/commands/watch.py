@@ -51,7 +51,7 @@ def specification(
       InputError: The experiment has no such run.
     """
     if arm not in experiment.algorithms:
-        unknown_name(experiment.name, "algorithm", arm, experiment.algorithms)
+        unknown_name(experiment.name, "arm", arm, experiment.algorithms)
     observations = experiment.algorithms[arm].observations
     if observation is None:
         observation = observations[0]

@@ -63,7 +63,8 @@ def to_markdown(frame: pd.DataFrame) -> str:
 def _format(frame: pd.DataFrame, form: str) -> str:
     """Returns a table in one of tabulate's formats."""
     texts = [[show(value) for value in row] for row in frame.itertuples(index=False)]
-    aligned = ["left" if isinstance(value, str) else "right" for value in frame.iloc[0]]
+    first = frame.iloc[0] if len(frame) else [""] * len(frame.columns)
+    aligned = ["left" if isinstance(value, str) else "right" for value in first]
     return tabulate(texts, list(frame.columns), tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
 
 

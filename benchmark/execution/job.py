@@ -1,6 +1,7 @@
 """Executes a job where the work is done: trains its runs, evaluates them, and makes their records."""
 
 import time
+from contextlib import suppress
 from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +16,7 @@ from agents.policy import Policy, mask_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.execution.store import Record, evaluated
-from envs import Model, compile_scenario
+from envs import InputError, Model, compile_scenario
 
 
 def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
@@ -62,7 +63,10 @@ def failures(job: Job, error: BaseException, started_at: str, wall_time_s: float
       started_at: When it started, as `now` says it.
       wall_time_s: How long it took until it failed.
     """
-    measured = provenance(job[0].algorithm) | {
+    measured: dict[str, Any] = {}
+    with suppress(InputError):  # an algorithm that cannot be imported here has no versions
+        measured |= provenance(job[0].algorithm)
+    measured |= {
         "started_at": started_at,
         "wall_time_s": wall_time_s / len(job),
         "peak_memory_mb": None,

@@ -48,7 +48,8 @@ def versions(algorithm: str) -> dict[str, str]:
             found[package] = version(package)
         except PackageNotFoundError:
             raise InputError(
-                f"{package} is not installed, but {algorithm} needs it; make compare-deep installs it."
+                f"{package} is not installed, but {algorithm} needs it; pip installs it, and make "
+                "compare-deep installs all that this project's own algorithms need."
             ) from None
     return found
 

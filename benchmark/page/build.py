@@ -23,7 +23,7 @@ from benchmark.page.sources import Folder, open_folder, section
 from benchmark.reports import certificate, stamp, texts
 from benchmark.reports.item import Item
 from benchmark.reports.published import Published
-from benchmark.reports.view import Cell, Columns, Table
+from benchmark.reports.view import Columns, Entry, Table
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.stamp`
@@ -98,18 +98,20 @@ def update(results: Path, experiment: str, *, is_published: bool) -> str:
     if stamp.is_up_to_date(note, _inputs(results, names)):
         return f"{target}, up to date"
     if is_published and target.parent == results and certificate.is_as_published(results):
-        text = f"{target}, as published"
-    else:
-        text = str(write(results, experiment))
+        return f"{target}, as published"
+    write(results, experiment)
     stamp.write(note, _inputs(results, names), [target, results / "README.md"])
-    return text
+    return str(target)
 
 
 def _inputs(results: Path, names: Sequence[str]) -> str:
     """Returns the digest of all files that a page is made of."""
     files = [path for name in [*names, "speed"] for path in sorted((results / name).glob("[!.]*"))]
     parts = [f"{path.relative_to(results)} {stamp.digest_of_file(path)}" for path in files if path.is_file()]
-    return stamp.digest_of(*(part for part in parts if "index.html" not in part))
+    manifests = [open_folder(results / name, "").manifest for name in names]
+    named = [name for each in manifests for name in (each["report"], *each.get("items", ()))]
+    sources = [stamp.digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
+    return stamp.digest_of(*(part for part in parts if "index.html" not in part), *sources)
 
 
 def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
@@ -178,9 +180,9 @@ def _render(folders: Sequence[Folder], speed: Folder | None) -> str:
     )
     ids: set[str] = set()
     reports = [section(folder, lambda folder: _report(folder, ids)) for folder in folders]
-    newest_first = folders[::-1]
-    explored = next((folder for folder in newest_first if "agent.csv" in folder), None)
-    data = explorer.collect(newest_first)
+    latest_first = folders[::-1]
+    explored = next((folder for folder in latest_first if "agent.csv" in folder), None)
+    data = explorer.collect(latest_first)
     content = {
         "question": reports[-1]["question"],
         "headlines": [report["headline"] for report in reversed(reports) if report["headline"]],
@@ -266,20 +268,20 @@ def _item(folder: Folder, results: Published, item: Item) -> dict[str, Any]:
 
 def _table(folder: Folder, table: Table) -> _Table:
     """Returns a table with its links and its marked texts."""
-    rows = [[_entry(folder, cell) for cell in row] for row in table.rows]
+    rows = [[_entry(folder, entry) for entry in row] for row in table.rows]
     return _Table(table.caption, folder.link(table.file), table.columns, rows)
 
 
-def _entry(folder: Folder, cell: Cell) -> _Entry:
+def _entry(folder: Folder, entry: Entry) -> _Entry:
     """Returns an entry with its link and its marked texts."""
     return _Entry(
-        text=folder.as_html(cell.text),
-        order=cell.order,
-        href=folder.link(cell.row) if cell.row else "",
-        kind=cell.kind,
-        note=folder.as_html(cell.note),
-        details=folder.as_html(cell.details),
-        details_title=cell.details_title,
+        text=folder.as_html(entry.text),
+        order=entry.order,
+        href=folder.link(entry.row) if entry.row else "",
+        kind=entry.kind,
+        note=folder.as_html(entry.note),
+        details=folder.as_html(entry.details),
+        details_title=entry.details_title,
     )
 
 

@@ -4,11 +4,10 @@ A report is imported when it is asked for. Reports, and further items of a repor
 Python can import.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from benchmark.reports.item import Item, Report
-from envs.inputs import InputError, unknown_name
+from envs.inputs import InputError, imported, unknown_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +34,7 @@ def load_report(name: str, source: str = "benchmark.reports") -> Report:
     """
     if name not in REPORTS and ":" not in name:
         unknown_name(source, "report", name, [*REPORTS, "module:attribute"])
-    return _imported(REPORTS.get(name, name), source, "report", Report)
+    return _of_class(REPORTS.get(name, name), source, "report", Report)
 
 
 def load_items(report: Report, names: "Sequence[str]", source: str = "benchmark.reports") -> tuple[Item, ...]:
@@ -53,7 +52,7 @@ def load_items(report: Report, names: "Sequence[str]", source: str = "benchmark.
     items = list(report.items)
     sections = [section.key for section in report.sections]
     for name in names:
-        item = _imported(name, source, "item", Item)
+        item = _of_class(name, source, "item", Item)
         if item.name in [other.name for other in items]:
             raise InputError(f"{source}: items: {name}: the report has an item {item.name} already.")
         if item.section and item.section not in sections:
@@ -62,13 +61,9 @@ def load_items(report: Report, names: "Sequence[str]", source: str = "benchmark.
     return tuple(items)
 
 
-def _imported(name: str, source: str, kind: str, cls: type[_T]) -> _T:
+def _of_class(name: str, source: str, kind: str, cls: type[_T]) -> _T:
     """Returns what `module:attribute` names."""
-    module, _, attribute = name.partition(":")
-    try:
-        found: object = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"{source}: {kind} {name} cannot be imported: {error}.") from error
+    found = imported(name, source, kind)
     if not isinstance(found, cls):
         article = "an" if kind.startswith(tuple("aeiou")) else "a"
         raise InputError(

@@ -17,7 +17,8 @@ from typing import Final
 
 import pandas as pd
 
-MANIFEST: Final = "manifest.json"
+from benchmark.reports.published import MANIFEST
+
 SUMMARY: Final = "summary.csv"
 _LISTED: Final = 6  # differing files that a sentence names
 REPOSITORY: Final = Path(__file__).parents[2]
@@ -32,6 +33,7 @@ class Distance:
     within: int  # other than published, but inside the published interval
     outside: int
     farthest: str  # the number that lies farthest out, in half-widths of its interval; empty if none does
+    missing: int = 0  # published rows that were not made
 
     def __str__(self) -> str:
         """The distance in words."""
@@ -40,7 +42,7 @@ class Distance:
         return (
             f"{self.table}: of {n} numbers with a 95 % interval, equal to the published ones: {self.equal}; "
             f"different, but within the published interval: {self.within}; outside it: "
-            f"{self.outside}{farthest}."
+            f"{self.outside}{farthest}{f'; rows that are missing: {self.missing}' if self.missing else ''}."
         )
 
 
@@ -87,7 +89,7 @@ def compare(
     Returns:
       The certificate; None if nothing is published under this name, or this is not a git checkout.
     """
-    published = _published(name, repository)
+    published = {file: blob for file, blob in _published(name, repository).items() if _is_compared(file)}
 
     def is_measured(file: str) -> bool:
         return any(fnmatchcase(file, pattern) for pattern in measured)
@@ -97,7 +99,6 @@ def compare(
     made = {
         path.name: _blob_id(path) for path in folder.iterdir() if path.is_file() and _is_compared(path.name)
     }
-    published.pop(MANIFEST, None)
     names = sorted(published.keys() | made.keys())
     compared = [file for file in names if not is_measured(file)]
     differing = tuple(file for file in compared if made.get(file) != published.get(file))
@@ -142,13 +143,16 @@ def _blob_id(path: Path) -> str:
     return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
 
 
-def _distance(path: Path, name: str, repository: Path) -> Distance:
-    """Compares every number that has an interval with its published value."""
+def _distance(path: Path, name: str, repository: Path) -> Distance | None:
+    """Compares every number that has an interval with its published value; None without common keys."""
     content = published_file(name, path.name, repository)
     assert content is not None
     published, made = pd.read_csv(io.BytesIO(content)), pd.read_csv(path)
     keys = [column for column in published if not pd.api.types.is_numeric_dtype(published[column])]
-    merged = published.merge(made, on=keys, suffixes=("", "_made"))
+    if not keys or not {*keys} <= {*made}:
+        return None
+    made = made.astype(dict.fromkeys(keys, str))
+    merged = published.astype(dict.fromkeys(keys, str)).merge(made, on=keys, suffixes=("", "_made"))
     equal = within = outside = 0
     farthest, text = 0.0, ""
     for column in map(str, published):
@@ -156,7 +160,7 @@ def _distance(path: Path, name: str, repository: Path) -> Distance:
             continue
         for row in merged.to_dict("records"):
             value, new, low, high = (float(row[f"{column}{end}"]) for end in ("", "_made", "_low", "_high"))
-            if math.isnan(value) and math.isnan(new):
+            if math.isnan(low) or math.isnan(high):
                 continue
             equal += value == new
             within += value != new and low <= new <= high
@@ -169,7 +173,7 @@ def _distance(path: Path, name: str, repository: Path) -> Distance:
                 farthest = apart
                 where = ", ".join(str(row[key]) for key in keys)
                 text = f"{column} of {where}: {new:.3g}, published {value:.3g} [{low:.3g}, {high:.3g}]"
-    return Distance(path.name, equal, within, outside, text)
+    return Distance(path.name, equal, within, outside, text, len(published) - len(merged))
 
 
 def _git(repository: Path, *arguments: str) -> bytes | None:

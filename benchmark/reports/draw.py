@@ -8,6 +8,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -96,6 +97,7 @@ def draw(
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
         stamp.write(aside / STAMP, inputs, list(aside.iterdir()))
         directory.mkdir(exist_ok=True)
+        _remove_stale_files(directory, aside, items)
         for path in aside.iterdir():
             path.replace(directory / path.name)
     except OSError as error:
@@ -105,6 +107,15 @@ def draw(
     return Made(is_new=True, certificate=compared)
 
 
+def _remove_stale_files(directory: Path, made: Path, items: Sequence[Item]) -> None:
+    """Removes what was made before and is not made any more; nothing else."""
+    new = {path.name for path in made.iterdir()}
+    patterns = [*stamp.files(directory / STAMP), *(pattern for item in items for pattern in item.patterns())]
+    for path in directory.iterdir():
+        if path.is_file() and path.name not in new and any(fnmatchcase(path.name, p) for p in patterns):
+            path.unlink()
+
+
 def _inputs(experiment: Experiment, store: Store, seeds: Sequence[int] | None, *, partial: bool) -> str:
     """Returns the digest of what a folder of results depends on: what is declared, and the records."""
     ended = store.ended()
@@ -112,8 +123,10 @@ def _inputs(experiment: Experiment, store: Store, seeds: Sequence[int] | None, *
     provenance = [
         json.dumps(dict(record.provenance), sort_keys=True) for record in store.get(digests, arrays=False)
     ]
-    outside = [name for name in (experiment.report, *experiment.items) if ":" in name]
-    sources = [stamp.digest_of_source(name.partition(":")[0]) for name in outside]
+    algorithms = [arm.algorithm for arm in experiment.algorithms.values()]
+    names = [experiment.report, *experiment.items, *algorithms]
+    sources = [stamp.digest_of_source(name.partition(":")[0]) for name in names if ":" in name]
+    sources.append(stamp.digest_of_file(load_report(experiment.report, experiment.name).template))
     declared = experiment.model_dump_json(), str(seeds), str(partial)
     return stamp.digest_of(*declared, *digests, *provenance, *sources)
 
@@ -178,8 +191,8 @@ def _manifest(
     runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
     default = [
         run
-        for cell in experiment.populations
-        for run in specifications(experiment, DEFAULT_CONDITION, *cell, seeds)
+        for population in experiment.populations
+        for run in specifications(experiment, DEFAULT_CONDITION, *population, seeds)
         if run.digest in ended
     ]
     records = store.get([run.digest for run in runs], arrays=False)

@@ -48,9 +48,12 @@ class Drawing:
         ]
         self._here = tasks[:: self._jobs]
         if self._pool is not None:
-            with interrupts_blocked():
-                there = [task for i, task in enumerate(tasks) if i % self._jobs]
-                self._there = [(self._pool.submit(task), task) for task in there]
+            there = [task for i, task in enumerate(tasks) if i % self._jobs]
+            try:
+                with interrupts_blocked():
+                    self._there = [(self._pool.submit(task), task) for task in there]
+            except BrokenProcessPool:
+                self._here = tasks
 
     def finish(self) -> None:
         """Draws the share of this process, and waits for the others."""

@@ -26,8 +26,8 @@ def of_papers_table(settings: Mapping[str, Any]) -> str:
         return ""
     return (
         f"With {_PAPERS_AGENTS:,} agents of an independent implementation the success probability of the "
-        f"paper's table in S2 is {_PAPERS_SUCCESS:g}. The values of the replication and of the comparison, "
-        "with 100 agents each, are two draws around one half."
+        f"paper's table in S2 is {_PAPERS_SUCCESS:g}. The published values of the replication and of the "
+        "comparison, of 100 agents each, are two draws around one half."
     )
 
 

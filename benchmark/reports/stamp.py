@@ -51,10 +51,23 @@ def write(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
     stamp.write_text(json.dumps(noted, indent=1) + "\n", encoding="utf-8")
 
 
+def files(stamp: Path) -> list[str]:
+    """Lists the files of a stamp; none if there is no stamp, or a damaged one."""
+    try:
+        return [str(name) for name in json.loads(stamp.read_text(encoding="utf-8"))["files"]]
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+
+
 def digest_of_source(module: str) -> str:
-    """Returns the digest of a module's file; empty if it has none."""
-    found = find_spec(module)
-    return digest_of_file(Path(found.origin)) if found is not None and found.origin else ""
+    """Returns the digest of a module that lives elsewhere, and of the package that it belongs to."""
+    found = find_spec(module.partition(".")[0])
+    if found is None:
+        return ""
+    folders = [Path(folder) for folder in found.submodule_search_locations or ()]
+    paths = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
+    paths += [Path(found.origin)] if found.origin and not folders else []
+    return hashlib.sha256("".join(map(digest_of_file, paths)).encode()).hexdigest()
 
 
 def digest_of_file(path: Path) -> str:

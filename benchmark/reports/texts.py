@@ -60,7 +60,7 @@ def readme(published: Published, report: Report, items: Sequence[Item]) -> str:
     listed = [(item.label(published), item.description) for item in items]
     listed.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
     files = pd.DataFrame([row for row in listed if row[0]], columns=["file", "what it is"])
-    measured = [f"`{item.name}`" for item in items if item.is_measured and item.tell is None]
+    measured = [f"`{item.name}`" for item in items if item.is_measured]
     text = environment.get_template(report.template.name).render(
         manifest=published.manifest,
         headline=tables.plain(report.headline(published)),

@@ -17,7 +17,7 @@ _NO_NUMBER: Final = "-"
 
 
 @dataclass(frozen=True)
-class Cell:
+class Entry:
     """An entry of a table; its texts may hold `code` and links, see `benchmark.drawing.tables.link`."""
 
     text: str
@@ -36,12 +36,12 @@ class Table:
     caption: str
     file: str  # the CSV file
     columns: Sequence[tuple[str, bool]]  # label, and whether it holds numbers
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[Entry]]
 
     def markdown(self) -> str:
         """Returns it as a Markdown table, without links."""
         labels = [label for label, _ in self.columns]
-        rows = [[plain(cell.text) for cell in row] for row in self.rows]
+        rows = [[plain(entry.text) for entry in row] for row in self.rows]
         return to_markdown(pd.DataFrame(rows, columns=labels)) if rows else ""
 
 
@@ -58,7 +58,7 @@ def number_text(value: float, low: float | None = None, high: float | None = Non
     return show(value) + ("" if low is None or high is None else f" [{show(low)}, {show(high)}]")
 
 
-def number_cell(file: str, row: pd.Series, key: str, ends: tuple[str, str] | None = None) -> Cell:
+def number_cell(file: str, row: pd.Series, key: str, ends: tuple[str, str] | None = None) -> Entry:
     """Returns a number of a row, with its interval if the row has one.
 
     Args:
@@ -71,7 +71,7 @@ def number_cell(file: str, row: pd.Series, key: str, ends: tuple[str, str] | Non
     low, high = (row.get(end) for end in ends or (f"{key}_low", f"{key}_high"))
     text = number_text(value, low, high)
     source = "" if text == _NO_NUMBER else f"{file}#row={int(str(row.name)) + 2}"
-    return Cell(text, str(value).replace("inf", "Infinity"), source, "number")
+    return Entry(text, str(value).replace("inf", "Infinity"), source, "number")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,19 +94,19 @@ class Columns:
         frame = published.frame(self.file.removesuffix(".csv"))
         if self.where is not None:
             frame = self.where(frame)
-        rows: list[list[Cell]]
+        rows: list[list[Entry]]
         if self.spread:
             shown = dict(self.numbers)
             rows = []
             for key, group in frame.groupby(list(self.keys), sort=False):
                 by_value = {row[self.spread]: row for _, row in group.iterrows()}
                 cells = [number_cell(self.file, by_value[name], self.value, self.ends) for name in shown]
-                rows.append([*(Cell(str(part)) for part in key), *cells])
+                rows.append([*(Entry(str(part)) for part in key), *cells])
         else:
             shown = {key: label for key, label in self.numbers.items() if key in frame}
             rows = [
                 [
-                    *(Cell(str(row[key])) for key in self.keys),
+                    *(Entry(str(row[key])) for key in self.keys),
                     *(number_cell(self.file, row, key, self.ends) for key in shown),
                 ]
                 for _, row in frame.iterrows()

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from importlib import import_module
 from pathlib import Path
 from typing import Final, Protocol
 
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
 from envs import InputError
-from envs.inputs import unknown_name
+from envs.inputs import imported, unknown_name
 
 
 class Executor(Protocol):
@@ -50,11 +49,7 @@ def load_executor(name: str, source: str = "executors") -> ExecutorFactory:
     """
     if name not in EXECUTORS and ":" not in name:
         unknown_name(source, "executor", name, [*EXECUTORS, "module:attribute"])
-    module, _, attribute = EXECUTORS.get(name, name).partition(":")
-    try:
-        factory: object = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"{source}: executor {name} cannot be imported: {error}.") from error
+    factory = imported(EXECUTORS.get(name, name), source, "executor")
     if not callable(factory):
         raise InputError(
             f"{source}: {name} is not an executor; accepted: a class or function that takes the number of "

@@ -154,9 +154,9 @@ class Findings:
             case "undecided":
                 few = not all(map(self._has_enough_runs, [table, *self.deep]))
                 verdict = (
-                    "it is undecided whether deep RL earns its keep over a table here: no deep learner is "
-                    f"shown to do better than the best table, {name}, and the data do not show that none "
-                    "does"
+                    "it is undecided whether deep RL earns its keep over a table here: no deep learner "
+                    f"can be said to do better than the best table, {name}, and the data do not show that "
+                    "none does"
                 )
                 if few:
                     verdict += f" (a verdict takes at least {FEWEST_RUNS} runs per scenario and learner)"
@@ -166,9 +166,13 @@ class Findings:
             f"With {budget:,} environment steps {verdict}. That table has a mean score of "
             f"{self._score(table)} ({self._n(table)} runs per scenario). The deep learner with the highest "
             f"mean score, `{best}`, has {self._score(best)} ({self._n(best)} runs per scenario): "
-            f"{self._verdict(best, table)}. It takes {times} the CPU time of that table, but this compares "
-            f"compiled code with Python: against a table in plain Python it is about {_plain_python(ratio)} "
-            "times."
+            f"{self._verdict(best, table)}. It takes {times} the CPU time of that table"
+            + (
+                ", but this compares compiled code with Python: against a table in plain Python it is about "
+                f"{_plain_python(ratio)} times."
+                if self._compares_languages(table, best)
+                else "."
+            )
         )
 
     def _tables(self) -> str:
@@ -201,9 +205,17 @@ class Findings:
             row = self._aggregate(learner, "start", "stochastic")
             stochastic = "" if row is None else f", and {_interval(row)} with its stochastic policy"
             scores.append(f"`{learner}` {self._score(learner)}{stochastic}")
+        if len(ranked) == 1:
+            subject = (
+                f"The deep learner ({self._n(best)} runs per scenario) has a mean score: {scores[0]}. It"
+            )
+        else:
+            subject = (
+                f"The deep learners with the highest mean scores, with {self._n(*ranked)} runs per scenario "
+                f"each, are {'; '.join(scores)}. The first"
+            )
         return (
-            f"The deep learners with the highest mean scores, with {self._n(*ranked)} runs per scenario "
-            f"each, are {'; '.join(scores)}. The first succeeds with probability "
+            f"{subject} succeeds with probability "
             f"{self._by_scenario('summary', best, 'success', _two_decimals)}; "
             f"{', and '.join(self._verdict(best, table) for table in others)}."
         )
@@ -219,6 +231,8 @@ class Findings:
                 names = [form.observation for form in forms]
                 better = names[0] if row["low"] > 0.5 else names[1] if row["high"] < 0.5 else ""
                 verdict = f"{better} is better" if better else "no significant difference"
+                if better and not all(map(self._has_enough_runs, forms)):
+                    verdict = "too few runs for a verdict"
                 parts.append(
                     f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs each)"
                 )
@@ -245,12 +259,14 @@ class Findings:
             best = max(kin, key=self._mean)
             text += (
                 f"; `{best}` with {self._parameters(best)} parameters ({self._n(best)} runs per scenario): "
-                f"{self._verdict(best, first)}. The two also differ in other settings"
+                f"{self._verdict(best, first)}"
             )
+            if self._other_settings(best) != self._other_settings(first):
+                text += ". The two also differ in other settings"
         return f"{text}."
 
     def _defaults(self) -> str:
-        """Says how Stable-Baselines3's own settings do."""
+        """Says how the arms with Stable-Baselines3's own settings do; these are known by their names."""
         parts = []
         for learner in self.deep:
             if learner.is_default:
@@ -261,8 +277,8 @@ class Findings:
         if not parts:
             return ""
         return (
-            "With Stable-Baselines3's own settings, the mean score and the share of runs that ever score "
-            f"{GOOD_SCORE:g} are: {', '.join(parts)}. Which of the settings is the cause has not been tested "
+            "The arms named `_default` have these mean scores, and these shares of runs that ever score "
+            f"{GOOD_SCORE:g}: {', '.join(parts)}. Which of their settings explain this has not been tested "
             "here."
         )
 
@@ -295,8 +311,12 @@ class Findings:
         ratio, times = self._ratio(table, net)
         return (
             f"A run of `{table}` takes {say(first, f'{first.cpu_time_s * 1000:.2g} ms')}; a run of `{net}` "
-            f"takes {say(other, f'{other.cpu_time_s:.2g} s')}. That is {times} the CPU time of the compiled "
-            f"table, and about {_plain_python(ratio)} times that of a table in plain Python."
+            f"takes {say(other, f'{other.cpu_time_s:.2g} s')}. That is {times} the CPU time of the table"
+            + (
+                f", which is compiled, and about {_plain_python(ratio)} times that of one in plain Python."
+                if self._compares_languages(table, net)
+                else "."
+            )
         )
 
     def _every_cell(self, learners: Sequence[Learner]) -> str:
@@ -347,6 +367,10 @@ class Findings:
         row = self._improvement(learner, other)
         if row["low"] <= 0.5 <= row["high"]:
             return f"no significant difference from `{other}` ({_probability(row)})"
+        if not (self._has_enough_runs(learner) and self._has_enough_runs(other)):
+            side = "higher" if row["low"] > 0.5 else "lower"
+            shown = f"though most score {side} ({_probability(row)})"
+            return f"too few runs for a verdict against `{other}`, {shown}"
         return f"{'better' if row['low'] > 0.5 else 'worse'} than `{other}` ({_probability(row)})"
 
     def _by_scenario(self, name: str, learner: Learner, column: str, say: Callable[[float], str]) -> str:
@@ -377,7 +401,7 @@ class Findings:
         """Returns how many times a table's CPU time a net takes, and the same as readers see it."""
         cheap, dear = self._row("cost", table), self._row("cost", net)
         ratio = float(dear["cpu_time_s"] / cheap["cpu_time_s"])
-        return ratio, link(f"{_two_digits_whole(ratio)} times", "cost", dear, cheap)
+        return ratio, link(f"{_two_digits(ratio)} times", "cost", dear, cheap)
 
     def _n(self, *learners: Learner) -> str:
         """Returns how many runs learners have in each scenario."""
@@ -434,6 +458,18 @@ class Findings:
         """Returns the hidden layers of a learner's net; None if its settings do not say."""
         return (self._settings(learner).get("policy_kwargs") or {}).get("net_arch")
 
+    def _other_settings(self, learner: Learner) -> dict[str, Any]:
+        """Returns the settings of a learner's arm, except those of its net."""
+        return {key: value for key, value in self._settings(learner).items() if key != "policy_kwargs"}
+
+    def _compares_languages(self, table: Learner, net: Learner) -> bool:
+        """Returns whether a table is compiled, and a net trained from Python."""
+        return "numba" in self._packages(table) and "stable_baselines3" in self._packages(net)
+
+    def _packages(self, learner: Learner) -> tuple[str, ...]:
+        """Returns what a learner's algorithm is made with."""
+        return load_algorithm(self._algorithm(learner)).packages
+
     def _family(self, learner: Learner) -> str:
         """Returns whether a learner learns a table or a net."""
         arm = self._published.manifest["algorithms"][learner.algorithm]
@@ -454,7 +490,7 @@ def _interval(row: pd.Series) -> str:
 
 def _plain_python(ratio: float) -> str:
     """Returns a ratio to the compiled table's CPU time as one to that of a table in plain Python."""
-    low, high = (_two_digits_whole(value) for value in independent.against_plain_python(ratio))
+    low, high = (_two_digits(value) for value in independent.against_plain_python(ratio))
     return f"{low} to {high}"
 
 
@@ -463,6 +499,6 @@ def _two_decimals(value: float) -> str:
     return f"{value:.2f}"
 
 
-def _two_digits_whole(value: float) -> str:
-    """Returns a number rounded to two significant digits and to a whole number."""
-    return f"{round(value, 2 - len(str(int(value)))):,.0f}"
+def _two_digits(value: float) -> str:
+    """Returns a number rounded to two significant digits."""
+    return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"

@@ -9,7 +9,7 @@ from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
-from benchmark.experiments import DEFAULT_CONDITION, Experiment
+from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
 from benchmark.reports.comparison import findings
 from benchmark.reports.comparison import tables as comparison
 from benchmark.reports.comparison.data import Context, Data, Learner, load
@@ -39,6 +39,16 @@ def check(experiment: Experiment) -> None:
         raise InputError(
             f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
             "alone."
+        )
+    settings = [
+        specifications(experiment, DEFAULT_CONDITION, *population, [0])[0].settings
+        for population in experiment.populations
+    ]
+    budgets = sorted({each.budget for each in settings})
+    if len(budgets) > 1 or any(getattr(each, "budget_unit", "steps") != "steps" for each in settings):
+        raise InputError(
+            f"{experiment.argument}: algorithms: budget = {', '.join(map(str, budgets))}: accepted: the same "
+            "for every arm, in steps."
         )
 
 
@@ -475,7 +485,7 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
         (
             "learner",
             "an algorithm with its settings and the form of observation that it learns from. Settings are in "
-            "the experiment's TOML file; `_default` means Stable-Baselines3's own.",
+            "the experiment's TOML file; a name that ends in `_default` stands for Stable-Baselines3's own.",
         ),
         (
             "score",
@@ -536,8 +546,9 @@ REPORT: Final = Report(
             text=(
                 "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
                 "runs. A learner is an algorithm with its settings and the form of observation that it "
-                "learns from; `_default` means Stable-Baselines3's own settings. P is the probability that a "
-                "run of the first learner scores higher than a run of the second in the same scenario. "
+                "learns from; a name that ends in `_default` stands for Stable-Baselines3's own settings. "
+                "P is the probability that a run of the first learner scores higher than a run of the second "
+                "in the same scenario. "
                 "Unless stated otherwise, results are for the greedy policy after training. Intervals of few "
                 "runs are too narrow, and none is corrected for the number of comparisons."
             ),

@@ -10,7 +10,7 @@ from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.reports import independent
 from benchmark.reports.published import Published
 from benchmark.reports.replication.claims import CLAIMS, VERDICTS
-from benchmark.reports.view import Cell, Table, number_cell
+from benchmark.reports.view import Entry, Table, number_cell
 
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "(✓)", "✗"), strict=True))
 _VERBS: Final = dict(
@@ -83,21 +83,21 @@ def claims_table(published: Published) -> Table:
         note = notes.get(row["claim"], "")
         rows.append(
             [
-                Cell(
+                Entry(
                     f"`{row['claim']}`",
                     order=row["claim"],
                     note=f"{row['says']} {note}".strip(),
                     details=f"{row['measure']}. {row['because']} Parts: {row['parts']}.",
                     details_title="How it is measured",
                 ),
-                Cell(
+                Entry(
                     f"{_SIGNS[row['verdict']]} {row['verdict']}",
                     order=row["verdict"],
                     kind=f"verdict {row['verdict'].replace(' ', '-')}",
                 ),
                 number_cell("claims.csv", row, "value", ("low", "high")),
-                Cell(row["threshold"]),
-                Cell(depends or "no reading changes it"),
+                Entry(row["threshold"]),
+                Entry(depends or "no reading changes it"),
             ]
         )
     columns = [
@@ -133,7 +133,7 @@ def _failing_parts(claims: pd.DataFrame) -> str:
             verb = "fails" if n_failing == 1 else "fail"
             shown = link(f"{n_failing} of the {len(states)} parts", "claims", row)
             texts.append(f"{shown} of `{row['claim']}` {verb}")
-    return " and ".join(texts)
+    return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
 
 
 def _shaky(published: Published) -> str:

@@ -189,8 +189,8 @@ def _display_claims(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _display_sensitivity(frame: pd.DataFrame) -> pd.DataFrame:
-    wide = frame.assign(cell=[f"{row.value:.3g}, {row.verdict}" for row in frame.itertuples()])
-    wide = wide.pivot(index="claim", columns="reading", values="cell")
+    wide = frame.assign(entry=[f"{row.value:.3g}, {row.verdict}" for row in frame.itertuples()])
+    wide = wide.pivot(index="claim", columns="reading", values="entry")
     in_order: pd.DataFrame = wide.loc[frame["claim"].unique(), list(frame["reading"].unique())]
     return in_order.reset_index()
 

@@ -140,7 +140,7 @@ def test_watch_command(watched: Path) -> None:
     ("arguments", "expected"),
     [
         (["--scenario", "S9"], "compare_deep: unknown scenario S9; accepted: S1, S2, S3."),
-        (["--algorithm", "dqm"], "unknown algorithm dqm (did you mean dqn?)"),
+        (["--algorithm", "dqm"], "unknown arm dqm (did you mean dqn?)"),
         (["--algorithm", "dqn", "--observation", "index"], "unknown observation index"),
         (["--seed", "-1"], "--seed -1: accepted: a whole number from 0 to 999,999."),
         (["--save", "film.mp4"], "--save film.mp4: accepted: a name that ends in .webp or .gif."),
