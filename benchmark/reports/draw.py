@@ -217,6 +217,7 @@ def _manifest(
             run.arm: {
                 "algorithm": run.algorithm,
                 "family": load_algorithm(run.algorithm).family,
+                "packages": load_algorithm(run.algorithm).packages,
                 "settings": run.settings.model_dump(mode="json"),
             }
             for run in default

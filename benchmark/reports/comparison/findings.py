@@ -468,7 +468,9 @@ class Findings:
 
     def _packages(self, learner: Learner) -> tuple[str, ...]:
         """Returns what a learner's algorithm is made with."""
-        return load_algorithm(self._algorithm(learner)).packages
+        arm = self._published.manifest["algorithms"][learner.algorithm]
+        # Manifests of older results do not say.
+        return tuple(arm["packages"] if "packages" in arm else load_algorithm(arm["algorithm"]).packages)
 
     def _family(self, learner: Learner) -> str:
         """Returns whether a learner learns a table or a net."""

@@ -77,7 +77,12 @@ def folder(tmp_path: Path, **learners: Made) -> Published:
     for name, rows in frames.items():
         pd.DataFrame(rows).to_csv(tmp_path / f"{name}.csv", index=False)
     arms = {
-        name: {"algorithm": "mine", "family": made.family, "settings": {"budget": 1000} | made.settings}
+        name: {
+            "algorithm": "mine",
+            "family": made.family,
+            "packages": ["numba"] if made.family == "tabular" else ["stable_baselines3", "torch"],
+            "settings": {"budget": 1000} | made.settings,
+        }
         for name, made in learners.items()
     }
     (tmp_path / "manifest.json").write_text(json.dumps({"algorithms": arms}), encoding="utf-8")
