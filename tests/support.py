@@ -18,4 +18,6 @@ def command(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedPro
 def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Runs make with this Python, which has all it needs, instead of one that make installs."""
     settings = [f"PY={sys.executable}", "BASE=", "DEEP=", "DEV="]
-    return subprocess.run(["make", *arguments, *settings], cwd=cwd, capture_output=True, text=True)
+    return subprocess.run(
+        ["make", "--no-print-directory", *arguments, *settings], cwd=cwd, capture_output=True, text=True
+    )

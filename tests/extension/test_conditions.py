@@ -105,4 +105,4 @@ def test_sweep_runs_to_records(
     tables = {record.arrays["q"].tobytes() for record in records}
     assert len(tables) == len(records)  # every condition learns something else
     assert main(["run", str(tmp_path / "swept.toml"), "--report", *results]) == 2
-    assert "swept.toml: has no report" in capsys.readouterr().err
+    assert "swept.toml: there is no key report" in capsys.readouterr().err

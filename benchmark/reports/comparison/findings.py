@@ -160,10 +160,11 @@ class Findings:
                 )
                 if few:
                     verdict += f" (a verdict takes at least {FEWEST_RUNS} runs per scenario and learner)"
-        budget = self._settings(table)["budget"]
+        budgets = {self._budget(learner) for learner in [*self.tables, *self.deep]}
+        budget = f"{budgets.pop()} of training" if len(budgets) == 1 else "the budgets of this experiment"
         ratio, times = self._ratio(table, best)
         return (
-            f"With {budget:,} environment steps {verdict}. That table has a mean score of "
+            f"With {budget} {verdict}. That table has a mean score of "
             f"{self._score(table)} ({self._n(table)} runs per scenario). The deep learner with the highest "
             f"mean score, `{best}`, has {self._score(best)} ({self._n(best)} runs per scenario): "
             f"{self._verdict(best, table)}. It takes {times} the CPU time of that table"
@@ -183,7 +184,7 @@ class Findings:
         late = rows[rows["step"] > budget / 2].groupby("scenario", sort=False)
         means = ", ".join(link(f"{part['success'].mean():.2f}", "curves", part) for _, part in late)
         text = (
-            f"After {budget:,} steps the table `{first.algorithm}` ({self._n(first)} runs per scenario) "
+            f"After {self._budget(first)} the table `{first.algorithm}` ({self._n(first)} runs per scenario) "
             f"succeeds with probability {self._by_scenario('summary', first, 'success', _two_decimals)} "
             f"(averaged over the second half of training: {means}), and has a mean score of "
             f"{self._score(first)} over all scenarios"
@@ -453,6 +454,11 @@ class Findings:
     def _settings(self, learner: Learner) -> dict[str, Any]:
         """Returns the settings of a learner's arm."""
         return dict(self._published.manifest["algorithms"][learner.algorithm]["settings"])
+
+    def _budget(self, learner: Learner) -> str:
+        """Returns how long a learner trains."""
+        settings = self._settings(learner)
+        return f"{settings['budget']:,} {settings.get('budget_unit', 'steps')}"
 
     def _net(self, learner: Learner) -> object:
         """Returns the hidden layers of a learner's net; None if its settings do not say."""

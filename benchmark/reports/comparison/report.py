@@ -9,7 +9,7 @@ from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
+from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.comparison import findings
 from benchmark.reports.comparison import tables as comparison
 from benchmark.reports.comparison.data import Context, Data, Learner, load
@@ -39,16 +39,6 @@ def check(experiment: Experiment) -> None:
         raise InputError(
             f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
             "alone."
-        )
-    settings = [
-        specifications(experiment, DEFAULT_CONDITION, *population, [0])[0].settings
-        for population in experiment.populations
-    ]
-    budgets = sorted({each.budget for each in settings})
-    if len(budgets) > 1 or any(getattr(each, "budget_unit", "steps") != "steps" for each in settings):
-        raise InputError(
-            f"{experiment.argument}: algorithms: budget = {', '.join(map(str, budgets))}: accepted: the same "
-            "for every arm, in steps."
         )
 
 
