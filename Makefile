@@ -33,7 +33,7 @@ report: $(BASE) ## the page and the texts of results, from the tables that are t
 	$(PY) -m benchmark report --results $(RESULTS)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
-	$(PY) -m pytest -n 3 --dist loadfile $(TESTS)
+	$(PY) -m pytest -n 2 --dist loadfile $(TESTS)
 
 check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m ruff format --check $(CHECKED)

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from benchmark.__main__ import main
 from benchmark.reports import independent
 
 ROOT = Path(__file__).parents[1]
@@ -80,10 +81,12 @@ def run_in_miniature(words: list[str], directory: Path) -> bool:
     arguments = [small.get(word, word) for word in words[1:]]
     if "watch" in arguments:
         arguments += ["--terminal", "--experiment", str(comparison)]
-    done = subprocess.run(
-        [sys.executable, *arguments, "--results", str(directory)], cwd=ROOT, capture_output=True, text=True
-    )
-    assert done.returncode == 0, f"{' '.join(words)}: {done.stderr}"
+    if "--help" in arguments:
+        with pytest.raises(SystemExit) as ended:
+            main(arguments[2:])
+        assert ended.value.code == 0
+    else:
+        assert main([*arguments[2:], "--results", str(directory)]) == 0, words
     return words[1:3] == ["-m", "benchmark"]
 
 

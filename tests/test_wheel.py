@@ -82,7 +82,7 @@ def test_wheel_runs_an_experiment_and_reports_it(unpacked: Path, tmp_path: Path)
     git = ["git", "-C", str(unpacked), "-c", "user.name=A", "-c", "user.email=a@example.org"]
     subprocess.run([*git, "init", "--quiet"], check=True)
     subprocess.run([*git, "commit", "--quiet", "--allow-empty", "-m", "Else"], check=True)
-    arguments = ["run", "reproduce_smoke", "--report", "--results", "out"]
+    arguments = ["run", "reproduce_smoke", "--report", "--jobs", "1", "--results", "out"]
     output = python(unpacked, "-m", "benchmark", *arguments, cwd=tmp_path)
     assert "138 runs done, 0 were done already" in output
     folder = tmp_path / "out" / "reproduce_smoke"

@@ -91,7 +91,7 @@ def test_it_meets_the_contract() -> None:
 def test_it_is_compared_like_any_other(tmp_path: Path, seeds: int, expected: str) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(EXPERIMENT.format(planner=f"{__name__}:DEEP", seeds=seeds), encoding="utf-8")
-    assert main(["run", str(file), "--report", "--results", str(tmp_path)]) == 0
+    assert main(["run", str(file), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     scores = pd.read_csv(tmp_path / "mine" / "scores.csv").query("algorithm == 'planner'")
     assert scores["score"].to_numpy() == pytest.approx(1)
     (headline, *_) = pd.read_csv(tmp_path / "mine" / "findings.csv")["text"]
@@ -104,6 +104,6 @@ def test_it_is_compared_like_any_other(tmp_path: Path, seeds: int, expected: str
 def test_two_tables_are_drawn_without_a_verdict(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(EXPERIMENT.format(planner=f"{__name__}:TABULAR", seeds=2), encoding="utf-8")
-    assert main(["run", str(file), "--report", "--results", str(tmp_path)]) == 0
+    assert main(["run", str(file), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     assert pd.read_csv(tmp_path / "mine" / "findings.csv").empty
     assert "planner" in (tmp_path / "mine" / "aggregate.md").read_text(encoding="utf-8")

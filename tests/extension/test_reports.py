@@ -156,7 +156,7 @@ def experiment_file(tmp_path: Path, report: str, *items: str) -> Path:
 
 def test_item_appears_in_readme_and_on_the_page(tmp_path: Path) -> None:
     path = experiment_file(tmp_path, "replication", "WRONG_PINGS")
-    assert main(["run", str(path), "--report", "--results", str(tmp_path)]) == 0
+    assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     folder = tmp_path / "mine"
     names = {file.name for file in folder.iterdir()}
     assert {f"wrong_pings.{end}" for end in ("csv", "md", "tex", "png", "svg")} <= names
@@ -184,7 +184,7 @@ def test_item_appears_in_readme_and_on_the_page(tmp_path: Path) -> None:
 
 def test_report_of_another_kind_has_readme_and_page(tmp_path: Path) -> None:
     path = experiment_file(tmp_path, f"{__name__}:REPORT")
-    assert main(["run", str(path), "--report", "--results", str(tmp_path)]) == 0
+    assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     folder = tmp_path / "mine"
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["report"] == f"{__name__}:REPORT"
@@ -216,7 +216,7 @@ def test_mistakes_get_one_sentence_before_any_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], report: str, items: tuple[str, ...], expected: str
 ) -> None:
     path = experiment_file(tmp_path, report, *items)
-    assert main(["run", str(path), "--report", "--results", str(tmp_path)]) == 2
+    assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 2
     message = capsys.readouterr().err
     assert expected in message
     assert message.count("\n") == 1

@@ -91,7 +91,7 @@ def test_a_scenario_in_the_folder_is_registered(corridor: Path, tmp_path: Path) 
 def test_an_experiment_on_it_runs_and_is_drawn(corridor: Path, tmp_path: Path) -> None:
     experiment = tmp_path / "mine.toml"
     experiment.write_text(EXPERIMENT.replace("SCENARIO", str(corridor)), encoding="utf-8")
-    done = command("run", experiment, "--report", "--results", tmp_path)
+    done = command("run", experiment, "--report", "--jobs", "1", "--results", tmp_path)
     assert done.returncode == 0, done.stderr
     optimal = pd.read_csv(tmp_path / "mine" / "optimal.csv").set_index("scenario")
     assert optimal.index.tolist() == ["corridor"]

@@ -7,6 +7,18 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.execution.store import Store
 
+LOGGED = """
+description = "A table, and two nets that write logs."
+scenarios = ["S2"]
+horizon = 50
+evaluation_every = 100
+map_every = 100
+settings = { budget = 200, time_limit = 50 }
+algorithms.q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 1 }
+algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
+algorithms.ppo = { algorithm = "ppo", observations = ["coordinates"], seeds = 1, settings.n_steps = 100 }
+"""
+
 
 def test_logs_that_no_algorithm_writes_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -19,13 +31,13 @@ def test_logs_that_no_algorithm_writes_are_refused(
 
 def test_logs_come_from_worker_processes_and_change_nothing(tmp_path: Path) -> None:
     experiment = tmp_path / "logged.toml"
-    experiment.write_text('extends = "compare_deep_smoke"\ndescription = ""\nchanges.scenarios = ["S2"]\n')
+    experiment.write_text(LOGGED, encoding="utf-8")
     logs = tmp_path / "logs"
     for results, more in (("a", ["--tensorboard", str(logs)]), ("b", [])):
         arguments = ["run", str(experiment), "--seeds", "0", "--results", str(tmp_path / results)]
         assert main([*arguments, *more]) == 0
     written = {str(path.parent.relative_to(logs)) for path in logs.rglob("events*")}
-    assert len(written) == 9
+    assert len(written) == 2
     assert "logged/S2/ppo_coordinates/seed_0" in written
     with Store(tmp_path / "a" / "runs.db") as logged, Store(tmp_path / "b" / "runs.db") as plain:
         digests = sorted(logged.ended())

@@ -374,7 +374,7 @@ def another(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "room.toml").write_text(scene, encoding="utf-8")
     text = ANOTHER.replace('"room.toml"', json.dumps(str(folder / "room.toml")))
     (folder / "mine.toml").write_text(text, encoding="utf-8")
-    assert main(["run", str(folder / "mine.toml"), "--report", "--results", str(folder)]) == 0
+    assert main(["run", str(folder / "mine.toml"), "--report", "--jobs", "1", "--results", str(folder)]) == 0
     return folder / "mine"
 
 
