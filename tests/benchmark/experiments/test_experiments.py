@@ -95,7 +95,10 @@ def test_defaults_are_those_of_sb3_except_where_the_budget_forces_another_value(
 def test_comparisons_have_miniatures_with_the_same_learners() -> None:
     for name in ("compare_deep", "compare_deep_long"):
         full, small = load_experiment(name), load_experiment(f"{name}_smoke")
-        assert full.populations == small.populations
+        learners = [
+            list(dict.fromkeys(population[1:] for population in each.populations)) for each in (full, small)
+        ]
+        assert learners[0] == learners[1]
         assert len(all_specifications(small)) < 100
     assert load_experiment("compare_deep_long").settings["budget"] == 100_000
 

@@ -47,7 +47,7 @@ def test_everything_is_there(miniature: Path) -> None:
     report = load_report("comparison")
     names = {path.name for path in (miniature / SMOKE.name).iterdir() if not path.name.startswith(".")}
     expected = {"README.md", "manifest.json", "index.html", "learning.webp"}
-    expected |= {"agent_S1.csv", "agent_S2.csv", "agent_S3.csv"}
+    expected |= {"agent_S1.csv", "agent_S2.csv"}
     for item in report.items:
         has_table = item.compute is not None or item.tell is not None
         expected |= {f"{item.name}.csv"} if has_table else set()
@@ -206,7 +206,7 @@ def test_divergence_is_recorded_shown_and_not_tried_again(tmp_path: Path) -> Non
         data = load(experiment, store, None, False)
     summary = comparison.summary(data)
     nets = summary[summary["algorithm"] == "dqn_linear"]
-    assert nets["diverged"].tolist() == [2, 2, 2]
+    assert nets["diverged"].tolist() == [2, 2]
     assert summary["diverged"].sum() == 6
     assert nets["score_mean"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
     scores = comparison.scores(data)
