@@ -257,6 +257,9 @@ def _train_agent(
 def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
     """Seeds the global generators that SB3 draws from and sets one torch thread; restores both afterwards.
 
+    Denormal numbers count as zero meanwhile: Adam's moments of weights that get no gradient decay into them
+    after some hundred updates, and arithmetic on them is slow.
+
     Yields:
       Seeds for the env and for the action space.
     """
@@ -270,10 +273,12 @@ def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
     try:
         with torch.random.fork_rng(devices=[]):
             torch.set_num_threads(1)
+            torch.set_flush_denormal(True)
             torch.manual_seed(integers[0])
             np.random.seed(words[:4])  # noqa: NPY002
             yield integers[1], integers[2]
     finally:
+        torch.set_flush_denormal(False)  # torch's default; it cannot be asked
         torch.set_num_threads(threads)
         np.random.set_state(numpy_state)  # noqa: NPY002
 
