@@ -21,6 +21,8 @@ __all__ = [
 ]
 
 ALGORITHMS: Final = {
+    "batched_dqn": "agents.batched.algorithms:DQN",
+    "batched_ppo": "agents.batched.algorithms:PPO",
     "dqn": "agents.sb3.algorithms:DQN",
     "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",

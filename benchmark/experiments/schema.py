@@ -23,13 +23,18 @@ _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # without the / an
 
 
 class Arm(Table):
-    """An algorithm with its settings, and the observations from which it learns."""
+    """An algorithm with its settings, and the observations from which it learns.
+
+    A *check* of another arm learns the same by another implementation. It takes the settings of that arm that
+    its algorithm has, the group, and, unless it names some of them, the observations.
+    """
 
     algorithm: str
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition: seeds 0 to seeds - 1
     group: str = ""  # arms of a group are drawn together; an arm without a group is drawn with every group
     settings: dict[str, Any] = Field(default_factory=dict)
+    check_of: str = ""  # the arm that this one checks
 
 
 class Condition(Table):
@@ -162,7 +167,7 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
       InputError: The file cannot be read, or a key or value is not accepted.
     """
     path = _path(experiment)
-    read = parse(Experiment, _read(path), str(path), name=path.stem)
+    read = parse(Experiment, _with_checks(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     return read, path
@@ -196,3 +201,30 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
     changes = {"description": extension.description} | extension.changes
     return override(_read(base, (path, *extended_by)), changes, str(path))
+
+
+def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
+    """Returns an experiment's tables, those of checks with what they take from the arms that they check.
+
+    Raises:
+      InputError: A check names no arm that is not a check itself, or sets what it takes.
+    """
+    arms = data.get("algorithms")
+    if not isinstance(arms, dict) or not all(isinstance(arm, dict) for arm in arms.values()):
+        return data  # is refused with the other tables
+    resolved = dict(arms)
+    for name, arm in arms.items():
+        if not arm.get("check_of"):
+            continue
+        where, checked = f"{source}: algorithms.{name}", arm["check_of"]
+        checkable = [other for other in arms if not arms[other].get("check_of")]
+        if checked not in checkable:
+            unknown_name(f"{where}: check_of", "arm", str(checked), checkable)
+        for key in ("group", "settings"):
+            if key in arm:
+                raise InputError(f"{where}.{key}: a check takes it from {checked}; remove it.")
+        taken = {
+            key: arms[checked][key] for key in ("observations", "group", "settings") if key in arms[checked]
+        }
+        resolved[name] = taken | arm
+    return data | {"algorithms": resolved}

@@ -145,6 +145,25 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
     assert states[0] == states[1] != states[2]
 
 
+def test_a_check_takes_settings_observations_and_group_from_the_arm_that_it_checks() -> None:
+    arms = load_experiment("compare_deep").algorithms
+    checks = {name: arm for name, arm in arms.items() if arm.check_of}
+    assert len(checks) == 5
+    for check in checks.values():
+        checked = arms[check.check_of]
+        assert (check.settings, check.group) == (checked.settings, checked.group)
+        assert check.observations == checked.observations
+        assert check.algorithm == checked.algorithm.removeprefix("batched_")
+
+
+def test_equivalence_shares_its_runs_with_the_comparison() -> None:
+    compared = {run.digest for run in all_specifications(load_experiment("compare_deep"))}
+    runs = all_specifications(load_experiment("equivalence"))
+    shared = [run for run in runs if run.digest in compared]
+    assert len(runs) == 2 * 2 * 2 * 200  # scenarios, algorithms, observations, seeds
+    assert len(shared) == 2 * 2 * 2 * (100 + 10)
+
+
 def test_first_runs_are_of_all_populations() -> None:
     runs = all_specifications(COMPARED)
     first = runs[: len(COMPARED.populations)]
@@ -237,7 +256,10 @@ def test_mistakes_in_a_replication_get_one_sentence(
     [
         ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
         ('algorithm = "ppo"', 'algorithm = "pqo"', "unknown algorithm pqo (did you mean ppo?); accepted"),
-        ('"coordinates"]', '"one_hat"]', "observation for dqn one_hat (did you mean one_hot?)"),
+        ('"coordinates"]', '"one_hat"]', "observation for batched_dqn one_hat (did you mean one_hot?)"),
+        ('check_of = "ppo"', 'check_of = "pqo"', "ppo_sb3: check_of: unknown arm pqo (did you mean ppo?)"),
+        ('check_of = "ppo"', 'check_of = "dqn_sb3"', "ppo_sb3: check_of: unknown arm dqn_sb3"),
+        ('check_of = "ppo"', 'check_of = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: a check takes it"),
         ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
         ("n_steps = 2000", "n_steps = 2048", "budget = 10000 is not a whole number of rollouts of 2048"),
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),

@@ -1,0 +1,61 @@
+"""The batched DQN and PPO as algorithms of this project."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from numpy.random import SeedSequence
+
+from agents.batched.settings import BatchedDqnSettings, BatchedPpoSettings
+from agents.contract import Schedule, Training
+from agents.sb3.settings import Sb3Settings
+from envs import InputError, Model
+
+VERSION: Final = 1  # part of every run's identity: raise it when a change alters what is learned
+
+
+@dataclass(frozen=True)
+class BatchedAlgorithm:
+    """A batched algorithm, see `agents.contract.Algorithm`."""
+
+    module: str  # whose `train` trains
+    settings: type[Sb3Settings]
+    version: int = VERSION
+    family: Literal["tabular", "deep"] = "deep"
+    observations: tuple[str, ...] = ("one_hot", "coordinates")
+    packages: tuple[str, ...] = ("numba", "torch")
+    batch_size: int = 25  # with more, weights and moments fall out of the caches
+    placement: Literal["thread", "process"] = "process"
+    depends_on_batch: bool = False
+    writes_logs: bool = False
+
+    def train(
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
+        logs: Sequence[Path] = (),  # noqa: ARG002
+    ) -> Training:
+        """Trains by the module's `train`.
+
+        Raises:
+          InputError: A package is not installed, or there is no such device.
+        """
+        try:
+            trained: Training = import_module(self.module).train(
+                model, settings, observation, seeds, schedule
+            )
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"{self.module}: needs the package {error.name}, which is not installed; "
+                "make compare-deep installs it."
+            ) from error
+        return trained
+
+
+DQN: Final = BatchedAlgorithm("agents.batched.dqn", BatchedDqnSettings)
+PPO: Final = BatchedAlgorithm("agents.batched.ppo", BatchedPpoSettings)
