@@ -57,20 +57,20 @@ class Data:
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has the default condition alone, and checks that have what they check.
+    """Checks that an experiment has checks of what there is, and the default condition alone.
 
     Raises:
       InputError: It does not.
     """
     arms = experiment.algorithms
+    if not any(arm.check_of for arm in arms.values()):
+        raise InputError(
+            f"{experiment.argument}: algorithms: no arm has the key check_of; accepted: at least one check."
+        )
     if list(experiment.conditions) != [DEFAULT_CONDITION]:
         raise InputError(
             f"{experiment.argument}: readings, sweep: an equivalence takes the {DEFAULT_CONDITION} condition "
             "alone."
-        )
-    if not any(arm.check_of for arm in arms.values()):
-        raise InputError(
-            f"{experiment.argument}: algorithms: no arm has the key check_of; accepted: at least one check."
         )
     for name, arm in arms.items():
         for observation in arm.observations if arm.check_of else ():

@@ -39,12 +39,23 @@ def sentences(published: Published) -> list[str]:
             _shown(pairs[pairs["verdict"] == "equivalent"], "success"),
             "success",
         ),
+        _failing(pairs[pairs["verdict"] == "equivalent"]),
         _resolution(pairs),
         _scores(pairs),
         _distributions(pairs),
         _chance(pairs),
     ]
     return [text for text in found if text]
+
+
+def _failing(equivalent: pd.DataFrame) -> str:
+    """Says how many pairs are equivalent since nothing succeeds; empty if none is."""
+    failing = equivalent[(equivalent["success"] == 0) & (equivalent["check_success"] == 0)]
+    return (
+        f"In {_number(failing)} of the equivalent pairs no run of either side succeeds."
+        if len(failing)
+        else ""
+    )
 
 
 def _resolution(pairs: pd.DataFrame) -> str:
@@ -59,8 +70,8 @@ def _resolution(pairs: pd.DataFrame) -> str:
     return (
         f"With {link(str(n), _TABLE, pairs)} runs of an arm and {link(str(check_n), _TABLE, pairs)} of its "
         "check, half of which succeed, the 90 % interval of the difference reaches "
-        f"{reach_90:.2f} to either side: such a pair {limit}, different only from about {reach_95:.2f} on, "
-        "and may be undecided although both learn the same."
+        f"{reach_90:.2f} to either side: such a pair {limit}; it is different only from about "
+        f"{reach_95:.2f} on, and may be undecided although both learn the same."
     )
 
 
