@@ -52,8 +52,8 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
         (
             "margin",
             "how far apart successes may be: "
-            f"{published.frame('equivalence')['margin'].iloc[0]:g}. Much less could not be shown: see above "
-            "what runs decide half of which succeed.",
+            f"{published.frame('equivalence')['margin'].iloc[0]:g}. The finding on runs of which half "
+            "succeed says why it is not much smaller.",
         ),
         (
             "success",
