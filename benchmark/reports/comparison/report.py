@@ -1,6 +1,7 @@
 """The comparison as a report: its items and what they are called."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import pandas as pd
@@ -90,7 +91,7 @@ def _maps(data: Data, _: Frames) -> pd.DataFrame:
 
 
 def _shown(data: Data) -> list[Shown]:
-    return [Shown(*learner, population) for learner, _, population in data.populations]
+    return [Shown(*learner, population) for learner, _, population in data.without_checks.populations]
 
 
 def _write_film(data: Data, _: Frames, directory: "Path") -> None:
@@ -98,7 +99,7 @@ def _write_film(data: Data, _: Frames, directory: "Path") -> None:
     from benchmark.drawing import film
 
     families: dict[str, list[Learner]] = {"tabular": [], "deep": []}
-    for learner, populations in data.learners.items():
+    for learner, populations in data.without_checks.learners.items():
         families[next(iter(populations.values())).algorithm.family].append(learner)
     films = [
         [
@@ -183,49 +184,50 @@ def _greedy_from_start(frame: pd.DataFrame) -> pd.DataFrame:
 def _draw_curves(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.curves(frames["curves"], context.panels, "step", "environment step")
+    return figures.curves(frames["curves"], context, "step", "environment step")
 
 
 def _draw_curves_cpu(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.curves(frames["curves_cpu"], context.panels, "cpu_time_s", "CPU time (s)")
+    return figures.curves(frames["curves_cpu"], context, "cpu_time_s", "CPU time (s)")
 
 
 def _draw_disagreements(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.disagreements(frames["curves"], context.panels)
+    return figures.disagreements(frames["curves"], context)
 
 
-def _draw_aggregate(frames: Frames, _: Context) -> "Figure":
+def _draw_aggregate(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.aggregate(frames["aggregate"])
+    return figures.aggregate(frames["aggregate"], context)
 
 
 def _draw_profile(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.profile(frames["profile"], context.panels)
+    return figures.profile(frames["profile"], replace(context, checks={}, check_note=""))
 
 
-def _draw_improvement(frames: Frames, _: Context) -> "Figure":
+def _draw_improvement(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.improvement(frames["improvement"])
+    frame, checks = frames["improvement"], list(map(str, context.checks))
+    return figures.improvement(frame[~frame["x"].isin(checks) & ~frame["y"].isin(checks)])
 
 
-def _draw_threshold(frames: Frames, _: Context) -> "Figure":
+def _draw_threshold(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.threshold(frames["threshold"])
+    return figures.threshold(frames["threshold"], context)
 
 
-def _draw_region(frames: Frames, _: Context) -> "Figure":
+def _draw_region(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.region(frames["region"])
+    return figures.region(frames["region"], context)
 
 
 def _of_kind(frames: Frames, kind: str) -> list[Learner]:
