@@ -14,6 +14,7 @@ from envs import InputError, Model
 
 Scores = NDArray[np.float64]  # (R, M) runs x scenarios
 
+SB3: Final = "Stable-Baselines3 itself"  # what trains checks, as readers see it
 _LISTED: Final = 4  # populations that a sentence on missing runs names
 
 
@@ -106,7 +107,7 @@ class Data:
         sizes = [len(each.seeds) for each in populations]
         n = f"{max(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
         is_sb3 = all("stable_baselines3" in each.algorithm.packages for each in populations)
-        return f"hollow: {n} runs by {'Stable-Baselines3 itself' if is_sb3 else 'another implementation'}"
+        return f"hollow: {n} runs by {SB3 if is_sb3 else 'another implementation'}"
 
     @property
     def without_checks(self) -> Self:
@@ -162,7 +163,8 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         for name in place
         if experiment.algorithms[name.algorithm].check_of
     }
-    names = sorted(place, key=lambda name: (place[checks.get(name, name)], name in checks))
+    order = place | {check: place[checked] for check, checked in checks.items()}
+    names = sorted(place, key=lambda name: (order[name], name in checks))
     few = {name for name in names if len(_common_seeds(name, there)) < 2}
     few |= {check for check, checked in checks.items() if checked in few}
     learners: dict[Learner, dict[str, Population]] = {}

@@ -34,7 +34,8 @@ _LABELS: Final = {
     "optimality_gap": "optimality gap",
 }
 
-_N_POINTS: Final = 6  # markers of a curve, and points of a check
+_N_MARKERS: Final = 6  # of a curve
+_N_POINTS: Final = 4  # of a check
 _CHECK_DISTANCE: Final = 0.4  # of the dots of a learner and its check, in rows
 
 
@@ -70,11 +71,7 @@ def curves(frame: pd.DataFrame, context: Context, x: str, label: str) -> Figure:
             axes[row, 0].set(ylabel=_LABELS["score"])
         for axis in axes[-1]:
             axis.set(xlabel=label)
-        _legend(
-            figure,
-            context,
-            f"line: mean over runs; shade: 95 % interval; scores below {_FLOOR:g} are not drawn",
-        )
+        _legend(figure, context, f"{_signs(context)}; scores below {_FLOOR:g} are not drawn")
     return figure
 
 
@@ -100,7 +97,7 @@ def disagreements(frame: pd.DataFrame, context: Context) -> Figure:
             axes[row, 0].set(ylabel="wrong PINGs\nper 1,000 steps")
         for axis in axes[-1]:
             axis.set(xlabel="environment step")
-        _legend(figure, context, "line: mean over runs; shade: 95 % interval")
+        _legend(figure, context, _signs(context))
     return figure
 
 
@@ -121,7 +118,8 @@ def aggregate(frame: pd.DataFrame, context: Context) -> Figure:
             _rows(axis, learners, first=column == 0)
             axis.set(title=_LABELS[metric], xlabel="score missed" if metric == "optimality_gap" else "score")
             axis.xaxis.set_major_locator(MaxNLocator(4))
-            axis.axvline(0.0 if metric == "optimality_gap" else 1.0, color="0.35", lw=0.8, ls=":")
+            best = 0.0 if metric == "optimality_gap" else 1.0
+            axis.axvline(best, color="0.35", lw=0.8, ls=":", zorder=0)
         text = _with_checks("greedy policies after training, all scenarios; bar: 95 % interval", context)
         figure.supxlabel(text, fontsize="small")
     return figure
@@ -296,7 +294,7 @@ def _curves(
     low, high = ("low", "high") if y == "share" else (f"{y}_low", f"{y}_high")
     for learner in learners:
         rows, style = frame[_is(frame, learner)], _style(learner, context)
-        axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // _N_POINTS, 1), **style)
+        axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // _N_MARKERS, 1), **style)
         axis.fill_between(rows[x], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
     checks = [(check, learner) for learner in learners for check in _checks_of(learner, context)]
     for place, (check, learner) in enumerate(checks, start=1):
@@ -334,7 +332,9 @@ def _dots(
             y, is_check = row + _CHECK_DISTANCE * (place - (len(together) - 1) / 2), place > 0
             width = 1.2 if is_check else 2.2
             axis.plot([low, high], [y, y], color=style["color"], ls=style["ls"], lw=width, alpha=0.6)
-            fill = {"mfc": "white", "ms": 5} if is_check else {"mec": "white", "mew": 0.6, "ms": 6}
+            fill: dict[str, Any] = (
+                {"mfc": "white", "ms": 5} if is_check else {"mec": "white", "mew": 0.6, "ms": 6}
+            )
             axis.plot(value, y, color=style["color"], marker=style["marker"], **fill)
 
 
@@ -344,6 +344,11 @@ def _rows(axis: Axes, learners: Sequence[Learner], *, first: bool) -> None:
     axis.set(ylim=(len(learners) - 0.5, -0.5))
     axis.grid(axis="y", lw=0.4, color="0.85")
     axis.tick_params(axis="y", length=0)
+
+
+def _signs(context: Context) -> str:
+    """Returns what the signs of learning curves mean."""
+    return f"line: mean over runs; shade{' or bar' if context.checks else ''}: 95 % interval"
 
 
 def _with_checks(text: str, context: Context) -> str:

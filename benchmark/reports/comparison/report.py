@@ -1,11 +1,12 @@
 """The comparison as a report: its items and what they are called."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import pandas as pd
 
+from agents import ALGORITHMS
 from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.analysis.snapshots import Shown
@@ -17,8 +18,9 @@ from benchmark.reports.comparison.data import Context, Data, Learner, load
 from benchmark.reports.explorer import explorer_items
 from benchmark.reports.item import Frames, Item, Report, Section, whole
 from benchmark.reports.published import Published
-from benchmark.reports.view import Columns
+from benchmark.reports.view import Columns, Table
 from envs import InputError
+from envs.inputs import unknown_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,16 +33,22 @@ _ENDS: Final = ("low", "high")
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has the default condition alone.
+    """Checks that an experiment has the default condition alone, and that every check has its learner.
 
     Raises:
-      InputError: It has others.
+      InputError: It has other conditions, or a check has an observation that its learner has not.
     """
     if list(experiment.conditions) != [DEFAULT_CONDITION]:
         raise InputError(
             f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
             "alone."
         )
+    for name, arm in experiment.algorithms.items():
+        accepted = experiment.algorithms[arm.check_of or name].observations
+        for observation in arm.observations:
+            if observation not in accepted:
+                where = f"{experiment.argument}: algorithms.{name}"
+                unknown_name(where, f"observation for a check of {arm.check_of}", observation, accepted)
 
 
 # Tables
@@ -113,11 +121,6 @@ def _write_film(data: Data, _: Frames, directory: "Path") -> None:
 
 
 # As .md and .tex show them
-
-
-def _display_scores(frame: pd.DataFrame) -> pd.DataFrame:
-    columns = [*_POPULATION, "seed", "score", "success", "steps", "wrong_pings", "every_cell_score"]
-    return frame[[column for column in columns if column in frame]]
 
 
 def _display_summary(frame: pd.DataFrame) -> pd.DataFrame:
@@ -270,6 +273,35 @@ def _draw_maps_probability(frames: Frames, context: Context) -> "Figure | None":
     return figures.maps(frames["maps"], context.models, learners, "PING", label, (0.0, 1.0))
 
 
+_COST: Final = Columns(
+    file="cost.csv",
+    caption="Cost of a run, measured: medians over all runs",
+    keys=_LEARNER,
+    numbers={
+        "cpu_time_s": "CPU time (s)",
+        "steps_per_cpu_s": "steps per CPU second",
+        "updates": "updates",
+        "parameters": "parameters",
+        "peak_memory_mb": "peak memory (MB)",
+    },
+)
+
+
+def _view_cost(published: Published) -> Table:
+    """Shows what runs cost, and says what the numbers of nets trained in batches mean."""
+    table, sizes = _COST(published), _batch_sizes(published)
+    if not sizes:
+        return table
+    share = f"; a net trained in a batch has its share of CPU time, of a batch of up to {max(sizes)} runs"
+    return replace(table, caption=f"{table.caption}{share}, and the memory of the whole batch")
+
+
+def _batch_sizes(published: Published) -> set[int]:
+    """Returns how many nets are trained at once, where they are several."""
+    arms = published.manifest["algorithms"].values()
+    return {arm["batch_size"] for arm in arms if arm.get("family") == "deep" and arm.get("batch_size", 1) > 1}
+
+
 ITEMS: Final = (
     Item(
         name="aggregate",
@@ -327,7 +359,6 @@ ITEMS: Final = (
         name="scores",
         description="every run at the end of training, by its greedy and its stochastic policy",
         compute=_scores,
-        display=_display_scores,
     ),
     Item(
         name="threshold",
@@ -353,7 +384,8 @@ ITEMS: Final = (
     ),
     Item(
         name="improvement",
-        description="probability that a run of one learner outscores one of another, each pair",
+        description="probability that a run of one learner outscores one of another, each pair; of a check, "
+        "only the pair with the learner that it checks",
         compute=_improvement,
         display=_display_improvement,
         draw=_draw_improvement,
@@ -369,7 +401,7 @@ ITEMS: Final = (
     ),
     Item(
         name="profile",
-        description="performance profiles: the share of runs whose score is above a number",
+        description="performance profiles, without checks: the share of runs whose score is above a number",
         compute=_profile,
         display=_display_profile,
         draw=_draw_profile,
@@ -405,7 +437,8 @@ ITEMS: Final = (
     ),
     Item(
         name="maps",
-        description="final values of every cell and action; figure: Q of PING, but for SB3's own settings",
+        description="final values of every cell and action, without checks; figure: Q of PING, but for SB3's "
+        "own settings",
         compute=_maps,
         display=_display_maps,
         draw=_draw_maps,
@@ -430,18 +463,7 @@ ITEMS: Final = (
         section="cost",
         compute=_cost,
         display=whole,
-        view=Columns(
-            file="cost.csv",
-            caption="Cost of a run, measured: medians over all runs",
-            keys=_LEARNER,
-            numbers={
-                "cpu_time_s": "CPU time (s)",
-                "steps_per_cpu_s": "steps per CPU second",
-                "updates": "updates",
-                "parameters": "parameters",
-                "peak_memory_mb": "peak memory (MB)",
-            },
-        ),
+        view=_view_cost,
         is_measured=True,
     ),
     Item(
@@ -479,6 +501,7 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
             "an algorithm with its settings and the form of observation that it learns from. Settings are in "
             "the experiment's TOML file; a name that ends in `_default` stands for Stable-Baselines3's own.",
         ),
+        *_words_of_checks_and_batches(published),
         (
             "score",
             "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
@@ -525,6 +548,28 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
     ]
 
 
+def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, str]]:
+    """Explains checks and batches, if there are any."""
+    arms: Mapping[str, Any] = published.manifest["algorithms"]
+    checks = [f"`{name}` checks `{arm['check_of']}`" for name, arm in arms.items() if arm.get("check_of")]
+    if checks:
+        yield (
+            "check",
+            f"a learner that learns the same as another one by another implementation: {', '.join(checks)}. "
+            "Figures show it hollow, beside the learner that it checks. No verdict rests on it, and no ranking "
+            "has it.",
+        )
+    sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
+    if sizes:
+        text = f"up to {max(sizes)} nets that are trained at once, each with random numbers of its own."
+        if any(ALGORITHMS.get(name, "").startswith("agents.batched.") for name in algorithms):
+            text += (
+                " `agents/batched` trains so. It takes the arguments of DQN and PPO of Stable-Baselines3, with "
+                "their defaults, and is written to learn as they do."
+            )
+        yield "batch", text
+
+
 REPORT: Final = Report(
     name="comparison",
     question="When does deep RL earn its keep over a table?",
@@ -539,6 +584,8 @@ REPORT: Final = Report(
                 "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
                 "runs. A learner is an algorithm with its settings and the form of observation that it "
                 "learns from; a name that ends in `_default` stands for Stable-Baselines3's own settings. "
+                "A check learns the same as another learner by another implementation, and no verdict rests "
+                "on it. "
                 "P is the probability that a run of the first learner scores higher than a run of the second "
                 "in the same scenario. "
                 "Unless stated otherwise, results are for the greedy policy after training. Intervals of few "
