@@ -556,16 +556,16 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
         yield (
             "check",
             f"a learner that learns the same as another one by another implementation: {', '.join(checks)}. "
-            "Figures show it hollow, beside the learner that it checks. No verdict rests on it, and no ranking "
-            "has it.",
+            "Figures show it hollow, beside the learner that it checks. No verdict rests on it, and no "
+            "ranking has it.",
         )
     sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
     if sizes:
         text = f"up to {max(sizes)} nets that are trained at once, each with random numbers of its own."
         if any(ALGORITHMS.get(name, "").startswith("agents.batched.") for name in algorithms):
             text += (
-                " `agents/batched` trains so. It takes the arguments of DQN and PPO of Stable-Baselines3, with "
-                "their defaults, and is written to learn as they do."
+                " `agents/batched` trains so. It takes the arguments of DQN and PPO of Stable-Baselines3, "
+                "with their defaults, and is written to learn as they do."
             )
         yield "batch", text
 
