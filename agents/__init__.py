@@ -6,12 +6,13 @@ does not wait for a deep-learning library.
 
 from typing import Final
 
-from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request, check_training
+from agents.contract import Algorithm, DeepTraining, LearnerSettings, Schedule, Training, check_request, check_training
 from envs.inputs import InputError, imported, unknown_name
 
 __all__ = [
     "ALGORITHMS",
     "Algorithm",
+    "DeepTraining",
     "LearnerSettings",
     "Schedule",
     "Training",

@@ -82,6 +82,13 @@ class Training:
     diverged_at: NDArray[np.int64]
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DeepTraining(Training):
+    """What training N nets returns in addition."""
+
+    weights: NDArray[np.uint8]  # (N, 32) SHA-256 of all final weights
+
+
 @runtime_checkable
 class Algorithm(Protocol):
     """A method of learning: its settings, where it runs, and how it trains."""

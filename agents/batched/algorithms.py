@@ -1,7 +1,7 @@
 """The batched DQN and PPO as algorithms of this project."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 from numpy.random import SeedSequence
 
 from agents.batched.settings import BatchedDqnSettings, BatchedPpoSettings
-from agents.contract import Schedule, Training
+from agents.contract import DeepTraining, Schedule
 from agents.sb3.settings import Sb3Settings
 from envs import InputError, Model
 
@@ -39,21 +39,28 @@ class BatchedAlgorithm:
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
         logs: Sequence[Path] = (),  # noqa: ARG002
-    ) -> Training:
+    ) -> DeepTraining:
         """Trains by the module's `train`.
 
         Raises:
           InputError: A package is not installed, or there is no such device.
         """
+        # A product of two single matrices may take another routine, which rounds otherwise, so that a single
+        # agent learns beside a copy of itself.
+        pair = [*seeds, *seeds] if len(seeds) == 1 else seeds
         try:
-            trained: Training = import_module(self.module).train(
-                model, settings, observation, seeds, schedule
+            trained: DeepTraining = import_module(self.module).train(
+                model, settings, observation, pair, schedule
             )
         except ModuleNotFoundError as error:
             raise InputError(
                 f"{self.module}: needs the package {error.name}, which is not installed; "
                 "make compare-deep installs it."
             ) from error
+        if len(seeds) == 1:
+            rows = {field.name: getattr(trained, field.name)[:1] for field in fields(trained)}
+            rows["cpu_time_s"] = trained.cpu_time_s.sum(axis=0, keepdims=True)
+            return DeepTraining(**rows)
         return trained
 
 

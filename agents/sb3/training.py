@@ -10,7 +10,6 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from agents.contract import Schedule, Training, check_request
+from agents.contract import DeepTraining, Schedule, check_request
 from agents.policy import ALL_ACTIONS
 from agents.sb3.method import Method
 from agents.sb3.settings import Sb3Settings
@@ -32,13 +31,6 @@ from agents.sb3.vec_env import SB3VecEnv
 from envs import Model, ProxemicVectorEnv
 from envs.model import ACTIONS
 from envs.observations import observation_table
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DeepTraining(Training):
-    """What training N agents returns in addition to the fields that every algorithm has."""
-
-    weights: NDArray[np.uint8]  # (N, 32) SHA-256 of all final weights
 
 
 class _DivergedError(Exception):

@@ -1,4 +1,8 @@
-"""Bootstrap intervals over agents: 95 %, percentile method, seeded: equal records give equal digits."""
+"""Intervals over agents.
+
+Bootstrap intervals are 95 %, by the percentile method, and seeded: equal records give equal digits. Means of
+numbers in [0, 1] have score intervals, too, which have a width even where all agents agree.
+"""
 
 from functools import lru_cache
 from typing import Final
@@ -57,3 +61,43 @@ def interquartile_mean(name: str, scores: NDArray[np.float64]) -> dict[str, NDAr
     )
     low, high = bootstrap.confidence_interval
     return {name: iqm(scores), f"{name}_low": np.asarray(low), f"{name}_high": np.asarray(high)}
+
+
+def wilson(
+    mean: NDArray[np.float64] | float, n: int, level: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the ends of Wilson's score interval of means of numbers in [0, 1].
+
+    For shares of successes it is Wilson's. No other numbers in [0, 1] vary more than 0 and 1 with the same
+    mean, so that for them the interval is rather too wide.
+
+    Args:
+      mean: Of any shape.
+      n: How many numbers each mean is of.
+      level: Of confidence, such as 0.95.
+    """
+    z = stats.norm.ppf((1 + level) / 2)
+    mean = np.asarray(mean)
+    centre = mean + z**2 / (2 * n)
+    reach = z * np.sqrt(mean * (1 - mean) / n + z**2 / (4 * n**2))
+    return (centre - reach) / (1 + z**2 / n), (centre + reach) / (1 + z**2 / n)
+
+
+def newcombe(x: float, n_x: int, y: float, n_y: int, level: float) -> tuple[float, float]:
+    """Returns the ends of the hybrid score interval of x - y, both means of numbers in [0, 1].
+
+    Newcombe (1998), Statistics in Medicine 17:873-890, method 10.
+
+    Args:
+      x: A mean.
+      n_x: How many numbers it is of.
+      y: Another mean, of other agents.
+      n_y: How many numbers it is of.
+      level: Of confidence, such as 0.95.
+
+    >>> [round(end, 4) for end in newcombe(56 / 70, 70, 48 / 80, 80, 0.95)]  # Newcombe's table II, (a)
+    [0.0524, 0.3339]
+    """
+    x_low, x_high = wilson(x, n_x, level)
+    y_low, y_high = wilson(y, n_y, level)
+    return float(x - y - np.hypot(x - x_low, y_high - y)), float(x - y + np.hypot(x_high - x, y - y_low))

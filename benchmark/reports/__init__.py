@@ -16,6 +16,7 @@ __all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 
 REPORTS: Final = {
     "comparison": "benchmark.reports.comparison:REPORT",
+    "equivalence": "benchmark.reports.equivalence:REPORT",
     "replication": "benchmark.reports.replication:REPORT",
 }
 

@@ -1,4 +1,4 @@
-"""Bootstrap intervals, by hand and against SciPy."""
+"""Intervals, by hand, against SciPy and against a published table."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,9 @@ from benchmark.analysis.intervals import (
     interquartile_mean,
     interval,
     mean_with_interval,
+    newcombe,
     resample,
+    wilson,
 )
 
 
@@ -48,3 +50,39 @@ def test_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
     assert columns["iqm"] == pytest.approx([0.1, 1])
     assert columns["iqm_low"][1] == columns["iqm_high"][1] == 1
     assert columns["iqm_low"][0] < 0.1 < columns["iqm_high"][0]
+
+
+@pytest.mark.parametrize("count", [0, 1, 30, 59, 60])
+def test_score_interval_agrees_with_scipy(count: int) -> None:
+    expected = stats.binomtest(count, 60).proportion_ci(0.9, method="wilson")
+    assert wilson(count / 60, 60, 0.9) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "expected"),
+    [
+        ((56, 70), (48, 80), (0.0524, 0.3339)),
+        ((9, 10), (3, 10), (0.1705, 0.8090)),
+        ((6, 7), (2, 7), (0.0582, 0.8062)),
+        ((5, 56), (0, 29), (-0.0381, 0.1926)),
+        ((0, 10), (0, 20), (-0.1611, 0.2775)),
+        ((0, 10), (0, 10), (-0.2775, 0.2775)),
+        ((10, 10), (0, 20), (0.6791, 1.0)),
+        ((10, 10), (0, 10), (0.6075, 1.0)),
+    ],
+)
+def test_interval_of_a_difference_is_newcombes(
+    x: tuple[int, int], y: tuple[int, int], expected: tuple[float, float]
+) -> None:
+    """Newcombe (1998), table II, method 10."""
+    means = (x[0] / x[1], x[1]), (y[0] / y[1], y[1])
+    assert newcombe(*means[0], *means[1], 0.95) == pytest.approx(expected, abs=5e-5)
+    low, high = newcombe(*means[1], *means[0], 0.95)
+    assert (-high, -low) == pytest.approx(expected, abs=5e-5)
+
+
+def test_interval_of_a_difference_has_a_width_even_where_all_agree() -> None:
+    z = stats.norm.ppf(0.95)
+    reach = z**2 / (100 + z**2)  # of Wilson's interval of 0 of 100
+    assert newcombe(1.0, 100, 1.0, 100, 0.9) == pytest.approx((-reach, reach))
+    assert newcombe(0.0, 100, 1.0, 100, 0.9) == pytest.approx((-1, -1 + np.sqrt(2) * reach))

@@ -1,0 +1,208 @@
+"""Multilayer perceptrons of many agents as stacked arrays, with gradients written by hand.
+
+Every layer is one call over all agents. An agent's numbers do not depend on the others: matrices are multiplied
+one by one, and everything else is element by element.
+
+Axis letters: N agents, O observations, B rows of a mini-batch, P parameters of an agent.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+Activation = Literal["relu", "tanh"]
+
+_BETAS: Final = (0.9, 0.999)
+_LANES: Final = 64  # of the flat arrays; a remainder that fills no vector register might be rounded otherwise
+
+
+class Parameters:
+    """The parameters of N agents, their gradients, and Adam (Kingma & Ba 2015) with PyTorch's defaults.
+
+    All lie in one flat array, parameter after parameter, each (N, ...), so that a step of Adam is one call.
+
+    Attributes:
+      values: The parameters, (N, rows, columns) each.
+      gradients: The same for their gradients.
+      n_steps: (N,) int64, steps that each agent has made.
+    """
+
+    def __init__(
+        self,
+        n_agents: int,
+        shapes: Sequence[tuple[int, int]],
+        learning_rate: float,
+        epsilon: float,
+        max_grad_norm: float,
+        device: torch.device,
+        *,
+        stops_early: bool = False,
+    ) -> None:
+        """Makes parameters that are zero.
+
+        Args:
+          n_agents: N.
+          shapes: Of every parameter of an agent.
+          learning_rate: Adam's.
+          epsilon: Adam's.
+          max_grad_norm: The norm to which an agent's gradient is clipped.
+          device: Where to compute.
+          stops_early: Whether some agents may leave out steps that others make.
+        """
+        sizes = [n_agents * rows * columns for rows, columns in shapes]
+        n_padded = math.ceil(sum(sizes) / _LANES) * _LANES
+        arrays = [torch.zeros(n_padded, device=device) for _ in range(4)]
+        views = [[] for _ in arrays]
+        start = 0
+        for size, shape in zip(sizes, shapes, strict=True):
+            for array, parts in zip(arrays, views, strict=True):
+                parts.append(array[start : start + size].view(n_agents, *shape))
+            start += size
+        self.values, self.gradients, self._first_moments, self._second_moments = views
+        self.n_steps = np.zeros(n_agents, dtype=np.int64)
+        self._arrays = [[array] for array in arrays]
+        self._n_fused_steps = torch.zeros((), device=device)
+        self._stops_early = stops_early
+        self._learning_rate = learning_rate
+        self._epsilon = epsilon
+        self._max_grad_norm = max_grad_norm
+
+    def step(self, is_learning: Tensor | None = None) -> None:
+        """Clips the gradient of every agent by its norm, and makes a step of Adam.
+
+        Args:
+          is_learning: (N,) which agents make the step, if some may leave it out.
+        """
+        norms = torch.stack([torch.linalg.vector_norm(g.flatten(1), dim=1) for g in self.gradients])
+        scale = (self._max_grad_norm / (torch.linalg.vector_norm(norms, dim=0) + 1e-6)).clamp_(max=1.0)
+        if not bool((scale == 1.0).all()):
+            for gradient in self.gradients:
+                gradient.mul_(scale[:, None, None])
+        if self._stops_early and is_learning is not None:
+            self._step_of_some(is_learning)
+            return
+        self._n_fused_steps += 1
+        self.n_steps += 1
+        torch._fused_adam_(
+            *self._arrays,
+            [],
+            [self._n_fused_steps],
+            lr=self._learning_rate,
+            beta1=_BETAS[0],
+            beta2=_BETAS[1],
+            weight_decay=0.0,
+            eps=self._epsilon,
+            amsgrad=False,
+            maximize=False,
+        )
+
+    def _step_of_some(self, is_learning: Tensor) -> None:
+        """Makes a step of Adam for some agents, whose counts of steps differ."""
+        self.n_steps += is_learning.cpu().numpy()
+        n_steps = torch.from_numpy(np.maximum(self.n_steps, 1)).to(is_learning.device)
+        corrections = [(1.0 - beta**n_steps).float()[:, None, None] for beta in _BETAS]
+        weights = [((1.0 - beta) * is_learning)[:, None, None] for beta in _BETAS]
+        rate = (self._learning_rate * is_learning)[:, None, None] / corrections[0]
+        moments = zip(self._first_moments, self._second_moments, strict=True)
+        for value, gradient, (first, second) in zip(self.values, self.gradients, moments, strict=True):
+            first.lerp_(gradient, weights[0])
+            second.lerp_(gradient.square(), weights[1])
+            value -= rate * first / ((second / corrections[1]).sqrt_() + self._epsilon)
+
+
+class Nets:
+    """One multilayer perceptron per agent over one-hot observations or rows of a table."""
+
+    def __init__(
+        self,
+        values: Sequence[Tensor],
+        gradients: Sequence[Tensor],
+        activation: Activation,
+        table: Tensor | None,
+    ) -> None:
+        """Takes the parameters.
+
+        Args:
+          values: Weights (N, inputs, outputs) and biases (N, 1, outputs) of each layer in turn.
+          gradients: Where to write the gradients of the same.
+          activation: After each layer but the last.
+          table: (O, inputs) observations; None if they are one-hot, so that inputs = O.
+        """
+        self._weights, self._biases = values[::2], values[1::2]
+        self._weight_gradients, self._bias_gradients = gradients[::2], gradients[1::2]
+        self._is_relu = activation == "relu"
+        n_agents = len(self._weights[0])
+        self._table = None if table is None else table.repeat(n_agents, 1)  # (N * O, inputs)
+        self._buffers: dict[int, list[Tensor]] = {}  # by B: for each layer its outputs, and their gradients
+        self._inputs: Tensor | None = None
+        self._cells = torch.empty(0, dtype=torch.int64)
+
+    def forward(self, cells: Tensor) -> Tensor:
+        """Returns the outputs for mini-batches, (N, B, outputs); they are overwritten by the next call.
+
+        Args:
+          cells: (N, B) int64, agent * O + observation.
+        """
+        n_agents, n_rows = cells.shape
+        self._cells = cells.reshape(-1)
+        self._rows = self._of_rows(n_agents, n_rows)
+        hidden = self._rows[0]
+        if self._table is None:
+            weights = self._weights[0]
+            torch.index_select(weights.flatten(0, 1), 0, self._cells, out=hidden.flatten(0, 1))
+            hidden.add_(self._biases[0])
+        else:
+            self._inputs = self._table.index_select(0, self._cells).view(n_agents, n_rows, -1)
+            torch.baddbmm(self._biases[0], self._inputs, self._weights[0], out=hidden)
+        for layer in range(1, len(self._weights)):
+            torch.relu_(hidden) if self._is_relu else torch.tanh_(hidden)
+            output = self._rows[2 * layer]
+            torch.baddbmm(self._biases[layer], hidden, self._weights[layer], out=output)
+            hidden = output
+        return hidden
+
+    def backward(self, gradient: Tensor) -> None:
+        """Writes the gradients of all parameters.
+
+        Args:
+          gradient: (N, B, outputs) of the loss by the outputs of the last `forward`.
+        """
+        for layer in range(len(self._weights) - 1, 0, -1):
+            hidden, backward = self._rows[2 * layer - 2], self._rows[2 * layer - 1]
+            torch.sum(gradient, 1, keepdim=True, out=self._bias_gradients[layer])
+            torch.bmm(hidden.transpose(1, 2), gradient, out=self._weight_gradients[layer])
+            torch.bmm(gradient, self._weights[layer].transpose(1, 2), out=backward)
+            if self._is_relu:
+                torch.ops.aten.threshold_backward.grad_input(backward, hidden, 0, grad_input=backward)
+            else:
+                torch.ops.aten.tanh_backward.grad_input(backward, hidden, grad_input=backward)
+            gradient = backward
+        torch.sum(gradient, 1, keepdim=True, out=self._bias_gradients[0])
+        first = self._weight_gradients[0]
+        if self._inputs is None:
+            first.zero_()
+            first.flatten(0, 1).index_add_(0, self._cells, gradient.flatten(0, 1))
+        else:
+            torch.bmm(self._inputs.transpose(1, 2), gradient, out=first)
+
+    def _of_rows(self, n_agents: int, n_rows: int) -> list[Tensor]:
+        """Returns the arrays for mini-batches of a size."""
+        if n_rows not in self._buffers:
+            self._buffers[n_rows] = [
+                weights.new_empty(n_agents, n_rows, weights.shape[2])
+                for weights in self._weights
+                for _ in range(2)
+            ]
+        return self._buffers[n_rows]
+
+
+def layer_shapes(inputs: int, hidden: Sequence[int], outputs: int) -> Iterator[tuple[int, int]]:
+    """Returns the shapes of the weights and biases of each layer in turn."""
+    sizes = [inputs, *hidden, outputs]
+    for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+        yield n_in, n_out
+        yield 1, n_out

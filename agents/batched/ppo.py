@@ -1,0 +1,201 @@
+"""PPO (Schulman et al. 2017) as in Stable-Baselines3, for many agents at once."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+from torch import Tensor
+
+from agents.batched import kernels
+from agents.batched.nets import Nets, Parameters, layer_shapes
+from agents.batched.settings import BatchedPpoSettings
+from agents.batched.training import N_ACTIONS, Snapshots, Streams, every_cell, input_table, torch_as_needed
+from agents.contract import DeepTraining, Schedule, check_request
+from envs import Model
+
+_ADAM_EPSILON = 1e-5  # Stable-Baselines3's
+_GAINS = {"hidden": math.sqrt(2), "policy": 0.01, "value": 1.0}  # of the first weights, in Stable-Baselines3
+
+
+def train(
+    model: Model,
+    settings: BatchedPpoSettings,
+    observation: str,
+    seeds: Sequence[SeedSequence],
+    schedule: Schedule,
+) -> DeepTraining:
+    """Trains one agent per seed, all at once.
+
+    Args:
+      model: Compiled scenario.
+      settings: The same for all agents.
+      observation: `"one_hot"` or `"coordinates"`.
+      seeds: One per agent.
+      schedule: When to keep policies and values, in environment steps.
+
+    Raises:
+      InputError: There is no such device.
+      ValueError: There are no seeds, or the schedule is for another budget.
+    """
+    check_request(settings, seeds, schedule)
+    with torch_as_needed(settings.device) as device:
+        streams = Streams(seeds)
+        learner = Learner(model, settings, observation, len(seeds), device)
+        learner.draw_weights(streams.weights)
+        world = kernels.world_of(model, settings.time_limit)
+        agents = streams.agents(world, settings.n_envs)
+        counts = np.empty((len(seeds), settings.n_steps), dtype=np.int64)
+        order = np.empty((len(seeds), settings.rollout), dtype=np.int64)
+        snapshots = Snapshots(model, schedule, len(seeds), learner.probabilities, is_value=False)
+        snapshots.keep_counts(0, agents.disagreements)
+        for step in range(0, settings.budget, settings.rollout):
+            snapshots.keep_policies(step, step + settings.rollout)
+            learner.roll_out(world, agents, counts)
+            for t in range(settings.n_steps):
+                snapshots.keep_counts(step + (t + 1) * settings.n_envs, counts[:, t])
+            for _ in range(settings.n_epochs):
+                kernels.shuffle(streams.learning, order)
+                for start in range(0, settings.rollout, settings.batch_size):
+                    learner.update(order[:, start : start + settings.batch_size])
+        snapshots.keep_policies(settings.budget, settings.budget + 1)
+        return snapshots.training(learner.parameters)
+
+
+class Learner:
+    """The actors and critics of N agents, and their rollouts.
+
+    While a rollout is made, actors and critics do not change, so they are read as tables over O observations.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        settings: BatchedPpoSettings,
+        observation: str,
+        n_agents: int,
+        device: torch.device,
+    ) -> None:
+        """Makes nets whose weights are zero."""
+        self._settings = settings
+        self._device = device
+        self._every_cell = every_cell(model, n_agents, device)
+        table = input_table(model, observation, device)
+        inputs = model.n_observations if table is None else table.shape[1]
+        hidden = settings.policy_kwargs.net_arch
+        shapes = [*layer_shapes(inputs, hidden, N_ACTIONS), *layer_shapes(inputs, hidden, 1)]
+        self.parameters = Parameters(
+            n_agents,
+            shapes,
+            settings.learning_rate,
+            _ADAM_EPSILON,
+            settings.max_grad_norm,
+            device,
+            stops_early=settings.target_kl is not None,
+        )
+        values, gradients, half = self.parameters.values, self.parameters.gradients, len(shapes) // 2
+        self._actors = Nets(values[:half], gradients[:half], "tanh", table)
+        self._critics = Nets(values[half:], gradients[half:], "tanh", table)
+        shape = n_agents, settings.rollout
+        self.rollout = kernels.Rollout(
+            cell=np.empty(shape, dtype=np.int64),
+            action=np.empty(shape, dtype=np.int64),
+            old_log_probability=np.empty(shape, dtype=np.float32),
+            old_value=np.empty(shape, dtype=np.float32),
+            advantage=np.empty(shape, dtype=np.float32),
+            value_target=np.empty(shape, dtype=np.float32),
+        )
+        self._on_device = [torch.from_numpy(values).to(device) for values in self.rollout]
+        self.is_learning = torch.ones(n_agents, dtype=torch.bool, device=device)  # not stopped by the KL
+
+    def draw_weights(self, generators: Sequence[torch.Generator]) -> None:
+        """Draws orthogonal weights; biases stay zero."""
+        half = len(self.parameters.values) // 2
+        for i, weights in enumerate(self.parameters.values[::2]):
+            is_last = 2 * i + 2 in (half, 2 * half)
+            gain = _GAINS["hidden" if not is_last else "policy" if 2 * i < half else "value"]
+            for n, generator in enumerate(generators):
+                drawn = torch.empty(weights.shape[2], weights.shape[1])
+                torch.nn.init.orthogonal_(drawn, gain, generator=generator)
+                weights[n].copy_(drawn.T)
+
+    def probabilities(self) -> Tensor:
+        """Returns the action probabilities for all observations, (N, O, A)."""
+        return self._actors.forward(self._every_cell).softmax(dim=2)
+
+    def roll_out(self, world: kernels.World, agents: kernels.Agents, counts: NDArray[np.int64]) -> None:
+        """Makes the next rollouts.
+
+        Args:
+          world: The scenario.
+          agents: Who acts.
+          counts: Where to write wrong PINGs so far after each step of the envs, (N, L).
+        """
+        log_probability = self._actors.forward(self._every_cell).log_softmax(dim=2)
+        value = self._critics.forward(self._every_cell).squeeze(2)
+        kernels.roll_out(
+            world,
+            agents,
+            log_probability.exp().cpu().numpy(),
+            log_probability.cpu().numpy(),
+            value.cpu().numpy(),
+            self._settings.gamma,
+            self._settings.gae_lambda,
+            self.rollout,
+            counts,
+        )
+        self.begin_epochs()
+
+    def begin_epochs(self) -> None:
+        """Hands a rollout that has been made to the device; all agents learn from it."""
+        for there, here in zip(self._on_device, self.rollout, strict=True):
+            there.copy_(torch.from_numpy(here))
+        self.is_learning.fill_(True)
+
+    def update(self, chosen: NDArray[np.int64]) -> None:
+        """Makes a gradient step on mini-batches.
+
+        Args:
+          chosen: (N, B) places in the rollouts.
+        """
+        settings, n_rows = self._settings, chosen.shape[1]
+        places = torch.from_numpy(chosen).to(self._device)
+        cells, actions, old_log_probability, old_value, advantage, value_target = (
+            values.gather(1, places) for values in self._on_device
+        )
+        log_probability = self._actors.forward(cells).log_softmax(dim=2)
+        value = self._critics.forward(cells).squeeze(2)
+        taken = actions[..., None]
+        log_ratio = log_probability.gather(2, taken).squeeze(2).sub_(old_log_probability)
+        ratio = log_ratio.exp()
+        if settings.target_kl is not None:
+            divergence = (ratio - 1 - log_ratio).mean(dim=1)
+            self.is_learning &= ~(divergence > 1.5 * settings.target_kl)
+
+        if settings.normalize_advantage and n_rows > 1:
+            advantage = advantage - advantage.mean(dim=1, keepdim=True)
+            advantage /= (advantage.square().sum(dim=1, keepdim=True) / (n_rows - 1)).sqrt_().add_(1e-8)
+        surrogate = advantage * ratio
+        clipped = advantage * ratio.clamp(1 - settings.clip_range, 1 + settings.clip_range)
+        # By the log-probability of the action taken, and by those of all actions through the softmax.
+        slope = torch.where(surrogate <= clipped, surrogate, 0.0)[..., None]
+        probability = log_probability.exp()
+        gradient = probability * slope
+        gradient.scatter_add_(2, taken, -slope)
+        if settings.ent_coef:
+            entropy = -(probability * log_probability).sum(dim=2, keepdim=True)
+            gradient += settings.ent_coef * probability * (log_probability + entropy)
+        self._actors.backward(gradient.div_(n_rows))
+
+        predicted, is_free = value, None
+        if settings.clip_range_vf is not None:
+            change = value - old_value
+            predicted = old_value + change.clamp(-settings.clip_range_vf, settings.clip_range_vf)
+            is_free = change.abs() <= settings.clip_range_vf
+        error = (predicted - value_target) * (2 * settings.vf_coef / n_rows)
+        if is_free is not None:
+            error *= is_free
+        self._critics.backward(error[..., None])
+        self.parameters.step(self.is_learning)

@@ -1,0 +1,188 @@
+"""What the batched algorithms share: random streams, nets, and what is kept while they train."""
+
+import hashlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+import numpy as np
+import torch
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+from torch import Tensor
+
+from agents.batched.kernels import Agents, World
+from agents.batched.nets import Parameters
+from agents.batched.settings import Device
+from agents.contract import DeepTraining, Schedule
+from agents.policy import ALL_ACTIONS
+from envs import InputError, Model
+from envs.model import ACTIONS
+from envs.observations import observation_table
+
+N_ACTIONS: Final = len(ACTIONS)
+
+
+@contextmanager
+def torch_as_needed(device: Device) -> Iterator[torch.device]:
+    """Sets one torch thread, no automatic gradients, and denormal numbers to zero; restores them afterwards.
+
+    Adam's moments of weights that get no gradient decay into denormal numbers after some hundred updates, and
+    arithmetic on them takes three times as long.
+
+    Yields:
+      The device.
+
+    Raises:
+      InputError: There is no such device.
+    """
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError('device = "cuda": torch finds no CUDA device here; accepted: "cpu".')
+    threads = torch.get_num_threads()
+    try:
+        with torch.no_grad():
+            torch.set_num_threads(1)
+            torch.set_flush_denormal(True)
+            yield torch.device(device)
+    finally:
+        torch.set_flush_denormal(False)  # torch's default; it cannot be asked
+        torch.set_num_threads(threads)
+
+
+class Streams:
+    """The random streams of every agent, which derive from its seed alone."""
+
+    def __init__(self, seeds: Sequence[SeedSequence]) -> None:
+        """Makes the streams."""
+        words = np.array([seed.generate_state(9, np.uint64) for seed in seeds])
+        self.acting = words[:, :4].copy()  # (N, 4), see `agents.batched.kernels`
+        self.learning = words[:, 4:8].copy()  # (N, 4)
+        self.weights = [torch.Generator().manual_seed(int(word)) for word in words[:, 8]]
+
+    def agents(self, world: World, n_envs: int) -> Agents:
+        """Returns agents at the start, (N, E)."""
+        shape = len(self.weights), n_envs
+        return Agents(
+            streams=self.acting,
+            state=np.full(shape, world.start, dtype=np.int64),
+            steps=np.zeros(shape, dtype=np.int64),
+            disagreements=np.zeros(shape[0], dtype=np.int64),
+        )
+
+
+def input_table(model: Model, observation: str, device: torch.device) -> Tensor | None:
+    """Returns the rows that a net reads, (O, inputs); None for one-hot observations, which are looked up."""
+    if observation == "one_hot":
+        return None
+    return torch.as_tensor(observation_table(model, observation), device=device)
+
+
+def every_cell(model: Model, n_agents: int, device: torch.device) -> Tensor:
+    """Returns all observations as `Nets.forward` takes them, (N, O)."""
+    return torch.arange(n_agents * model.n_observations, device=device).view(n_agents, -1)
+
+
+class Snapshots:
+    """Keeps policies, counts of wrong PINGs and CPU seconds at the evaluation steps.
+
+    Policies change only between rollouts, so the policy at a rollout's start is that of every evaluation step
+    from there to the next rollout.
+    """
+
+    def __init__(
+        self, model: Model, schedule: Schedule, n_agents: int, read: Callable[[], Tensor], *, is_value: bool
+    ) -> None:
+        """Starts the clock.
+
+        Args:
+          model: Compiled scenario.
+          schedule: When to keep policies and values.
+          n_agents: N.
+          read: Returns the present table of action values or probabilities, (N, O, A).
+          is_value: Whether these are action values.
+        """
+        self._schedule = schedule
+        self._points = schedule.evaluation_steps
+        self._read = read
+        self._is_value = is_value
+        self._tables = np.full((len(self._points), n_agents, model.n_observations, N_ACTIONS), np.nan)
+        self._n_policies = 0  # evaluation steps whose policy is kept
+        self._n_counts = 0  # evaluation steps whose counts are kept
+        self._disagreements = np.zeros((n_agents, len(self._points)), dtype=np.int64)
+        self._cpu_time_s = np.zeros(len(self._points))
+        self._diverged_at = np.full(n_agents, -1)
+        self._reading_s = 0.0  # CPU seconds spent on reading policies, which is not training
+        self._started_s = time.thread_time()
+
+    def keep_policies(self, step: int, before: int) -> None:
+        """Keeps the present policies for all evaluation steps before a step that have none yet.
+
+        Args:
+          step: The present step.
+          before: The end of the next rollout.
+        """
+        due = sum(point < before for point in self._points[self._n_policies :])
+        if due == 0:
+            return
+        started_s = time.thread_time()
+        table = self._read().double().cpu().numpy()
+        if not self._is_value:
+            table = table / table.sum(axis=-1, keepdims=True)
+        point = self._points[self._n_policies]
+        diverges = ~np.isfinite(table).all(axis=(1, 2)) & (self._diverged_at < 0)
+        self._diverged_at[diverges] = point
+        table[self._diverged_at >= 0] = np.nan
+        if point == step:  # its update is done
+            self._cpu_time_s[self._n_policies] = started_s - self._started_s - self._reading_s
+        self._tables[self._n_policies : self._n_policies + due] = table
+        self._n_policies += due
+        self._reading_s += time.thread_time() - started_s
+
+    def keep_counts(self, step: int, disagreements: NDArray[np.int64]) -> None:
+        """Keeps wrong PINGs (N,) and CPU seconds for all evaluation steps up to a step.
+
+        The counts of agents that have diverged stay what they were.
+        """
+        while self._n_counts < len(self._points) and self._points[self._n_counts] <= step:
+            i = self._n_counts
+            before = self._disagreements[:, max(i - 1, 0)]
+            self._disagreements[:, i] = np.where(self._diverged_at < 0, disagreements, before)
+            self._cpu_time_s[i] = time.thread_time() - self._started_s - self._reading_s
+            self._n_counts += 1
+
+    def training(self, parameters: Parameters) -> DeepTraining:
+        """Returns what was learned, given the final parameters."""
+        n_agents = len(parameters.n_steps)
+        tables = self._tables.swapaxes(0, 1)  # (N, T, O, A)
+        has_policy = np.isfinite(tables).all(axis=(2, 3))[..., None]  # (N, T, 1)
+        # As in Stable-Baselines3, the first of several best actions; a policy that is not finite counts as
+        # the uniform random one.
+        best = 1 << np.where(np.isnan(tables), -np.inf, tables).argmax(axis=-1)
+        greedy = np.where(has_policy, best, ALL_ACTIONS).astype(np.uint8)
+        q = stochastic = np.empty((n_agents, 0, *tables.shape[2:]))
+        if self._is_value:
+            q = self._read().double().cpu().numpy()
+            q[self._diverged_at >= 0] = np.nan
+        else:
+            q = q[:, 0:0, 0]
+            stochastic = np.where(has_policy[..., None], tables, 1 / N_ACTIONS)
+        return DeepTraining(
+            greedy=greedy,
+            q=q,
+            stochastic=stochastic,
+            values=tables[:, self._schedule.is_mapped].astype(np.float32),
+            disagreements=self._disagreements,
+            cpu_time_s=np.tile(self._cpu_time_s / n_agents, (n_agents, 1)),  # an agent's share
+            updates=parameters.n_steps,
+            parameters=np.full(n_agents, sum(values[0].numel() for values in parameters.values)),
+            diverged_at=self._diverged_at,
+            weights=_digests(parameters, n_agents),
+        )
+
+
+def _digests(parameters: Parameters, n_agents: int) -> NDArray[np.uint8]:
+    """Returns the SHA-256 of every agent's weights, (N, 32)."""
+    values = [value.cpu().numpy() for value in parameters.values]
+    digests = [hashlib.sha256(b"".join(value[n].tobytes() for value in values)) for n in range(n_agents)]
+    return np.array([list(digest.digest()) for digest in digests], dtype=np.uint8)

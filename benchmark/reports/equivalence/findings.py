@@ -1,0 +1,136 @@
+"""What an equivalence found, in sentences from its published table; judging words follow from its numbers."""
+
+from typing import Final
+
+import pandas as pd
+
+from benchmark.analysis.intervals import newcombe
+from benchmark.drawing.tables import link, show
+from benchmark.reports.equivalence.tables import VERDICTS
+from benchmark.reports.published import Published
+
+_TABLE: Final = "equivalence"
+
+
+def headline(published: Published) -> str:
+    """Counts the verdicts, and names the largest difference."""
+    pairs = published.frame(_TABLE)
+    arms, checks = (
+        " and ".join(f"`{name}`" for name in pairs[key].unique()) for key in ("algorithm", "check")
+    )
+    equivalent, different, undecided = (_number(pairs[pairs["verdict"] == verdict]) for verdict in VERDICTS)
+    widest = _widest(pairs, "success")
+    return (
+        f"Agents of {arms} against those of {checks}: in {len(pairs)} pairs of populations, success is "
+        f"equivalent within a margin of {pairs['margin'].iloc[0]:g} in {equivalent}, different in "
+        f"{different} and undecided in {undecided}. The largest difference is "
+        f"{_difference(widest, 'success')}, of {_name(widest)}."
+    )
+
+
+def sentences(published: Published) -> list[str]:
+    """Names the pairs that differ or are undecided, and says what the numbers do not show."""
+    pairs = published.frame(_TABLE)
+    found = [
+        _listed("Different in success", pairs[pairs["verdict"] == "different"], "success"),
+        _listed("Undecided", pairs[pairs["verdict"] == "undecided"], "success"),
+        _listed(
+            "Equivalent, but with a difference whose 95 % interval leaves out 0",
+            _shown(pairs[pairs["verdict"] == "equivalent"], "success"),
+            "success",
+        ),
+        _failing(pairs[pairs["verdict"] == "equivalent"]),
+        _resolution(pairs),
+        _scores(pairs),
+        _distributions(pairs),
+        _chance(pairs),
+    ]
+    return [text for text in found if text]
+
+
+def _failing(equivalent: pd.DataFrame) -> str:
+    """Says how many pairs are equivalent since nothing succeeds; empty if none is."""
+    failing = equivalent[(equivalent["success"] == 0) & (equivalent["check_success"] == 0)]
+    return (
+        f"In {_number(failing)} of the equivalent pairs no run of either side succeeds."
+        if len(failing)
+        else ""
+    )
+
+
+def _resolution(pairs: pd.DataFrame) -> str:
+    """Says which differences the runs can show or exclude where half of them succeed."""
+    n, check_n, margin = int(pairs["n"].min()), int(pairs["check_n"].min()), float(pairs["margin"].iloc[0])
+    reach_90, reach_95 = (newcombe(0.5, n, 0.5, check_n, level)[1] for level in (0.90, 0.95))
+    limit = (
+        f"is equivalent only if its successes are less than about {margin - reach_90:.2f} apart"
+        if reach_90 < margin
+        else "cannot be equivalent"
+    )
+    return (
+        f"With {link(str(n), _TABLE, pairs)} runs of an arm and {link(str(check_n), _TABLE, pairs)} of its "
+        "check, half of which succeed, the 90 % interval of the difference reaches "
+        f"{reach_90:.2f} to either side: such a pair {limit}; it is different only from about "
+        f"{reach_95:.2f} on, and may be undecided although both learn the same."
+    )
+
+
+def _scores(pairs: pd.DataFrame) -> str:
+    """Says how far mean scores are apart."""
+    widest = _widest(pairs, "score")
+    return (
+        f"The largest difference in mean score is {_difference(widest, 'score')}, of {_name(widest)}. The "
+        f"95 % interval of this difference leaves out 0 in {_number(_shown(pairs, 'score'))} of {len(pairs)} "
+        "pairs."
+    )
+
+
+def _distributions(pairs: pd.DataFrame) -> str:
+    """Says how many distributions of scores differ."""
+    differing = pairs[pairs["ks_p"] < 0.05]
+    return (
+        "By the two-sample Kolmogorov-Smirnov test, the distribution of the scores of runs differs at the "
+        f"5 % level in {_number(differing)} of {len(pairs)} pairs."
+    )
+
+
+def _chance(pairs: pd.DataFrame) -> str:
+    """Says how probable a chance finding is."""
+    return (
+        "Neither intervals nor tests are corrected for their number: if no pair differed, at least one of "
+        f"{len(pairs)} independent 95 % intervals would leave out 0 with a probability of about "
+        f"{1 - 0.95 ** len(pairs):.2f}."
+    )
+
+
+def _widest(pairs: pd.DataFrame, measure: str) -> pd.Series:
+    """Returns the pair with the largest difference."""
+    return pairs.iloc[int(pairs[f"{measure}_difference"].abs().argmax())]
+
+
+def _shown(pairs: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Returns the pairs with a 95 % interval of the difference that leaves out 0."""
+    low, high = pairs[f"{measure}_difference_low"], pairs[f"{measure}_difference_high"]
+    return pairs[(low > 0) | (high < 0)]
+
+
+def _listed(what: str, pairs: pd.DataFrame, measure: str) -> str:
+    """Returns a sentence that names pairs with their differences; empty if there are none."""
+    texts = [f"{_name(row)}: {_difference(row, measure)}" for _, row in pairs.iterrows()]
+    return f"{what}: {'; '.join(texts)}." if texts else ""
+
+
+def _number(pairs: pd.DataFrame) -> str:
+    """Returns how many pairs there are."""
+    return link(str(len(pairs)), _TABLE, pairs) if len(pairs) else "none"
+
+
+def _name(row: pd.Series) -> str:
+    """Returns an arm with its check."""
+    return f"`{row['algorithm']}, {row['observation']}` against `{row['check']}` in {row['scenario']}"
+
+
+def _difference(row: pd.Series, measure: str) -> str:
+    """Returns a difference with its 95 % interval."""
+    key = f"{measure}_difference"
+    return f"{link(show(row[key]), _TABLE, row)} [{show(row[f'{key}_low'])}, {show(row[f'{key}_high'])}]"

@@ -1,0 +1,134 @@
+"""The equivalence as a report: its items and what they are called."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import pandas as pd
+
+from benchmark.analysis.intervals import RESAMPLES
+from benchmark.drawing.tables import with_intervals
+from benchmark.reports.equivalence import findings, tables
+from benchmark.reports.equivalence.data import Name, check, load
+from benchmark.reports.item import Frames, Item, Report, Section
+from benchmark.reports.published import Published
+from benchmark.reports.view import Columns
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_KEYS: Final = (*Name._fields, "verdict")
+_NUMBERS: Final = {
+    "success": "success",
+    "check_success": "check's success",
+    "success_difference": "difference",
+    "success_difference_low_90": "90 %, from",
+    "success_difference_high_90": "to",
+    "score_mean": "mean score",
+    "check_score_mean": "check's mean score",
+    "score_difference": "difference",
+}
+
+
+def _display(frame: pd.DataFrame) -> pd.DataFrame:
+    shown = with_intervals(frame, ["success_difference", "score_difference"])
+    return shown[[*_KEYS, "n", "check_n", *_NUMBERS, "ks_p"]]
+
+
+def _draw_equivalence(frames: Frames, _: None) -> "Figure":
+    from benchmark.reports.equivalence import figures
+
+    return figures.equivalence(frames["equivalence"])
+
+
+def _draw_curves(frames: Frames, _: None) -> "Figure":
+    from benchmark.reports.equivalence import figures
+
+    return figures.curves(frames["curves"], frames["equivalence"])
+
+
+def _words(published: Published) -> Sequence[tuple[str, str]]:
+    """Explains the terms of the tables."""
+    return [
+        (
+            "margin",
+            "how far apart successes may be: "
+            f"{published.frame('equivalence')['margin'].iloc[0]:g}. The finding on runs of which half "
+            "succeed says why it is not much smaller.",
+        ),
+        (
+            "success",
+            "the probability, evaluated exactly, that an episode of the greedy policy ends with a PING in "
+            "the target region; a mean over runs.",
+        ),
+        (
+            "score",
+            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
+            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. It has no "
+            "lower bound.",
+        ),
+        (
+            "intervals",
+            "95 % intervals in brackets. Those of a success are Wilson's score intervals, those of a "
+            "difference in success Newcombe's hybrid score intervals (1998, method 10), those of scores and "
+            f"their differences percentile bootstrap intervals over runs with {RESAMPLES} seeded resamples, "
+            "drawn for each side by itself.",
+        ),
+        (
+            "ks, ks_p",
+            "largest distance between the distribution functions of both sides' scores, and its p-value by "
+            "the two-sample Kolmogorov-Smirnov test. Many scores are equal, which makes the test cautious.",
+        ),
+    ]
+
+
+ITEMS: Final = (
+    Item(
+        name="equivalence",
+        description="each arm and its check: success, score, their differences, and the verdict",
+        compute=tables.equivalence,
+        display=_display,
+        draw=_draw_equivalence,
+        caption="Differences of arms and their checks, with their intervals, the margin and the verdicts.",
+        view=Columns(
+            file="equivalence.csv",
+            caption="Each arm and its check after training",
+            keys=_KEYS,
+            numbers=_NUMBERS,
+        ),
+    ),
+    Item(
+        name="curves",
+        description="success and mean score over training, with their 95 % intervals",
+        compute=tables.curves,
+        draw=_draw_curves,
+        caption="Success and mean score of the greedy policy over training, of arms and of their checks.",
+    ),
+    Item(name="scores", description="every run after training: success and score", compute=tables.scores),
+)
+
+REPORT: Final = Report(
+    name="equivalence",
+    question="Do agents trained many at once learn what those of Stable-Baselines3 learn?",
+    check=check,
+    load=load,
+    items=ITEMS,
+    sections=(
+        Section(
+            key="equivalence",
+            heading="Equivalence",
+            text=(
+                "A check is an arm that is meant to learn the same as another one by another "
+                "implementation, with the same settings and observations and random streams of its own. A "
+                "pair is a population of the arm and that of its check; a difference is the mean of the arm "
+                "minus that of its check. A pair is `equivalent` if the 90 % interval of its difference in "
+                "success after training lies within the margin to either side of 0, which are two one-sided "
+                "tests at 5 %. Otherwise it is `different` if the 95 % interval leaves out 0, and else "
+                "`undecided`. So `equivalent` says that successes differ by less than the margin. It does "
+                "not say that they are equal, and says nothing of scores or of the time before."
+            ),
+        ),
+    ),
+    headline=findings.headline,
+    sentences=findings.sentences,
+    words=_words,
+)
