@@ -403,14 +403,14 @@ class Findings:
         n_checks, n_checked = self._n(*self.checks), self._n(*self.checks.values())
         is_sb3 = all("stable_baselines3" in self._packages(check) for check in self.checks)
         text = (
-            f"Checks learn the same as other learners by {SB3 if is_sb3 else 'another implementation'}, in "
-            f"{n_checks} runs per scenario each; the learners that they check have {n_checked}. Mean scores "
-            f"of each check and of that learner: {'; '.join(parts)}. That a difference is not significant "
-            "does not show that there is none"
+            "A check is meant to learn the same as another learner, here by "
+            f"{SB3 if is_sb3 else 'another implementation'}. Mean scores of each check ({n_checks} runs per "
+            f"scenario) and of the learner that it checks ({n_checked}): {'; '.join(parts)}. That a "
+            "difference is not significant does not show that there is none"
         )
-        return (
-            f"{text}; see [equivalence]({_EQUIVALENCE})." if _EQUIVALENCE in self._published else f"{text}."
-        )
+        if _EQUIVALENCE in self._published:
+            text += f"; see [equivalence]({_EQUIVALENCE})"
+        return f"{text}."
 
     # Numbers in words
 

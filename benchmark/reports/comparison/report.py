@@ -555,9 +555,9 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
     if checks:
         yield (
             "check",
-            f"a learner that learns the same as another one by another implementation: {', '.join(checks)}. "
-            "Figures show it hollow, beside the learner that it checks. No verdict rests on it, and no "
-            "ranking has it.",
+            "a learner that is meant to learn the same as another one, by another implementation: "
+            f"{', '.join(checks)}. Figures show it hollow, beside the learner that it checks. No verdict "
+            "rests on it, and no ranking has it.",
         )
     sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
     if sizes:
@@ -584,8 +584,8 @@ REPORT: Final = Report(
                 "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
                 "runs. A learner is an algorithm with its settings and the form of observation that it "
                 "learns from; a name that ends in `_default` stands for Stable-Baselines3's own settings. "
-                "A check learns the same as another learner by another implementation, and no verdict rests "
-                "on it. "
+                "A check is meant to learn the same as another learner, by another implementation; no "
+                "verdict rests on it. "
                 "P is the probability that a run of the first learner scores higher than a run of the second "
                 "in the same scenario. "
                 "Unless stated otherwise, results are for the greedy policy after training. Intervals of few "
