@@ -4,6 +4,7 @@ Colour and marker show the arm, so that figures can be read in grey, too; dashes
 is drawn hollow, in the colour and with the marker of the arm that it checks.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -299,14 +300,10 @@ def _curves(
     checks = [(check, learner) for learner in learners for check in _checks_of(learner, context)]
     for place, (check, learner) in enumerate(checks, start=1):
         rows, style = frame[_is(frame, check)], _style(learner, context)
-        every = max(len(rows) // _N_POINTS, 1)
+        every = math.ceil(len(rows) / _N_POINTS)
         rows = rows.iloc[every * place // (len(checks) + 1) :: every]  # not where those of others are
-        ends = np.abs(rows[[low, high]].to_numpy().T - rows[y].to_numpy())
-        _, _, (bars,) = axis.errorbar(
-            rows[x], rows[y], ends, ls="", color=style["color"], marker=style["marker"], ms=5, mfc="white",
-            mew=1.0, elinewidth=0.8, zorder=3,
-        )  # fmt: skip
-        bars.set_linestyle(style["ls"])
+        axis.vlines(rows[x], rows[low], rows[high], color=style["color"], ls=style["ls"], lw=0.8, zorder=3)
+        axis.plot(rows[x], rows[y], **{**style, "ls": ""}, ms=5, mfc="white", zorder=3)
 
 
 def _dots(

@@ -292,8 +292,10 @@ def _view_cost(published: Published) -> Table:
     table, sizes = _COST(published), _batch_sizes(published)
     if not sizes:
         return table
-    share = f"; a net trained in a batch has its share of CPU time, of a batch of up to {max(sizes)} runs"
-    return replace(table, caption=f"{table.caption}{share}, and the memory of the whole batch")
+    batch = (
+        f"; of a net trained in a batch of up to {max(sizes)}, CPU time is its share, and memory the batch's"
+    )
+    return replace(table, caption=table.caption + batch)
 
 
 def _batch_sizes(published: Published) -> set[int]:
@@ -557,7 +559,7 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
             "check",
             "a learner that is meant to learn the same as another one, by another implementation: "
             f"{', '.join(checks)}. Figures show it hollow, beside the learner that it checks. No verdict "
-            "rests on it, and no ranking has it.",
+            "rests on it, and it is not ranked.",
         )
     sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
     if sizes:
