@@ -218,6 +218,8 @@ def _manifest(
                 "algorithm": run.algorithm,
                 "family": load_algorithm(run.algorithm).family,
                 "packages": load_algorithm(run.algorithm).packages,
+                "batch_size": load_algorithm(run.algorithm).batch_size,
+                "check_of": experiment.algorithms[run.arm].check_of,
                 "settings": run.settings.model_dump(mode="json"),
             }
             for run in default

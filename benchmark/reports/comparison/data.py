@@ -1,8 +1,8 @@
 """The runs of a comparison: its learners, their populations, and what is missing."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from envs import InputError, Model
 
 Scores = NDArray[np.float64]  # (R, M) runs x scenarios
 
+SB3: Final = "Stable-Baselines3 itself"  # what trains checks, as readers see it
 _LISTED: Final = 4  # populations that a sentence on missing runs names
 
 
@@ -38,18 +39,23 @@ class Context:
     """What the figures need in addition to the tables."""
 
     models: Mapping[str, Model]  # by scenario
-    panels: Mapping[str, Sequence[Learner]]  # title to the learners that are drawn together
+    panels: Mapping[str, Sequence[Learner]]  # title to the learners that are drawn together, without checks
+    arms: Sequence[str]  # in the order of their colours, without checks
+    checks: Mapping[Learner, Learner]  # to the learner that each checks
+    check_note: str  # what figures say of checks; empty if there are none
 
 
 @dataclass(frozen=True, eq=False)
 class Data:
     """The populations of a comparison."""
 
-    learners: Mapping[Learner, Mapping[str, Population]]  # of every scenario, in the order declared
+    # Of every scenario, in the order declared; a check follows the learner that it checks.
+    learners: Mapping[Learner, Mapping[str, Population]]
     missing: str = ""  # which runs are missing; empty if none is
     groups: Mapping[str, str] = field(
         default_factory=dict
     )  # arm to its group; those of none are drawn with all
+    checks: Mapping[Learner, Learner] = field(default_factory=dict)  # to the learner that each checks
 
     @property
     def populations(self) -> Iterator[tuple[Learner, str, Population]]:
@@ -76,15 +82,38 @@ class Data:
     @property
     def context(self) -> Context:
         """See `Context`."""
-        first = next(iter(self.learners.values()))
-        everywhere = [learner for learner in self.learners if not self.groups.get(learner.algorithm)]
+        learners = self.without_checks.learners
+        everywhere = [learner for learner in learners if not self.groups.get(learner.algorithm)]
         panels: dict[str, list[Learner]] = {}
-        for learner in self.learners:
+        for learner in learners:
             group = self.groups.get(learner.algorithm)
             if group:
                 panels.setdefault(group, [*everywhere]).append(learner)
-        models = {scenario: population.model for scenario, population in first.items()}
-        return Context(models, panels or {"all": everywhere})
+        first = next(iter(learners.values()))
+        return Context(
+            models={scenario: population.model for scenario, population in first.items()},
+            panels=panels or {"all": everywhere},
+            arms=list(dict.fromkeys(learner.algorithm for learner in learners)),
+            checks=self.checks,
+            check_note=self._check_note,
+        )
+
+    @property
+    def _check_note(self) -> str:
+        """What figures say of checks."""
+        populations = [each for check in self.checks for each in self.learners[check].values()]
+        if not populations:
+            return ""
+        sizes = [len(each.seeds) for each in populations]
+        n = f"{max(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
+        is_sb3 = all("stable_baselines3" in each.algorithm.packages for each in populations)
+        return f"hollow: {n} runs by {SB3 if is_sb3 else 'another implementation'}"
+
+    @property
+    def without_checks(self) -> Self:
+        """The same without checks."""
+        learners = {learner: each for learner, each in self.learners.items() if learner not in self.checks}
+        return replace(self, learners=learners, checks={})
 
     def scores(self, learner: Learner, policy: str = "greedy", start: str = "start") -> Scores:
         """Returns the final scores of a learner, (R, M); R = 0 if it has no such policy.
@@ -128,8 +157,16 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
             f"{experiment.name}: {missing}: run the experiment first, or draw the existing runs with "
             "--partial."
         )
-    names = list(dict.fromkeys(learner for learner, _ in declared))
+    place = {name: i for i, name in enumerate(dict.fromkeys(learner for learner, _ in declared))}
+    checks = {
+        name: Learner(experiment.algorithms[name.algorithm].check_of, name.observation)
+        for name in place
+        if experiment.algorithms[name.algorithm].check_of
+    }
+    order = place | {check: place[checked] for check, checked in checks.items()}
+    names = sorted(place, key=lambda name: (order[name], name in checks))
     few = {name for name in names if len(_common_seeds(name, there)) < 2}
+    few |= {check for check, checked in checks.items() if checked in few}
     learners: dict[Learner, dict[str, Population]] = {}
     for name in names:
         if name not in few:
@@ -137,14 +174,15 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
                 load_population(runs, store) for (learner, _), runs in there.items() if learner == name
             ]
             learners[name] = {population.scenario: population for population in populations}
-    if len(learners) < 2:
+    if len(learners.keys() - checks.keys()) < 2:
         raise InputError(
-            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners, each with two "
-            "runs of every scenario."
+            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners that are no "
+            "checks, each with two runs of every scenario."
         )
     left_out = "; left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
     groups = {name: arm.group for name, arm in experiment.algorithms.items()}
-    return Data(learners, missing + left_out, groups)
+    checks = {check: checked for check, checked in checks.items() if check in learners}
+    return Data(learners, missing + left_out, groups, checks)
 
 
 def _common_seeds(name: Learner, there: Mapping[tuple[Learner, str], Sequence[RunSpecification]]) -> set[int]:

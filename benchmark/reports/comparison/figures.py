@@ -1,8 +1,10 @@
 """Figures of a comparison: data frames become pictures, and nothing is computed.
 
-Colour and marker show the algorithm, so that figures can be read in grey, too; dashes show the observation.
+Colour and marker show the arm, so that figures can be read in grey, too; dashes show the observation. A check
+is drawn hollow, in the colour and with the marker of the arm that it checks.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.maps import colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import arm_style, figure_of
+from benchmark.reports.comparison.data import Context, Learner
 from benchmark.reports.comparison.tables import METRICS
 from envs import Model
 from envs.scene import colour_limits, scene_of
@@ -32,21 +35,23 @@ _LABELS: Final = {
     "optimality_gap": "optimality gap",
 }
 
-Learners = Sequence[tuple[str, str]]  # (algorithm, observation)
-Panels = Mapping[str, Learners]  # title to the learners drawn there
+_N_MARKERS: Final = 6  # of a curve
+_N_POINTS: Final = 4  # of a check
+_CHECK_DISTANCE: Final = 0.4  # of the dots of a learner and its check, in rows
 
 
-def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
+def curves(frame: pd.DataFrame, context: Context, x: str, label: str) -> Figure:
     """Draws the mean score of the greedy policy over training, with its interval.
 
     The mean shows runs that fail, which the interquartile mean leaves out.
 
     Args:
       frame: `benchmark.reports.comparison.tables.curves` or `curves_cpu`.
-      panels: One row each.
+      context: Of the comparison; each of its panels is a row.
       x: The column to draw against; seconds are drawn on a logarithmic axis.
       label: What it is.
     """
+    panels = context.panels
     scenarios = list(frame["scenario"].unique())
     if x == "cpu_time_s":
         frame = frame[frame["step"] > 0]  # no time has passed, which has no logarithm
@@ -54,9 +59,7 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
         for row, (title, learners) in enumerate(panels.items()):
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
-                for learner in learners:
-                    rows = _of(frame, learner, scenario)
-                    _curve(axis, rows, x, "score_mean", learner, frame)
+                _curves(axis, frame[frame["scenario"] == scenario], x, "score_mean", learners, context)
                 axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
                 axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
                 lowest = max(float(frame["score_mean"].min()) - 0.15, _FLOOR)
@@ -69,79 +72,76 @@ def curves(frame: pd.DataFrame, panels: Panels, x: str, label: str) -> Figure:
             axes[row, 0].set(ylabel=_LABELS["score"])
         for axis in axes[-1]:
             axis.set(xlabel=label)
-        _legend(
-            figure,
-            frame,
-            f"line: mean over runs; shade: 95 % interval; scores below {_FLOOR:g} are not drawn",
-        )
+        _legend(figure, context, f"{_signs(context)}; scores below {_FLOOR:g} are not drawn")
     return figure
 
 
-def disagreements(frame: pd.DataFrame, panels: Panels) -> Figure:
+def disagreements(frame: pd.DataFrame, context: Context) -> Figure:
     """Draws how often the issuer disagreed while agents learned.
 
     Args:
       frame: `benchmark.reports.comparison.tables.curves`.
-      panels: One row each.
+      context: Of the comparison; each of its panels is a row.
     """
+    panels = context.panels
+    frame = frame[frame["step"] > 0]  # nothing is counted before the first step
     scenarios = list(frame["scenario"].unique())
     with figure_of(len(panels), len(scenarios), (11.0, 2.4 * len(panels) + 1.0)) as (figure, axes):
         for row, (title, learners) in enumerate(panels.items()):
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
-                for learner in learners:
-                    rows = _of(frame, learner, scenario).iloc[1:]
-                    _curve(axis, rows, "step", "disagreements", learner, frame)
+                part = frame[frame["scenario"] == scenario]
+                _curves(axis, part, "step", "disagreements", learners, context)
                 axis.set(title=f"{scenario}, {title}", xlim=(0, float(frame["step"].max())))
                 axis.set(ylim=(0, float(frame["disagreements"].max()) * 1.05))
                 axis.xaxis.set_major_locator(MaxNLocator(4))
             axes[row, 0].set(ylabel="wrong PINGs\nper 1,000 steps")
         for axis in axes[-1]:
             axis.set(xlabel="environment step")
-        _legend(figure, frame, "line: mean over runs; shade: 95 % interval")
+        _legend(figure, context, _signs(context))
     return figure
 
 
-def aggregate(frame: pd.DataFrame) -> Figure:
+def aggregate(frame: pd.DataFrame, context: Context) -> Figure:
     """Draws rliable's aggregates over all scenarios with their intervals.
 
     Args:
       frame: `benchmark.reports.comparison.tables.aggregate`.
+      context: Of the comparison.
     """
     shown = frame[(frame["policy"] == "greedy") & (frame["evaluated_from"] == "start")]
-    learners = _learners(shown)
-    with figure_of(1, len(METRICS), (11.0, 0.36 * len(learners) + 1.5)) as (figure, axes):
+    learners = _learners(shown, context)
+    row_height = 0.44 if context.checks else 0.36
+    with figure_of(1, len(METRICS), (11.0, row_height * len(learners) + 1.5)) as (figure, axes):
         for column, metric in enumerate(METRICS):
             axis = axes[0, column]
-            for y, learner in enumerate(learners):
-                row = shown[_is(shown, learner) & (shown["metric"] == metric)].iloc[0]
-                _interval(axis, row["value"], row["low"], row["high"], y, learner, shown)
+            _dots(axis, shown[shown["metric"] == metric], ("value", "low", "high"), learners, context)
             _rows(axis, learners, first=column == 0)
             axis.set(title=_LABELS[metric], xlabel="score missed" if metric == "optimality_gap" else "score")
             axis.xaxis.set_major_locator(MaxNLocator(4))
-            axis.axvline(0.0 if metric == "optimality_gap" else 1.0, color="0.35", lw=0.8, ls=":")
-        figure.supxlabel(
-            "greedy policies after training, all scenarios; bar: 95 % interval", fontsize="small"
-        )
+            best = 0.0 if metric == "optimality_gap" else 1.0
+            axis.axvline(best, color="0.35", lw=0.8, ls=":", zorder=0)
+        text = _with_checks("greedy policies after training, all scenarios; bar: 95 % interval", context)
+        figure.supxlabel(text, fontsize="small")
     return figure
 
 
-def profile(frame: pd.DataFrame, panels: Panels) -> Figure:
+def profile(frame: pd.DataFrame, context: Context) -> Figure:
     """Draws performance profiles: the share of runs whose score is above a number.
 
     Args:
       frame: `benchmark.reports.comparison.tables.profile`.
-      panels: One column each.
+      context: Of the comparison, without checks; each of its panels is a column.
     """
+    panels = context.panels
     with figure_of(1, len(panels), (11.0, 4.2)) as (figure, axes):
         for column, (title, learners) in enumerate(panels.items()):
             axis = axes[0, column]
-            for learner in learners:
-                _curve(axis, frame[_is(frame, learner)], "score", "share", learner, frame)
+            _curves(axis, frame, "score", "share", learners, context)
             axis.set(title=title, xlabel="score (0 random, 1 optimal)", xlim=(0, 1), ylim=(-0.03, 1.03))
         axes[0, 0].set(ylabel="share of runs above that score")
         _legend(
-            figure, frame, "line: all scenarios alike; shade: 95 % interval; scores below 0 are not drawn"
+            figure, context, "line: all scenarios alike; shade: 95 % interval; scores below 0 are not drawn"
         )
     return figure
 
@@ -173,35 +173,35 @@ def improvement(frame: pd.DataFrame) -> Figure:
     return figure
 
 
-def threshold(frame: pd.DataFrame) -> Figure:
+def threshold(frame: pd.DataFrame, context: Context) -> Figure:
     """Draws the share of runs that reach a good score, and the share that stays there.
 
     Args:
       frame: `benchmark.reports.comparison.tables.threshold`.
+      context: Of the comparison.
     """
-    return _by_scenario(
-        frame,
-        {
-            "reached_share": f"share of runs that ever score {GOOD_SCORE:g}",
-            "stays_share": "share that stays there to the end",
-        },
-    )
+    labels = {
+        "reached_share": f"share of runs that ever score {GOOD_SCORE:g}",
+        "stays_share": "share that stays there to the end",
+    }
+    return _by_scenario(frame, labels, context)
 
 
-def region(frame: pd.DataFrame) -> Figure:
+def region(frame: pd.DataFrame, context: Context) -> Figure:
     """Draws how well the cells where agents value PING match the target region.
 
     Args:
       frame: `benchmark.reports.comparison.tables.region`.
+      context: Of the comparison.
     """
     labels = {"precision": "precision", "recall": "recall", "overlap": "intersection over union"}
-    return _by_scenario(frame, labels)
+    return _by_scenario(frame, labels, context)
 
 
 def maps(
     frame: pd.DataFrame,
     models: Mapping[str, Model],
-    learners: Learners,
+    learners: Sequence[Learner],
     action: str,
     label: str,
     limits: tuple[float, float] | None = None,
@@ -243,79 +243,123 @@ def maps(
     return figure
 
 
-def _by_scenario(frame: pd.DataFrame, labels: Mapping[str, str]) -> Figure:
+def _by_scenario(frame: pd.DataFrame, labels: Mapping[str, str], context: Context) -> Figure:
     """Draws columns that lie in [0, 1] as dots with intervals: a row a scenario, a panel a column."""
-    scenarios, learners = list(frame["scenario"].unique()), _learners(frame)
-    size = (11.0, (0.27 * len(learners) + 0.75) * len(scenarios) + 0.4)
+    scenarios, learners = list(frame["scenario"].unique()), _learners(frame, context)
+    row_height = 0.36 if context.checks else 0.27
+    size = (11.0, (row_height * len(learners) + 0.75) * len(scenarios) + 0.4)
     with figure_of(len(scenarios), len(labels), size) as (figure, axes):
         for row, scenario in enumerate(scenarios):
             for column, (name, label) in enumerate(labels.items()):
                 axis = axes[row, column]
-                for y, learner in enumerate(learners):
-                    learned = _of(frame, learner, scenario).iloc[0]
-                    ends = learned[f"{name}_low"], learned[f"{name}_high"]
-                    _interval(axis, learned[name], *ends, y, learner, frame)
+                part, names = frame[frame["scenario"] == scenario], (name, f"{name}_low", f"{name}_high")
+                _dots(axis, part, names, learners, context)
                 _rows(axis, learners, first=column == 0)
                 axis.set(title=f"{scenario}: {label}", xlim=(-0.03, 1.03))
-        figure.supxlabel("bar: 95 % interval over runs", fontsize="small")
+        figure.supxlabel(_with_checks("bar: 95 % interval over runs", context), fontsize="small")
     return figure
 
 
-def _learners(frame: pd.DataFrame) -> list[tuple[str, str]]:
-    """Lists the learners in a frame, in its order."""
-    return list(dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True)))
+def _learners(frame: pd.DataFrame, context: Context) -> list[Learner]:
+    """Lists the learners in a frame that are no checks, in its order."""
+    pairs = dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True))
+    return [learner for pair in pairs if (learner := Learner(*pair)) not in context.checks]
 
 
-def _is(frame: pd.DataFrame, learner: tuple[str, str]) -> NDArray[np.bool_]:
+def _checks_of(learner: Learner, context: Context) -> list[Learner]:
+    """Lists the checks of a learner."""
+    return [check for check, checked in context.checks.items() if checked == learner]
+
+
+def _is(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
     """Returns which rows are a learner's."""
-    rows = (frame["algorithm"] == learner[0]) & (frame["observation"] == learner[1])
+    rows = (frame["algorithm"] == learner.algorithm) & (frame["observation"] == learner.observation)
     return np.asarray(rows.to_numpy())
 
 
-def _of(frame: pd.DataFrame, learner: tuple[str, str], scenario: str) -> pd.DataFrame:
+def _of(frame: pd.DataFrame, learner: Learner, scenario: str) -> pd.DataFrame:
     """Returns the rows of a learner in a scenario."""
     return frame[_is(frame, learner) & (frame["scenario"] == scenario).to_numpy()]
 
 
-def _style(learner: tuple[str, str], frame: pd.DataFrame) -> dict[str, Any]:
+def _style(learner: Learner, context: Context) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash, the same in every figure of a comparison."""
-    place = list(dict.fromkeys(frame["algorithm"])).index(learner[0])
-    return {**arm_style(place), "ls": _DASHES.get(learner[1], "-")}
+    place = context.arms.index(learner.algorithm)
+    return {**arm_style(place), "ls": _DASHES.get(learner.observation, "-")}
 
 
-def _curve(
-    axis: Axes, rows: pd.DataFrame, x: str, y: str, learner: tuple[str, str], frame: pd.DataFrame
+def _curves(
+    axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], context: Context
 ) -> None:
-    """Draws a line with its interval, and some markers."""
-    style = _style(learner, frame)
+    """Draws lines with their intervals and some markers, and above them some points of their checks."""
     low, high = ("low", "high") if y == "share" else (f"{y}_low", f"{y}_high")
-    axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // 6, 1), **style)
-    axis.fill_between(rows[x], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
+    for learner in learners:
+        rows, style = frame[_is(frame, learner)], _style(learner, context)
+        axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // _N_MARKERS, 1), **style)
+        axis.fill_between(rows[x], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
+    checks = [(check, learner) for learner in learners for check in _checks_of(learner, context)]
+    for place, (check, learner) in enumerate(checks, start=1):
+        rows, style = frame[_is(frame, check)], _style(learner, context)
+        every = math.ceil(len(rows) / _N_POINTS)
+        rows = rows.iloc[every * place // (len(checks) + 1) :: every]  # not where those of others are
+        axis.vlines(rows[x], rows[low], rows[high], color=style["color"], ls=style["ls"], lw=0.8, zorder=3)
+        axis.plot(rows[x], rows[y], **{**style, "ls": ""}, ms=5, mfc="white", zorder=3)
 
 
-def _interval(
-    axis: Axes, value: float, low: float, high: float, y: int, learner: tuple[str, str], frame: pd.DataFrame
+def _dots(
+    axis: Axes,
+    frame: pd.DataFrame,
+    columns: tuple[str, str, str],
+    learners: Sequence[Learner],
+    context: Context,
 ) -> None:
-    """Draws a dot with its interval; nothing where there is no number."""
-    style = _style(learner, frame)
-    axis.plot([low, high], [y, y], color=style["color"], ls=style["ls"], lw=2.2, alpha=0.6)
-    axis.plot(value, y, color=style["color"], marker=style["marker"], ms=6, mec="white", mew=0.6)
+    """Draws dots with intervals, each learner's with those of its checks below; nothing for a missing number.
+
+    Args:
+      axis: Where.
+      frame: A row per learner.
+      columns: The number, and the ends of its interval.
+      learners: From top to bottom.
+      context: Of the comparison.
+    """
+    for row, learner in enumerate(learners):
+        style, together = _style(learner, context), [learner, *_checks_of(learner, context)]
+        for place, each in enumerate(together):
+            value, low, high = frame[_is(frame, each)].iloc[0][list(columns)]
+            y, is_check = row + _CHECK_DISTANCE * (place - (len(together) - 1) / 2), place > 0
+            width = 1.2 if is_check else 2.2
+            axis.plot([low, high], [y, y], color=style["color"], ls=style["ls"], lw=width, alpha=0.6)
+            fill: dict[str, Any] = (
+                {"mfc": "white", "ms": 5} if is_check else {"mec": "white", "mew": 0.6, "ms": 6}
+            )
+            axis.plot(value, y, color=style["color"], marker=style["marker"], **fill)
 
 
-def _rows(axis: Axes, learners: Learners, *, first: bool) -> None:
+def _rows(axis: Axes, learners: Sequence[Learner], *, first: bool) -> None:
     """Names the rows of dots, from top to bottom."""
-    axis.set_yticks(range(len(learners)), [", ".join(learner) for learner in learners] if first else [])
+    axis.set_yticks(range(len(learners)), [str(learner) for learner in learners] if first else [])
     axis.set(ylim=(len(learners) - 0.5, -0.5))
     axis.grid(axis="y", lw=0.4, color="0.85")
     axis.tick_params(axis="y", length=0)
 
 
-def _legend(figure: Figure, frame: pd.DataFrame, title: str) -> None:
+def _signs(context: Context) -> str:
+    """Returns what the signs of learning curves mean."""
+    return f"line: mean over runs; shade{' or bar' if context.checks else ''}: 95 % interval"
+
+
+def _with_checks(text: str, context: Context) -> str:
+    """Returns what a figure says of its signs, and what it says of checks."""
+    return "; ".join(filter(None, [text, context.check_note]))
+
+
+def _legend(figure: Figure, context: Context, title: str) -> None:
     """Draws the legend that names each learner's line."""
+    learners = dict.fromkeys(learner for panel in context.panels.values() for learner in panel)
     handles = [
-        Line2D([], [], label=", ".join(learner), lw=1.3, ms=5, **_style(learner, frame))
-        for learner in _learners(frame)
+        Line2D([], [], label=str(learner), lw=1.3, ms=5, **_style(learner, context)) for learner in learners
     ]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=4, frameon=False, title=title, handlelength=3
-    )
+        handles=handles, loc="outside lower center", ncols=4, frameon=False, handlelength=3,
+        title=_with_checks(title, context),
+    )  # fmt: skip

@@ -6,7 +6,7 @@ interquartile means do not. Two learners differ significantly if the 95 % interv
 run of one outscores a run of the other excludes one half.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Final, Literal
 
@@ -17,10 +17,11 @@ from agents import load_algorithm
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.tables import link
 from benchmark.reports import independent
-from benchmark.reports.comparison.data import Learner
+from benchmark.reports.comparison.data import SB3, Learner
 from benchmark.reports.published import Published
 
 FEWEST_RUNS: Final = 10  # per scenario, of a learner on which a verdict rests
+_EQUIVALENCE: Final = "../equivalence/README.md"  # what tests whether learners and checks are equivalent
 _RANKED: Final = 3  # deep learners that are named as the best
 
 Outcome = Literal["earns", "does not earn", "undecided"]
@@ -55,11 +56,22 @@ class Findings:
         self._published = published
 
     @cached_property
-    def _learners(self) -> list[Learner]:
+    def _everyone(self) -> list[Learner]:
         """All learners, in the order of the tables."""
         frame = self._published.frame("summary")
         pairs = dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True))
         return [Learner(*pair) for pair in pairs]
+
+    @cached_property
+    def checks(self) -> dict[Learner, Learner]:
+        """The checks, with the learner that each checks."""
+        arms = {learner: self._arm(learner).get("check_of") for learner in self._everyone}
+        return {check: Learner(arm, check.observation) for check, arm in arms.items() if arm}
+
+    @cached_property
+    def _learners(self) -> list[Learner]:
+        """The learners that are no checks; all sentences but one are about them."""
+        return [learner for learner in self._everyone if learner not in self.checks]
 
     @cached_property
     def tables(self) -> list[Learner]:
@@ -116,7 +128,7 @@ class Findings:
         return int(self._rows("summary", learner)["n"].min()) >= FEWEST_RUNS
 
     def sentences(self) -> list[str]:
-        """Returns the headline and up to ten sentences; none without both a table and a deep learner."""
+        """Returns the headline and up to eleven sentences; none without both a table and a deep learner."""
         if not self.tables or not self.deep:
             return []
         written = (
@@ -131,6 +143,7 @@ class Findings:
             self._every_cell([*self.tables, self.best_deep]),
             self._region(),
             self._disagreements([*self.tables, self.best_deep]),
+            self._checks(),
         )
         return [sentence for sentence in written if sentence]
 
@@ -163,11 +176,13 @@ class Findings:
         budgets = {self._budget(learner) for learner in [*self.tables, *self.deep]}
         budget = f"{budgets.pop()} of training" if len(budgets) == 1 else "the budgets of this experiment"
         ratio, times = self._ratio(table, best)
+        batches = self._batches(best)
         return (
             f"With {budget} {verdict}. That table has a mean score of "
             f"{self._score(table)} ({self._n(table)} runs per scenario). The deep learner with the highest "
             f"mean score, `{best}`, has {self._score(best)} ({self._n(best)} runs per scenario): "
-            f"{self._verdict(best, table)}. It takes {times} the CPU time of that table"
+            f"{self._verdict(best, table)}. {f'Trained {batches}, it' if batches else 'It'} takes "
+            f"{times} the CPU time of that table"
             + (
                 ", but this compares compiled code with Python: against a table in plain Python it is about "
                 f"{_plain_python(ratio)} times."
@@ -308,17 +323,28 @@ class Findings:
                 f"parameters, and its process peaks at {link(f'{row.peak_memory_mb:.0f}', 'cost', row)} MB"
             )
 
+        def compare(learner: Learner) -> str:
+            ratio, times = self._ratio(table, learner)
+            text = f"{times} the CPU time of the table"
+            if self._compares_languages(table, learner):
+                text += (
+                    f", which is compiled, and about {_plain_python(ratio)} times that of one in plain Python"
+                )
+            return text
+
         first, other = self._row("cost", table), self._row("cost", net)
-        ratio, times = self._ratio(table, net)
-        return (
-            f"A run of `{table}` takes {say(first, f'{first.cpu_time_s * 1000:.2g} ms')}; a run of `{net}` "
-            f"takes {say(other, f'{other.cpu_time_s:.2g} s')}. That is {times} the CPU time of the table"
-            + (
-                f", which is compiled, and about {_plain_python(ratio)} times that of one in plain Python."
-                if self._compares_languages(table, net)
-                else "."
-            )
+        batches = self._batches(net)
+        text = (
+            f"A run of `{table}` takes {say(first, f'{first.cpu_time_s * 1000:.2g} ms')}; a run of `{net}`"
+            f"{f', trained {batches},' if batches else ''} takes {say(other, f'{other.cpu_time_s:.2g} s')}. "
+            f"That is {compare(net)}."
         )
+        for check, checked in self.checks.items():
+            if checked == net:
+                row = self._row("cost", check)
+                time = link(f"{row.cpu_time_s:.2g} s", "cost", row)
+                text += f" A run of its check `{check}` takes {time}: {compare(check)}."
+        return text
 
     def _every_cell(self, learners: Sequence[Learner]) -> str:
         """Says what was learned away from the greedy path."""
@@ -360,6 +386,31 @@ class Findings:
             "The issuer's disagreements per 1,000 steps, over all of training and in its last tenth: "
             f"{', '.join(parts)}."
         )
+
+    def _checks(self) -> str:
+        """Says how checks and the learners that they check compare."""
+        parts = []
+        for check, learner in self.checks.items():
+            row = self._improvement(check, learner)
+            is_significant = not row["low"] <= 0.5 <= row["high"]
+            verdict = "a significant difference" if is_significant else "no significant difference"
+            if is_significant and not (self._has_enough_runs(check) and self._has_enough_runs(learner)):
+                verdict = "too few runs for a verdict"
+            scores = f"{self._score(check)} and {self._score(learner)}"
+            parts.append(f"`{check}` {scores} ({verdict}, {_probability(row)})")
+        if not parts:
+            return ""
+        n_checks, n_checked = self._n(*self.checks), self._n(*self.checks.values())
+        is_sb3 = all("stable_baselines3" in self._packages(check) for check in self.checks)
+        text = (
+            "A check is meant to learn the same as another learner, here by "
+            f"{SB3 if is_sb3 else 'another implementation'}. Mean scores of each check ({n_checks} runs per "
+            f"scenario) and of the learner that it checks ({n_checked}): {'; '.join(parts)}. That a "
+            "difference is not significant does not show that there is none"
+        )
+        if _EQUIVALENCE in self._published:
+            text += f"; see [equivalence]({_EQUIVALENCE})"
+        return f"{text}."
 
     # Numbers in words
 
@@ -447,13 +498,23 @@ class Findings:
         """Returns whether a scenario is among those compared."""
         return bool((self._published.frame("summary")["scenario"] == name).any())
 
+    def _arm(self, learner: Learner) -> Mapping[str, Any]:
+        """Returns what the manifest says of a learner's arm."""
+        arm: Mapping[str, Any] = self._published.manifest["algorithms"][learner.algorithm]
+        return arm
+
+    def _batches(self, net: Learner) -> str:
+        """Returns how a net is trained, if not alone."""
+        size = self._arm(net).get("batch_size", 1)
+        return f"in batches of up to {size} runs" if size > 1 else ""
+
     def _algorithm(self, learner: Learner) -> str:
         """Returns the algorithm of a learner's arm."""
-        return str(self._published.manifest["algorithms"][learner.algorithm]["algorithm"])
+        return str(self._arm(learner)["algorithm"])
 
     def _settings(self, learner: Learner) -> dict[str, Any]:
         """Returns the settings of a learner's arm."""
-        return dict(self._published.manifest["algorithms"][learner.algorithm]["settings"])
+        return dict(self._arm(learner)["settings"])
 
     def _budget(self, learner: Learner) -> str:
         """Returns how long a learner trains."""
@@ -474,13 +535,13 @@ class Findings:
 
     def _packages(self, learner: Learner) -> tuple[str, ...]:
         """Returns what a learner's algorithm is made with."""
-        arm = self._published.manifest["algorithms"][learner.algorithm]
+        arm = self._arm(learner)
         # Manifests of older results do not say.
         return tuple(arm["packages"] if "packages" in arm else load_algorithm(arm["algorithm"]).packages)
 
     def _family(self, learner: Learner) -> str:
         """Returns whether a learner learns a table or a net."""
-        arm = self._published.manifest["algorithms"][learner.algorithm]
+        arm = self._arm(learner)
         # Manifests of older results do not say.
         return str(arm["family"]) if "family" in arm else load_algorithm(arm["algorithm"]).family
 

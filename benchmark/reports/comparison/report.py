@@ -1,10 +1,12 @@
 """The comparison as a report: its items and what they are called."""
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
 
 import pandas as pd
 
+from agents import ALGORITHMS
 from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.analysis.snapshots import Shown
@@ -16,8 +18,9 @@ from benchmark.reports.comparison.data import Context, Data, Learner, load
 from benchmark.reports.explorer import explorer_items
 from benchmark.reports.item import Frames, Item, Report, Section, whole
 from benchmark.reports.published import Published
-from benchmark.reports.view import Columns
+from benchmark.reports.view import Columns, Table
 from envs import InputError
+from envs.inputs import unknown_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,16 +33,22 @@ _ENDS: Final = ("low", "high")
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has the default condition alone.
+    """Checks that an experiment has the default condition alone, and that every check has its learner.
 
     Raises:
-      InputError: It has others.
+      InputError: It has other conditions, or a check has an observation that its learner has not.
     """
     if list(experiment.conditions) != [DEFAULT_CONDITION]:
         raise InputError(
             f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
             "alone."
         )
+    for name, arm in experiment.algorithms.items():
+        accepted = experiment.algorithms[arm.check_of or name].observations
+        for observation in arm.observations:
+            if observation not in accepted:
+                where = f"{experiment.argument}: algorithms.{name}"
+                unknown_name(where, f"observation for a check of {arm.check_of}", observation, accepted)
 
 
 # Tables
@@ -90,7 +99,7 @@ def _maps(data: Data, _: Frames) -> pd.DataFrame:
 
 
 def _shown(data: Data) -> list[Shown]:
-    return [Shown(*learner, population) for learner, _, population in data.populations]
+    return [Shown(*learner, population) for learner, _, population in data.without_checks.populations]
 
 
 def _write_film(data: Data, _: Frames, directory: "Path") -> None:
@@ -98,7 +107,7 @@ def _write_film(data: Data, _: Frames, directory: "Path") -> None:
     from benchmark.drawing import film
 
     families: dict[str, list[Learner]] = {"tabular": [], "deep": []}
-    for learner, populations in data.learners.items():
+    for learner, populations in data.without_checks.learners.items():
         families[next(iter(populations.values())).algorithm.family].append(learner)
     films = [
         [
@@ -112,11 +121,6 @@ def _write_film(data: Data, _: Frames, directory: "Path") -> None:
 
 
 # As .md and .tex show them
-
-
-def _display_scores(frame: pd.DataFrame) -> pd.DataFrame:
-    columns = [*_POPULATION, "seed", "score", "success", "steps", "wrong_pings", "every_cell_score"]
-    return frame[[column for column in columns if column in frame]]
 
 
 def _display_summary(frame: pd.DataFrame) -> pd.DataFrame:
@@ -183,49 +187,50 @@ def _greedy_from_start(frame: pd.DataFrame) -> pd.DataFrame:
 def _draw_curves(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.curves(frames["curves"], context.panels, "step", "environment step")
+    return figures.curves(frames["curves"], context, "step", "environment step")
 
 
 def _draw_curves_cpu(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.curves(frames["curves_cpu"], context.panels, "cpu_time_s", "CPU time (s)")
+    return figures.curves(frames["curves_cpu"], context, "cpu_time_s", "CPU time (s)")
 
 
 def _draw_disagreements(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.disagreements(frames["curves"], context.panels)
+    return figures.disagreements(frames["curves"], context)
 
 
-def _draw_aggregate(frames: Frames, _: Context) -> "Figure":
+def _draw_aggregate(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.aggregate(frames["aggregate"])
+    return figures.aggregate(frames["aggregate"], context)
 
 
 def _draw_profile(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.profile(frames["profile"], context.panels)
+    return figures.profile(frames["profile"], replace(context, checks={}, check_note=""))
 
 
-def _draw_improvement(frames: Frames, _: Context) -> "Figure":
+def _draw_improvement(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.improvement(frames["improvement"])
+    frame, checks = frames["improvement"], list(map(str, context.checks))
+    return figures.improvement(frame[~frame["x"].isin(checks) & ~frame["y"].isin(checks)])
 
 
-def _draw_threshold(frames: Frames, _: Context) -> "Figure":
+def _draw_threshold(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.threshold(frames["threshold"])
+    return figures.threshold(frames["threshold"], context)
 
 
-def _draw_region(frames: Frames, _: Context) -> "Figure":
+def _draw_region(frames: Frames, context: Context) -> "Figure":
     from benchmark.reports.comparison import figures
 
-    return figures.region(frames["region"])
+    return figures.region(frames["region"], context)
 
 
 def _of_kind(frames: Frames, kind: str) -> list[Learner]:
@@ -266,6 +271,37 @@ def _draw_maps_probability(frames: Frames, context: Context) -> "Figure | None":
         return None
     label = "mean final probability of PING"
     return figures.maps(frames["maps"], context.models, learners, "PING", label, (0.0, 1.0))
+
+
+_COST: Final = Columns(
+    file="cost.csv",
+    caption="Cost of a run, measured: medians over all runs",
+    keys=_LEARNER,
+    numbers={
+        "cpu_time_s": "CPU time (s)",
+        "steps_per_cpu_s": "steps per CPU second",
+        "updates": "updates",
+        "parameters": "parameters",
+        "peak_memory_mb": "peak memory (MB)",
+    },
+)
+
+
+def _view_cost(published: Published) -> Table:
+    """Shows what runs cost, and says what the numbers of nets trained in batches mean."""
+    table, sizes = _COST(published), _batch_sizes(published)
+    if not sizes:
+        return table
+    batch = (
+        f"; of a net trained in a batch of up to {max(sizes)}, CPU time is its share, and memory the batch's"
+    )
+    return replace(table, caption=table.caption + batch)
+
+
+def _batch_sizes(published: Published) -> set[int]:
+    """Returns how many nets are trained at once, where they are several."""
+    arms = published.manifest["algorithms"].values()
+    return {arm["batch_size"] for arm in arms if arm.get("family") == "deep" and arm.get("batch_size", 1) > 1}
 
 
 ITEMS: Final = (
@@ -325,7 +361,6 @@ ITEMS: Final = (
         name="scores",
         description="every run at the end of training, by its greedy and its stochastic policy",
         compute=_scores,
-        display=_display_scores,
     ),
     Item(
         name="threshold",
@@ -351,7 +386,8 @@ ITEMS: Final = (
     ),
     Item(
         name="improvement",
-        description="probability that a run of one learner outscores one of another, each pair",
+        description="probability that a run of one learner outscores one of another, each pair; of a check, "
+        "only the pair with the learner that it checks",
         compute=_improvement,
         display=_display_improvement,
         draw=_draw_improvement,
@@ -367,7 +403,7 @@ ITEMS: Final = (
     ),
     Item(
         name="profile",
-        description="performance profiles: the share of runs whose score is above a number",
+        description="performance profiles, without checks: the share of runs whose score is above a number",
         compute=_profile,
         display=_display_profile,
         draw=_draw_profile,
@@ -403,7 +439,8 @@ ITEMS: Final = (
     ),
     Item(
         name="maps",
-        description="final values of every cell and action; figure: Q of PING, but for SB3's own settings",
+        description="final values of every cell and action, without checks; figure: Q of PING, but for SB3's "
+        "own settings",
         compute=_maps,
         display=_display_maps,
         draw=_draw_maps,
@@ -428,18 +465,7 @@ ITEMS: Final = (
         section="cost",
         compute=_cost,
         display=whole,
-        view=Columns(
-            file="cost.csv",
-            caption="Cost of a run, measured: medians over all runs",
-            keys=_LEARNER,
-            numbers={
-                "cpu_time_s": "CPU time (s)",
-                "steps_per_cpu_s": "steps per CPU second",
-                "updates": "updates",
-                "parameters": "parameters",
-                "peak_memory_mb": "peak memory (MB)",
-            },
-        ),
+        view=_view_cost,
         is_measured=True,
     ),
     Item(
@@ -477,6 +503,7 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
             "an algorithm with its settings and the form of observation that it learns from. Settings are in "
             "the experiment's TOML file; a name that ends in `_default` stands for Stable-Baselines3's own.",
         ),
+        *_words_of_checks_and_batches(published),
         (
             "score",
             "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
@@ -523,6 +550,28 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
     ]
 
 
+def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, str]]:
+    """Explains checks and batches, if there are any."""
+    arms: Mapping[str, Any] = published.manifest["algorithms"]
+    checks = [f"`{name}` checks `{arm['check_of']}`" for name, arm in arms.items() if arm.get("check_of")]
+    if checks:
+        yield (
+            "check",
+            "a learner that is meant to learn the same as another one, by another implementation: "
+            f"{', '.join(checks)}. Figures show it hollow, beside the learner that it checks. No verdict "
+            "rests on it, and it is not ranked.",
+        )
+    sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
+    if sizes:
+        text = f"up to {max(sizes)} nets that are trained at once, each with random numbers of its own."
+        if any(ALGORITHMS.get(name, "").startswith("agents.batched.") for name in algorithms):
+            text += (
+                " `agents/batched` trains so. It takes the arguments of DQN and PPO of Stable-Baselines3, "
+                "with their defaults, and is written to learn as they do."
+            )
+        yield "batch", text
+
+
 REPORT: Final = Report(
     name="comparison",
     question="When does deep RL earn its keep over a table?",
@@ -537,6 +586,8 @@ REPORT: Final = Report(
                 "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
                 "runs. A learner is an algorithm with its settings and the form of observation that it "
                 "learns from; a name that ends in `_default` stands for Stable-Baselines3's own settings. "
+                "A check is meant to learn the same as another learner, by another implementation; no "
+                "verdict rests on it. "
                 "P is the probability that a run of the first learner scores higher than a run of the second "
                 "in the same scenario. "
                 "Unless stated otherwise, results are for the greedy policy after training. Intervals of few "

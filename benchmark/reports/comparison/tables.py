@@ -94,7 +94,7 @@ def aggregate(data: Data) -> pd.DataFrame:
     from rliable import metrics
 
     functions = (
-        metrics.aggregate_iqm,
+        _interquartile_mean,
         metrics.aggregate_median,
         metrics.aggregate_mean,
         metrics.aggregate_optimality_gap,
@@ -116,9 +116,10 @@ def aggregate(data: Data) -> pd.DataFrame:
 def improvement(data: Data) -> pd.DataFrame:
     """Tabulates the probability that a run of x outscores a run of y in the same scenario.
 
-    All scenarios weigh the same. A tie counts half, as in the Mann-Whitney statistic.
+    All scenarios weigh the same. A tie counts half, as in the Mann-Whitney statistic. A check is compared
+    with the learner that it checks alone.
     """
-    pairs = list(combinations(data.learners, 2))
+    pairs = [*combinations(data.without_checks.learners, 2), *data.checks.items()]
     matrices = {pair: tuple(data.scores(learner) for learner in pair) for pair in pairs}
     values, bounds = _estimate(matrices, _probability_of_improvement)
     rows = []
@@ -131,10 +132,13 @@ def improvement(data: Data) -> pd.DataFrame:
 
 
 def profile(data: Data) -> pd.DataFrame:
-    """Tabulates performance profiles: the share of runs in all scenarios that score above a number."""
+    """Tabulates performance profiles: the share of runs in all scenarios that score above a number.
+
+    They are of learners that are no checks.
+    """
     from rliable import library
 
-    matrices = {learner: data.scores(learner) for learner in data.learners}
+    matrices = {learner: data.scores(learner) for learner in data.without_checks.learners}
     with _numpy_seeded():
         shares, bounds = library.create_performance_profile(matrices, PROFILE, reps=RESAMPLES // 2)
     return pd.concat(
@@ -271,10 +275,10 @@ def maps(data: Data) -> pd.DataFrame:
     """Tabulates final values over agents, one row per scenario, learner, cell and action.
 
     `value` is the mean Q, or the mean probability of a stochastic policy; `marked` is the share of agents
-    that value PING in the cell.
+    that value PING in the cell. The learners are those that are no checks.
     """
     frames = []
-    for learner, scenario, population in data.populations:
+    for learner, scenario, population in data.without_checks.populations:
         row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
         stochastic = population.arrays["stochastic"]
         final = stochastic[:, -1] if stochastic.shape[1] else population.arrays["q"]
@@ -323,10 +327,20 @@ def _cpu_time_s(population: Population) -> NDArray[np.float64]:
     return np.array([run["cpu_time_s"] for run in population.provenance])
 
 
+def _interquartile_mean(scores: Scores) -> float:
+    """Returns rliable's statistic, by sorting, which is much faster than its trimmed mean."""
+    ordered = np.sort(scores, axis=None)
+    n_cut = len(ordered) // 4
+    return float(ordered[n_cut : len(ordered) - n_cut].mean())
+
+
 def _probability_of_improvement(x: Scores, y: Scores) -> NDArray[np.float64]:
-    """Returns rliable's statistic, (1,), from all pairs at once, which is thirty times as fast as ranks."""
-    x, y = x[:, None], y[None]
-    return np.array([(x > y).mean() + 0.5 * (x == y).mean()])
+    """Returns rliable's statistic, (1,), by binary search, which is much faster than ranks or all pairs."""
+    n_below = 0  # twice the runs of y below each run of x; a tie adds one
+    for x_scores, y_scores in zip(x.T, np.sort(y, axis=0).T, strict=True):  # of a scenario
+        n_below += int(np.searchsorted(y_scores, x_scores, "left").sum())
+        n_below += int(np.searchsorted(y_scores, x_scores, "right").sum())
+    return np.array([n_below / (2 * x.size * len(y))])
 
 
 def _estimate(

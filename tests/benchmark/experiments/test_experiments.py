@@ -71,9 +71,8 @@ def test_reproduce_declares_what_the_paper_says() -> None:
 def test_comparison_declares_what_it_should() -> None:
     full = load_experiment("compare_deep")
     assert full.scenarios == ("S1", "S2", "S3")
-    seeds = {name: arm.seeds for name, arm in full.algorithms.items()}
-    assert seeds.pop("q_learning") == seeds.pop("q_learning_tuned") == 100
-    assert set(seeds.values()) == {10}
+    assert {arm.seeds for arm in full.algorithms.values() if not arm.check_of} == {100}
+    assert {arm.seeds for arm in full.algorithms.values() if arm.check_of} == {10}
     runs = all_specifications(full)
     settings = [run.settings.model_dump() for run in runs]
     assert {values["budget"] for values in settings} == {10_000}
@@ -95,11 +94,12 @@ def test_defaults_are_those_of_sb3_except_where_the_budget_forces_another_value(
 def test_comparisons_have_miniatures_with_the_same_learners() -> None:
     for name in ("compare_deep", "compare_deep_long"):
         full, small = load_experiment(name), load_experiment(f"{name}_smoke")
-        learners = [
-            list(dict.fromkeys(population[1:] for population in each.populations)) for each in (full, small)
-        ]
-        assert learners[0] == learners[1]
-        assert len(all_specifications(small)) < 100
+        assert list(small.algorithms) == list(full.algorithms)
+        for arm, other in zip(small.algorithms.values(), full.algorithms.values(), strict=True):
+            assert (arm.algorithm, arm.check_of, arm.group) == (other.algorithm, other.check_of, other.group)
+            # Of a check, the first observation does.
+            assert arm.observations == (other.observations[:1] if arm.check_of else other.observations)
+        assert len(all_specifications(small)) < 80
     assert load_experiment("compare_deep_long").settings["budget"] == 100_000
 
 

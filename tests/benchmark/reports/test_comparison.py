@@ -3,6 +3,8 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +17,14 @@ from benchmark.analysis.population import Population
 from benchmark.drawing.tables import write_csv
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import (
-    EXPERIMENT_DIRECTORY,
-    Experiment,
-    all_specifications,
-    load_experiment,
-    specifications,
-)
+from benchmark.experiments import Experiment, all_specifications, load_experiment, specifications
 from benchmark.reports import draw, load_report
+from benchmark.reports.comparison import figures
 from benchmark.reports.comparison import tables as comparison
 from benchmark.reports.comparison.data import Data, Learner, load
 from benchmark.reports.draw import digest_of
 from benchmark.reports.item import measured_files
 from envs import InputError
-from envs.inputs import override, parse, read_toml
 from tests.benchmark.reports.made import compared, data_of, with_scores
 from tests.support import ROOT, command
 
@@ -60,7 +56,7 @@ def test_everything_is_there(miniature: Path) -> None:
     assert scores["stochastic_score"].notna().equals(scores["algorithm"].str.startswith("ppo"))
     readme = (miniature / SMOKE.name / "README.md").read_text(encoding="utf-8")
     numbers = [line.split(".")[0] for line in readme.splitlines() if line[:1].isdecimal()]
-    assert numbers == [str(i) for i in range(1, 11)]
+    assert numbers == [str(i) for i in range(1, 12)]
     assert "it is undecided whether deep RL earns its keep" in readme  # two runs decide nothing
     cost = pd.read_csv(miniature / SMOKE.name / "cost.csv")
     assert cost["peak_memory_mb"].between(50, 700).all()
@@ -71,6 +67,39 @@ def test_everything_is_there(miniature: Path) -> None:
         "q_learning",
         "q_learning_tuned",
     }
+    checks = {name: arm["check_of"] for name, arm in manifest["algorithms"].items() if arm["check_of"]}
+    assert checks == {name: arm.check_of for name, arm in SMOKE.algorithms.items() if arm.check_of}
+    assert len(checks) == 5
+
+
+def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
+    folder = miniature / SMOKE.name
+    learners = {(arm, observation) for _, arm, observation in SMOKE.populations}
+    compared = {pair for pair in learners if not SMOKE.algorithms[pair[0]].check_of}
+    for name in ("scores", "summary", "aggregate", "curves", "curves_cpu", "threshold", "region", "cost"):
+        frame = pd.read_csv(folder / f"{name}.csv")
+        assert set(zip(frame["algorithm"], frame["observation"], strict=True)) == learners, name
+    for name in ("profile", "maps", "agent", "agent_S1", "agent_S2"):
+        frame = pd.read_csv(folder / f"{name}.csv")
+        assert set(zip(frame["algorithm"], frame["observation"], strict=True)) == compared, name
+    improvement = pd.read_csv(folder / "improvement.csv")
+    n_checks, n = len(learners) - len(compared), len(compared)
+    assert len(improvement) == n * (n - 1) + 2 * n_checks
+    pairs = improvement[improvement["x"].str.contains("_sb3")]
+    assert (pairs["x"].str.replace("_sb3", "") == pairs["y"]).all()
+    assert len(pairs) == n_checks
+    legend = "hollow: 2 runs by Stable-Baselines3 itself"
+    for name in ("curves", "curves_cpu", "disagreements", "aggregate", "threshold", "region"):
+        svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
+        assert legend in svg
+        assert "_sb3" not in svg
+    for name in ("profile", "improvement", "maps", "maps_moves", "maps_probability"):
+        svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
+        assert "hollow" not in svg
+        assert "_sb3" not in svg
+    readme = (folder / "README.md").read_text(encoding="utf-8")
+    assert "of a net trained in a batch of up to 25, CPU time is its share" in readme
+    assert "`dqn_sb3` checks `dqn`, `dqn_linear_sb3` checks `dqn_linear`" in readme
 
 
 def test_measured_times_change_measured_files_alone(miniature: Path, tmp_path: Path) -> None:
@@ -141,7 +170,20 @@ def test_partial_leaves_out_learners_without_common_seeds(miniature: Path, tmp_p
         data = load(SMOKE, other, None, True)
     assert Learner("q_learning", "index") not in data.learners
     assert data.missing.endswith("; left out: `q_learning, index`")
-    assert len(data.learners) == 10
+    assert len(data.learners) == 15
+
+
+def test_partial_leaves_out_checks_of_learners_that_are_left_out(miniature: Path, tmp_path: Path) -> None:
+    small = with_arms("q_learning", "q_learning_tuned", "dqn_linear", "dqn_linear_sb3")
+    runs = [run for run in all_specifications(small) if run.arm != "dqn_linear"]
+    with Store(miniature / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        other.add(store.get([run.digest for run in runs]))
+        data = load(small, other, None, True)
+        assert data.missing.endswith("; left out: `dqn_linear, one_hot`, `dqn_linear_sb3, one_hot`")
+        assert data.checks == {}
+        one = with_arms("q_learning", "dqn_linear", "dqn_linear_sb3")
+        with pytest.raises(InputError, match="at least two learners that are no checks"):
+            load(one, other, None, True)
 
 
 def test_replication_knows_no_partial(tmp_path: Path) -> None:
@@ -190,10 +232,10 @@ def test_comparison_takes_the_default_condition_alone() -> None:
 
 
 def test_divergence_is_recorded_shown_and_not_tried_again(tmp_path: Path) -> None:
-    base = read_toml(EXPERIMENT_DIRECTORY / "compare_deep.toml")
-    small = read_toml(EXPERIMENT_DIRECTORY / "compare_deep_smoke.toml")["changes"]
-    changes = small | {"algorithms.dqn_linear.settings.learning_rate": 1e38}
-    experiment = parse(Experiment, override(base, changes, "test"), "test", name=SMOKE.name)
+    path = tmp_path / "diverging.toml"
+    changes = '"algorithms.dqn_linear.settings.learning_rate" = 1e38'
+    path.write_text(f'extends = "{SMOKE.name}"\ndescription = ""\n[changes]\n{changes}\n')
+    experiment = load_experiment(path)
     arms = {name: arm for name, arm in experiment.algorithms.items() if name in ("q_learning", "dqn_linear")}
     experiment = experiment.model_copy(update={"algorithms": arms})
     runs = all_specifications(experiment)
@@ -314,6 +356,71 @@ def test_improvement_is_rliables() -> None:
     tied = data_of(a={"S1": with_scores(ties)}, b={"S1": with_scores(ties[:2])})
     expected = metrics.probability_of_improvement(ties[:, None], ties[:2, None])
     assert comparison.improvement(tied)["probability"][0] == pytest.approx(expected)
+
+
+def checked_data() -> Data:
+    """Returns a comparison of learners a and b, and of a check of a, with three scenarios."""
+    data = random_data()
+    check, learner = Learner("check", "index"), Learner("a", "index")
+    fewer = random_data(5).learners[learner]
+    return replace(data, learners={**data.learners, check: fewer}, checks={check: learner})
+
+
+def test_a_check_is_compared_with_its_learner_alone() -> None:
+    data = checked_data()
+    frame = comparison.improvement(data).set_index(["x", "y"])["probability"]
+    assert set(frame.index) == {
+        *permutations(["a, index", "b, index"]),
+        *permutations(["a, index", "check, index"]),
+    }
+    x, y = (data.scores(Learner(name, "index")) for name in ("check", "a"))
+    expected = metrics.probability_of_improvement(x, y)
+    assert frame["check, index", "a, index"] == pytest.approx(expected)
+    assert set(comparison.profile(data)["algorithm"]) == {"a", "b"}
+    assert set(comparison.aggregate(data)["algorithm"]) == {"a", "b", "check"}
+
+
+def test_checks_follow_what_they_check_and_take_no_colour(miniature: Path) -> None:
+    names = ("q_learning", "dqn", "dqn_linear", "dqn_sb3", "dqn_linear_sb3")
+    with Store(miniature / "runs.db", read_only=True) as store:
+        data = load(with_arms(*names), store, None, False)
+    assert [str(learner) for learner in data.learners] == [
+        "q_learning, index", "dqn, one_hot", "dqn_sb3, one_hot", "dqn, coordinates", "dqn_linear, one_hot",
+        "dqn_linear_sb3, one_hot",
+    ]  # fmt: skip
+    assert {str(check): str(learner) for check, learner in data.checks.items()} == {
+        "dqn_sb3, one_hot": "dqn, one_hot",
+        "dqn_linear_sb3, one_hot": "dqn_linear, one_hot",
+    }
+    context = data.context
+    assert context.arms == ["q_learning", "dqn", "dqn_linear"]
+    assert not [learner for panel in context.panels.values() for learner in panel if learner in data.checks]
+    assert context.check_note == "hollow: 2 runs by Stable-Baselines3 itself"
+
+
+def test_checks_are_drawn_hollow_below_and_beside_their_learners() -> None:
+    data = checked_data()
+    context = data.context
+    assert context.check_note == "hollow: 5 runs by another implementation"
+    dots = figures.aggregate(comparison.aggregate(data), context).axes[0]
+    hollow = [line for line in dots.lines if line.get_markerfacecolor() == "white"]
+    (filled,) = [line for line in dots.lines if line.get_markeredgecolor() == "white"][:1]
+    (check,) = hollow
+    assert (check.get_color(), check.get_marker()) == (filled.get_color(), filled.get_marker())
+    assert -0.5 < filled.get_ydata()[0] < 0 < check.get_ydata()[0] < 0.5  # type: ignore[index, operator]
+    assert [label.get_text() for label in dots.get_yticklabels()] == ["a, index", "b, index"]
+    learning = figures.curves(comparison.curves(data), context, "step", "environment step").axes[0]
+    (points,) = [line for line in learning.lines if line.get_markerfacecolor() == "white"]
+    assert points.get_linestyle() == "None"
+    assert 1 <= len(np.asarray(points.get_xdata())) < 5
+
+
+def test_a_check_needs_a_learner_with_its_observation(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    changes = '"algorithms.dqn_linear_sb3.observations" = ["coordinates"]'
+    path.write_text(f'extends = "{SMOKE.name}"\ndescription = ""\n[changes]\n{changes}\n')
+    with pytest.raises(InputError, match="a check of dqn_linear coordinates; accepted: one_hot"):
+        load_report("comparison").check(load_experiment(path))
 
 
 def test_profile_is_the_share_of_runs_above() -> None:

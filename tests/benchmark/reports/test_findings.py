@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from benchmark.drawing.tables import LINK, plain
+from benchmark.page.sources import Folder
 from benchmark.reports import texts
 from benchmark.reports.comparison import findings
 from benchmark.reports.comparison.findings import Findings
@@ -27,6 +28,8 @@ class Made(NamedTuple):
     mean: float
     better: tuple[float, float] = (0.4, 0.6)  # the interval of the probability to outscore each other learner
     settings: dict[str, Any] = {}  # noqa: RUF012
+    check_of: str = ""
+    batch_size: int = 1
 
 
 def folder(tmp_path: Path, **learners: Made) -> Published:
@@ -80,8 +83,10 @@ def folder(tmp_path: Path, **learners: Made) -> Published:
         name: {
             "algorithm": "mine",
             "family": made.family,
-            "packages": ["numba"] if made.family == "tabular" else ["stable_baselines3", "torch"],
+            "packages": ["numba", "torch"] if made.batch_size > 1 else ["stable_baselines3", "torch"],
             "settings": {"budget": 1000} | made.settings,
+            "check_of": made.check_of,
+            "batch_size": made.batch_size,
         }
         for name, made in learners.items()
     }
@@ -89,7 +94,7 @@ def folder(tmp_path: Path, **learners: Made) -> Published:
     return Published(tmp_path)
 
 
-TABLE = Made("tabular", 100, (1.0, 0.9), 0.9)
+TABLE = Made("tabular", 100, (1.0, 0.9), 0.9, batch_size=25)
 WINNER = Made("deep", 10, (0.9, 0.9), 0.95, (0.6, 0.9))
 LOSER = Made("deep", 10, (0.1, 0.0), 0.1, (0.0, 0.4))
 
@@ -168,6 +173,75 @@ def test_words_follow_numbers(tmp_path: Path) -> None:
     assert "0.1 ms](cost.csv#row=2) of CPU time" in cost
 
 
+BATCHED = LOSER._replace(n=100, batch_size=25)
+CHECK = WINNER._replace(check_of="net")
+
+
+def test_no_verdict_rests_on_a_check(tmp_path: Path) -> None:
+    found = Findings(folder(tmp_path, table=TABLE, net=BATCHED, net_sb3=CHECK))
+    assert found.outcome() == "does not earn"
+    assert found.deep == [("net", "index")] == [found.best_deep]
+    assert found.checks == {("net_sb3", "index"): ("net", "index")}
+    *others, cost, _, _, last = found.sentences()
+    assert "net_sb3" in cost
+    assert "net_sb3" in last
+    assert not any("net_sb3" in text for text in others)
+
+
+def test_checks_are_told_with_both_scores_and_a_verdict_by_the_interval(tmp_path: Path) -> None:
+    for place, (check, verdict) in enumerate(
+        (
+            (CHECK, "a significant difference"),
+            (CHECK._replace(better=(0.4, 0.6)), "no significant difference"),
+            (CHECK._replace(n=9), "too few runs for a verdict"),
+        )
+    ):
+        (directory := tmp_path / str(place)).mkdir()
+        text = Findings(folder(directory, table=TABLE, net=BATCHED, net_sb3=check)).sentences()[-1]
+        low, high = check.better
+        assert text == (
+            "A check is meant to learn the same as another learner, here by Stable-Baselines3 itself. Mean "
+            f"scores of each check ([{check.n}](summary.csv#row=6-7) runs per scenario) and of the learner "
+            "that it checks ([100](summary.csv#row=4-5)): `net_sb3, index` [0.95](aggregate.csv#row=4) "
+            f"[0.85, 1.05] and [0.10](aggregate.csv#row=3) [0.00, 0.20] ({verdict}, P = "
+            f"[{(low + high) / 2:.2f}](improvement.csv#row=7) [{low:.2f}, {high:.2f}]). That a difference is "
+            "not significant does not show that there is none."
+        )
+
+
+def test_sentence_on_checks_leads_to_the_equivalence_if_that_is_published(tmp_path: Path) -> None:
+    (directory := tmp_path / "compared").mkdir()
+    published = folder(directory, table=TABLE, net=BATCHED, net_sb3=CHECK)
+    assert "equivalence" not in Findings(published).sentences()[-1]
+    (tmp_path / "equivalence").mkdir()
+    (tmp_path / "equivalence" / "README.md").write_text("")
+    text = Findings(published).sentences()[-1]
+    assert text.endswith("there is none; see [equivalence](../equivalence/README.md).")
+    shown = Folder(directory, "compared/", {}).as_html(text)
+    assert shown.endswith('there is none; see <a href="equivalence/README.md">equivalence</a>.')
+    assert (
+        Folder(directory, "", {})
+        .as_html(text)
+        .endswith('see <a href="../equivalence/README.md">equivalence</a>.')
+    )
+
+
+def test_costs_say_what_is_trained_in_batches(tmp_path: Path) -> None:
+    headline, *_, cost, _, _, _ = Findings(
+        folder(tmp_path, table=TABLE, net=BATCHED, net_sb3=CHECK)
+    ).sentences()
+    assert headline.endswith(
+        "Trained in batches of up to 25 runs, it takes [24,000 times](cost.csv#row=2-3) the CPU time of that "
+        "table."
+    )
+    assert "a run of `net, index`, trained in batches of up to 25 runs, takes [2.4 s](cost.csv#row=3)" in cost
+    assert cost.endswith(
+        "That is [24,000 times](cost.csv#row=2-3) the CPU time of the table. A run of its check "
+        "`net_sb3, index` takes [2.4 s](cost.csv#row=4): [24,000 times](cost.csv#row=2;4) the CPU time of "
+        "the table, which is compiled, and about 50 to 190 times that of one in plain Python."
+    )
+
+
 def test_papers_table_is_put_into_perspective(tmp_path: Path) -> None:
     settings = {"learning_rate": 0.6, "epsilon": 0.6, "discount": 0.9, "budget": 10_000}
     with_note = folder(tmp_path, table=TABLE._replace(settings=settings), net=LOSER)
@@ -195,7 +269,8 @@ def rows_of(places: str) -> list[int]:
 def test_every_number_of_the_findings_is_in_the_row_that_it_links_to() -> None:
     published = Published(PUBLISHED)
     sentences = findings.table(published)["text"]
-    assert len(sentences) == 11
+    has_checks = any(arm.get("check_of") for arm in published.manifest["algorithms"].values())
+    assert len(sentences) == 11 + has_checks
     links = [match for text in sentences for match in LINK.findall(text)]
     assert len(links) > 80
     n_checked = 0
@@ -219,6 +294,8 @@ def test_every_percentage_has_its_number_of_runs() -> None:
 
 
 def test_published_texts_are_what_the_published_tables_say(tmp_path: Path) -> None:
+    if (PUBLISHED.parent / "equivalence").exists():  # sentences link to it
+        (tmp_path / "equivalence").symlink_to(PUBLISHED.parent / "equivalence")
     for name in ("compare_deep", "reproduce"):
         copy = tmp_path / name
         copy.mkdir()
