@@ -14,7 +14,7 @@ BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
-# SEEDS=30 runs seeds 0 to 29 of every arm; by default each arm has the seeds that its experiment declares.
+# SEEDS=10 runs seeds 0 to 9 of every arm; by default each arm has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
@@ -26,7 +26,7 @@ help: ## list these commands
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=30: with 30 seeds each)
+compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=10: with 10 seeds each)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
