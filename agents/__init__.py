@@ -6,7 +6,15 @@ does not wait for a deep-learning library.
 
 from typing import Final
 
-from agents.contract import Algorithm, DeepTraining, LearnerSettings, Schedule, Training, check_request, check_training
+from agents.contract import (
+    Algorithm,
+    DeepTraining,
+    LearnerSettings,
+    Schedule,
+    Training,
+    check_request,
+    check_training,
+)
 from envs.inputs import InputError, imported, unknown_name
 
 __all__ = [

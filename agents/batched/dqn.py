@@ -165,15 +165,19 @@ class Learner:
         cells = torch.from_numpy(observations + self._first_cell).to(self._device)
         return np.asarray(self._nets.forward(cells).cpu().numpy())
 
+    @property
+    def _last_row(self) -> int:
+        """The row of the buffers that was written last."""
+        return (self._n_written - 1) % len(self.replay.reward[0])
+
     def next_row(self) -> int:
         """Returns the row of the buffers that is written next, and counts it as written."""
-        row = self._n_written % self.replay.reward.shape[1]
         self._n_written += 1
-        return row
+        return self._last_row
 
     def draw(self, streams: NDArray[np.uint64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Draws mini-batches: rows (N, B) and envs (N, B) of the buffers."""
-        n_rows = min(self._n_written, self.replay.reward.shape[1])
+        n_rows = min(self._n_written, len(self.replay.reward[0]))
         kernels.draw_batches(streams, n_rows, self._settings.n_envs, self._rows, self._envs)
         return self._rows, self._envs
 
@@ -191,7 +195,7 @@ class Learner:
             self.replay,
             rows,
             envs,
-            (self._n_written - 1) % self.replay.reward.shape[1],
+            self._last_row,
             self._settings.n_steps,
             self._settings.gamma,
             self._next_value,

@@ -1,7 +1,6 @@
-"""Compiled loops over agents: acting, stepping, replay and returns. They read and write indices, not nets.
+"""Compiled loops over agents: acting, stepping, replay and returns. They know indices and tables, not nets.
 
-Every agent draws from its own stream, xoshiro256++ as in `agents.tabular.kernel`, and takes the same number of
-words whatever the other agents do.
+Every agent draws from streams of its own, xoshiro256++ as in `agents.tabular.kernel`.
 
 Axis letters: N agents, E envs of an agent, O observations, A actions, C rows of a replay buffer, B rows of a
 mini-batch, L steps of a rollout.

@@ -1,13 +1,14 @@
 """Multilayer perceptrons of many agents as stacked arrays, with gradients written by hand.
 
-Every layer is one call over all agents. An agent's numbers do not depend on the others: matrices are multiplied
-one by one, and everything else is element by element.
+Every layer is one call over all agents. An agent's numbers do not depend on the others: matrices are
+multiplied one by one, and everything else is element by element.
 
 Axis letters: N agents, O observations, B rows of a mini-batch, P parameters of an agent.
 """
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
@@ -55,18 +56,17 @@ class Parameters:
         """
         sizes = [n_agents * rows * columns for rows, columns in shapes]
         n_padded = math.ceil(sum(sizes) / _LANES) * _LANES
-        arrays = [torch.zeros(n_padded, device=device) for _ in range(4)]
-        views = [[] for _ in arrays]
-        start = 0
-        for size, shape in zip(sizes, shapes, strict=True):
-            for array, parts in zip(arrays, views, strict=True):
-                parts.append(array[start : start + size].view(n_agents, *shape))
-            start += size
-        self.values, self.gradients, self._first_moments, self._second_moments = views
+
+        def views(flat: Tensor) -> list[Tensor]:
+            parts = torch.split(flat[: sum(sizes)], sizes)
+            return [part.view(n_agents, *shape) for part, shape in zip(parts, shapes, strict=True)]
+
+        flat, gradient, *moments = (torch.zeros(n_padded, device=device) for _ in range(4))
+        self.values, self.gradients = views(flat), views(gradient)
         self.n_steps = np.zeros(n_agents, dtype=np.int64)
-        self._arrays = [[array] for array in arrays]
-        self._n_fused_steps = torch.zeros((), device=device)
-        self._stops_early = stops_early
+        flat.grad = gradient
+        self._optimizer = torch.optim.Adam([flat], lr=learning_rate, betas=_BETAS, eps=epsilon, fused=True)
+        self._moments = [views(moment) for moment in moments] if stops_early else []
         self._learning_rate = learning_rate
         self._epsilon = epsilon
         self._max_grad_norm = max_grad_norm
@@ -82,23 +82,11 @@ class Parameters:
         if not bool((scale == 1.0).all()):
             for gradient in self.gradients:
                 gradient.mul_(scale[:, None, None])
-        if self._stops_early and is_learning is not None:
+        if self._moments and is_learning is not None:
             self._step_of_some(is_learning)
-            return
-        self._n_fused_steps += 1
-        self.n_steps += 1
-        torch._fused_adam_(
-            *self._arrays,
-            [],
-            [self._n_fused_steps],
-            lr=self._learning_rate,
-            beta1=_BETAS[0],
-            beta2=_BETAS[1],
-            weight_decay=0.0,
-            eps=self._epsilon,
-            amsgrad=False,
-            maximize=False,
-        )
+        else:
+            self._optimizer.step()
+            self.n_steps += 1
 
     def _step_of_some(self, is_learning: Tensor) -> None:
         """Makes a step of Adam for some agents, whose counts of steps differ."""
@@ -107,8 +95,7 @@ class Parameters:
         corrections = [(1.0 - beta**n_steps).float()[:, None, None] for beta in _BETAS]
         weights = [((1.0 - beta) * is_learning)[:, None, None] for beta in _BETAS]
         rate = (self._learning_rate * is_learning)[:, None, None] / corrections[0]
-        moments = zip(self._first_moments, self._second_moments, strict=True)
-        for value, gradient, (first, second) in zip(self.values, self.gradients, moments, strict=True):
+        for value, gradient, first, second in zip(self.values, self.gradients, *self._moments, strict=True):
             first.lerp_(gradient, weights[0])
             second.lerp_(gradient.square(), weights[1])
             value -= rate * first / ((second / corrections[1]).sqrt_() + self._epsilon)
@@ -203,6 +190,6 @@ class Nets:
 def layer_shapes(inputs: int, hidden: Sequence[int], outputs: int) -> Iterator[tuple[int, int]]:
     """Returns the shapes of the weights and biases of each layer in turn."""
     sizes = [inputs, *hidden, outputs]
-    for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+    for n_in, n_out in pairwise(sizes):
         yield n_in, n_out
         yield 1, n_out

@@ -1,7 +1,7 @@
 """A population: the records of runs that differ by their seed alone, with exact anchors of their scores."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Final
@@ -13,7 +13,7 @@ from agents import Algorithm, LearnerSettings, load_algorithm
 from agents.dynamic_programming import evaluate, every_cell, solve
 from agents.policy import uniform_policy
 from benchmark.analysis.intervals import resample
-from benchmark.execution.store import Record, Store, evaluated
+from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import RunSpecification, evaluation_steps
 from envs import ZONES, InputError, Model, Scenario, compile_scenario
 from envs.model import PING
@@ -30,9 +30,7 @@ class Population:
     """
 
     specification: Mapping[str, Any]  # of the first run, as recorded
-    # Name to values, (N, ...): the fields of the algorithm's `Training`; and (N, T, ...) those of
-    # `agents.dynamic_programming.Evaluation`, named by `benchmark.execution.store.evaluated`.
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: Mapping[str, NDArray[Any]]  # name to values, (N, ...), see `benchmark.execution.store.Record`
     seeds: Sequence[int]  # (N,)
     provenance: Sequence[Mapping[str, Any]]  # (N,) see `benchmark.execution.store.Record`
 
@@ -112,6 +110,12 @@ class Population:
         returns = self.arrays[evaluated("grid_return", policy, start)]
         return np.asarray((returns - random) / (optimal - random))
 
+    def of_agent(self, agent: int) -> Mapping[str, NDArray[Any]]:
+        """Returns the arrays of one agent, name to values; those of the others are not stacked for it."""
+        if isinstance(self.arrays, _Stacked):
+            return self.arrays.agents[agent]
+        return {name: values[agent] for name, values in self.arrays.items()}
+
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
         """(O,) which cells lie in the target region."""
@@ -128,6 +132,25 @@ class Population:
         if stochastic.shape[1]:
             return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)
         return np.asarray(self.arrays["q"][:, :, PING] > 0)
+
+
+class _Stacked(Mapping[str, NDArray[Any]]):
+    """The arrays of N agents, (N, ...), each stacked when it is first asked for: all together are large."""
+
+    def __init__(self, agents: Sequence[Mapping[str, NDArray[Any]]]) -> None:
+        self.agents = agents  # (N,)
+        self._stacked: dict[str, NDArray[Any]] = {}
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._stacked:
+            self._stacked[name] = np.stack([arrays[name] for arrays in self.agents])
+        return self._stacked[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.agents[0])
+
+    def __len__(self) -> int:
+        return len(self.agents[0])
 
 
 @lru_cache(maxsize=64)
@@ -190,10 +213,10 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
             f"{len(missing)} of {len(runs)} runs of {runs[0].arm} in {runs[0].scenario.name} are "
             f"missing or failed (the first is seed {missing[0]}): run the experiment first."
         )
-    records: list[Record] = store.get([run.digest for run in runs])
+    records = store.get([run.digest for run in runs])
     return Population(
         specification=json.loads(records[0].specification),
-        arrays={name: np.stack([record.arrays[name] for record in records]) for name in records[0].arrays},
+        arrays=_Stacked([record.arrays for record in records]),
         seeds=[run.seed for run in runs],
         provenance=[record.provenance for record in records],
     )

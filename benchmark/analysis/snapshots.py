@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
 from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
+from benchmark.execution.store import VALUE_DECIMALS
 from envs import ACTIONS, Model
 
 AGENT: Final = 0  # index of the agent that is shown, in its population
-DECIMALS: Final = 3  # of its values
+DECIMALS: Final = VALUE_DECIMALS  # of its values and of the optimal ones
 
 
 class Shown(NamedTuple):
@@ -58,8 +59,9 @@ def values(shown: Iterable[Shown]) -> pd.DataFrame:
     frames = []
     for algorithm, observation, population in shown:
         places = population.map_places
-        maps = np.round(population.arrays["values"][AGENT].astype(np.float64), DECIMALS)  # (V, O, A)
-        greedy = _names(population.arrays["greedy"][AGENT, places])  # (V, O)
+        agent = population.of_agent(AGENT)
+        maps = np.round(agent["values"].astype(np.float64), DECIMALS)  # (V, O, A)
+        greedy = _names(agent["greedy"][places])  # (V, O)
         columns = {
             "algorithm": algorithm,
             "observation": observation,

@@ -90,12 +90,13 @@ class Moment:
 def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
     """Returns the film of one agent of a population."""
     places = population.map_places
-    greedy = population.arrays["greedy"][agent, places]
+    arrays = population.of_agent(agent)
+    greedy = arrays["greedy"][places]
     return Film(
         title=title,
         scene=scene_of(population.model),
         steps=np.array(population.evaluation_steps)[places].tolist(),
-        values=population.arrays["values"][agent].astype(np.float64),
+        values=arrays["values"].astype(np.float64),
         greedy=greedy,
         scores=population.scores[agent, places],
         walks=[walk(population.model, masks, population.horizon) for masks in greedy],

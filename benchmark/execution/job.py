@@ -1,6 +1,7 @@
 """Executes a job where the work is done: trains its runs, evaluates them, and makes their records."""
 
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
 from datetime import UTC, datetime
@@ -15,7 +16,7 @@ from agents.dynamic_programming import Evaluation, evaluate, every_cell
 from agents.policy import Policy, mask_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
-from benchmark.execution.store import Record, evaluated
+from benchmark.execution.store import VALUE_DECIMALS, Record, evaluated
 from envs import InputError, Model, compile_scenario
 
 
@@ -32,7 +33,7 @@ def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
     started, started_at = time.perf_counter(), now()
     reset_peak_memory()
     try:
-        columns = _train_and_evaluate(job, logs)
+        columns = recorded(_train_and_evaluate(job, logs))
     except Exception as exception:
         return failures(job, exception, started_at, time.perf_counter() - started)
     measured = provenance(job[0].algorithm) | {
@@ -52,6 +53,15 @@ def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
         )
         for i, run in enumerate(job)
     ]
+
+
+def recorded(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Returns what records hold of the arrays of N runs, (N, ...), see `Record`."""
+    return {
+        **columns,
+        "values": np.round(columns["values"].astype(np.float64), VALUE_DECIMALS).astype(np.float32),
+        "stochastic": columns["stochastic"][:, -1:],
+    }
 
 
 def failures(job: Job, error: BaseException, started_at: str, wall_time_s: float) -> list[Record]:

@@ -7,19 +7,21 @@ else.
 
 import json
 import sqlite3
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envs import InputError
 
+VALUE_DECIMALS: Final = 3  # of the values of a record
 _APPLICATION_ID = 0x50524F58  # "PROX"
-_FORMAT = 2
+_FORMAT = 3
 _SCHEMA = """
 CREATE TABLE runs (
   digest TEXT PRIMARY KEY,
@@ -27,22 +29,23 @@ CREATE TABLE runs (
   status TEXT NOT NULL CHECK (status IN ('done', 'diverged', 'failed')),
   error TEXT,
   provenance TEXT NOT NULL,
-  arrays INTEGER NOT NULL
+  arrays BLOB NOT NULL, -- see _pack
+  checksum INTEGER NOT NULL -- CRC-32 of arrays
 );
-CREATE TABLE arrays (
-  digest TEXT NOT NULL REFERENCES runs ON DELETE CASCADE,
-  name TEXT NOT NULL,
-  dtype TEXT NOT NULL,
-  shape TEXT NOT NULL,
-  data BLOB NOT NULL,
-  PRIMARY KEY (digest, name)
-);
+-- So that asking for all statuses reads no records.
+CREATE INDEX statuses ON runs (digest, status);
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What is stored of a run."""
+    """What is stored of a run.
+
+    Its arrays are the fields of the algorithm's `Training`, without the axis N, and those of `Evaluation`,
+    named by `evaluated`. Three fields of `Training` differ: `values` are rounded to `VALUE_DECIMALS`, as they
+    are published; `stochastic` is that of the last evaluation step alone, (1, O, A), or (0, O, A) if there is
+    none; and `cpu_time_s` is part of the provenance.
+    """
 
     digest: str
     specification: str  # canonical JSON
@@ -65,6 +68,39 @@ def evaluated(name: str, policy: str, start: str) -> str:
     """
     policy = "" if policy == "greedy" else f"{policy}_"
     return f"{policy}{'' if start == 'start' else f'{start}_'}{name}"
+
+
+def _pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Returns arrays as bytes, the same in whatever order they are given.
+
+    First a line of JSON with the name, dtype, shape and size in bytes of each array; then the arrays, in the
+    same order, each compressed by itself, so that one can be read without the others.
+    """
+    data = {name: zlib.compress(array.tobytes()) for name, array in sorted(arrays.items())}
+    layout = [[name, arrays[name].dtype.str, arrays[name].shape, len(part)] for name, part in data.items()]
+    return b"\n".join([json.dumps(layout).encode(), b"".join(data.values())])
+
+
+class _Packed(Mapping[str, NDArray[Any]]):
+    """What `_pack` returned, as arrays by name; an array is decompressed whenever it is asked for."""
+
+    def __init__(self, packed: bytes) -> None:
+        layout, _, self._data = packed.partition(b"\n")
+        self._places: dict[str, tuple[str, Sequence[int], slice]] = {}
+        end = 0
+        for name, dtype, shape, size in json.loads(layout):
+            start, end = end, end + size
+            self._places[name] = dtype, shape, slice(start, end)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        dtype, shape, where = self._places[name]
+        return np.frombuffer(zlib.decompress(self._data[where]), dtype).reshape(shape)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
 
 
 class Store:
@@ -99,16 +135,14 @@ class Store:
             raise
 
     def _create(self) -> None:
-        """Creates the tables, if the file is new."""
-        with self._input_errors():
-            self._connection.execute("PRAGMA foreign_keys = ON")
-            with self._transaction():
-                (tables,) = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-                if tables == 0:
-                    for statement in _SCHEMA.split(";"):
-                        self._connection.execute(statement)
-                    self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
-                    self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
+        """Creates the table, if the file is new."""
+        with self._input_errors(), self._transaction():
+            (tables,) = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+            if tables == 0:
+                for statement in _SCHEMA.split(";"):
+                    self._connection.execute(statement)
+                self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
 
     def _check(self) -> None:
         """Checks that the database is one of this project."""
@@ -145,68 +179,53 @@ class Store:
                 ).fetchone()
                 if row not in (None, ("failed",)) and record.status == "failed":
                     continue  # meanwhile another driver has done it
-                self._connection.execute("DELETE FROM runs WHERE digest = ?", (record.digest,))
+                arrays = _pack(record.arrays)
                 self._connection.execute(
-                    "INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?)",
+                    "INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?)",
                     (
                         record.digest,
                         record.specification,
                         record.status,
                         record.error,
                         json.dumps(record.provenance, sort_keys=True),
-                        len(record.arrays),
+                        arrays,
+                        zlib.crc32(arrays),
                     ),
-                )
-                self._connection.executemany(
-                    "INSERT INTO arrays VALUES (?, ?, ?, ?, ?)",
-                    [
-                        (record.digest, name, array.dtype.str, json.dumps(array.shape), array.tobytes())
-                        for name, array in record.arrays.items()
-                    ],
                 )
 
     def get(self, digests: Sequence[str], *, arrays: bool = True) -> list[Record]:
         """Returns the records of these runs, in this order, with or without their arrays.
 
         Raises:
+          InputError: A record is damaged.
           KeyError: One of them has no record.
         """
+        columns = "specification, status, error, provenance" + ", arrays, checksum" * arrays
         records = []
         with self._input_errors():
             for digest in digests:
                 row = self._connection.execute(
-                    "SELECT specification, status, error, provenance, arrays FROM runs WHERE digest = ?",
-                    (digest,),
+                    f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)
                 ).fetchone()
                 if row is None:
                     raise KeyError(digest)
-                specification, status, error, provenance, n_arrays = row
-                data = self._arrays(digest, n_arrays) if arrays else {}
-                records.append(Record(digest, specification, status, json.loads(provenance), data, error))
+                specification, status, error, provenance, *packed = row
+                unpacked = self._unpack(digest, *packed) if arrays else {}
+                records.append(Record(digest, specification, status, json.loads(provenance), unpacked, error))
         return records
 
-    def _arrays(self, digest: str, n_arrays: int) -> dict[str, NDArray[Any]]:
+    def _unpack(self, digest: str, packed: Any, checksum: Any) -> Mapping[str, NDArray[Any]]:
         """Returns a run's arrays.
 
         Raises:
           InputError: The file is damaged.
         """
-        rows = self._connection.execute(
-            "SELECT name, dtype, shape, data FROM arrays WHERE digest = ?", (digest,)
-        )
-        try:
-            arrays = {
-                name: np.frombuffer(data, dtype=dtype).reshape(json.loads(shape))
-                for name, dtype, shape, data in rows
-            }
-        except (TypeError, ValueError):
-            arrays = {}
-        if len(arrays) != n_arrays:
+        if not isinstance(packed, bytes) or zlib.crc32(packed) != checksum:
             raise InputError(
                 f"{self._path}: the record of run {digest[:12]} is damaged; remove the file and run the "
                 "experiment again."
             )
-        return arrays
+        return _Packed(packed)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

@@ -1,7 +1,8 @@
 """Measures speed: each row compares this project with a common alternative, in the same run.
 
 Machines are noisy, so all rows take turns for many rounds, and within a row its two sides do. The best round
-of each side counts.
+of each side counts. Training whole runs takes too long for that: the two sides take four turns, and CPU time
+counts.
 """
 
 import os
@@ -9,8 +10,9 @@ import platform
 import random
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +23,7 @@ from numpy.random import SeedSequence
 from rich.console import Console
 from rich.progress import track
 
-from agents import Schedule
+from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from agents.tabular import learner
@@ -75,6 +77,9 @@ def measure(directory: Path, *, smoke: bool) -> None:
         rates = _compare(compared, rounds=1 if smoke else 15)
     finally:
         workers.cancel()
+    trained = _batched_rows(smoke)
+    compared += trained
+    rates += _take_turns(trained, turns=1 if smoke else 4)
     for row, (ours, stock) in zip(compared, rates, strict=True):
         rows.append(
             {
@@ -98,8 +103,10 @@ def _readme(frame: pd.DataFrame) -> str:
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
-project's rate, `baseline` that of the alternative, both the best of many rounds in the same run, in which all
-rows take turns. Machines differ and are noisy; `ratio` is less so.
+project's rate, `baseline` that of the alternative, both the best of many rounds in the same run, in which
+all rows take turns. In rows named `batched_` the two sides take four turns at training whole runs with the
+settings of `compare_deep`, one side 25 agents at a time and the other one; these rates are per second of CPU
+time. Machines differ and are noisy; `ratio` is less so.
 
 {tables.to_markdown(frame)}"""
 
@@ -117,6 +124,52 @@ def _compare(rows: list[Row], rounds: int) -> list[tuple[float, float]]:
                 done = side()
                 rates[i] = max(rates[i], done / (time.perf_counter() - started))
     return [(ours, stock) for ours, stock in best]
+
+
+def _take_turns(rows: list[Row], turns: int) -> list[tuple[float, float]]:
+    """Returns the rates of both sides of every row over all turns, per second of CPU time."""
+    rates = []
+    for row in track(rows, "training", console=Console(stderr=True)):
+        done, seconds = [0.0, 0.0], [0.0, 0.0]
+        for _ in range(turns):
+            for i, side in enumerate((row.ours, row.stock)):
+                started = time.process_time()
+                done[i] += side()
+                seconds[i] += time.process_time() - started
+        rates.append((done[0] / seconds[0], done[1] / seconds[1]))
+    return rates
+
+
+def _batched_rows(smoke: bool) -> list[Row]:
+    """Returns the rows of batched training, with the settings of `compare_deep`, on S1."""
+    declared = load_experiment("compare_deep")
+    shortest = 200  # steps
+
+    def train(arm: str, observation: str, seeds: Iterator[int], budget: int) -> float:
+        changed = declared.model_copy(update={"settings": declared.settings | {"budget": budget}})
+        algorithm = load_algorithm(declared.algorithms[arm].algorithm)
+        chosen = list(islice(seeds, algorithm.batch_size))
+        runs = specifications(changed, DEFAULT_CONDITION, "S1", arm, observation, chosen)
+        model, streams = compile_scenario(runs[0].scenario), [run.seed_sequence for run in runs]
+        algorithm.train(model, runs[0].settings, observation, streams, runs[0].schedule)
+        return float(len(runs) * budget)
+
+    def row(arm: str, observation: str, name: str) -> Row:
+        budget = shortest if smoke else declared.settings["budget"]
+        arms = [arm, f"{arm}_sb3"]
+        for trained in arms:  # compile and import first
+            train(trained, observation, iter([0]), shortest)
+        ours, stock = (partial(train, trained, observation, count(), budget) for trained in arms)
+        against = "Stable-Baselines3, trained as in compare_deep, by CPU time"
+        return Row(f"batched_{name}", "steps", ours, stock, against)
+
+    return [
+        row("dqn", "one_hot", "dqn_one_hot"),
+        row("dqn", "coordinates", "dqn_coordinates"),
+        row("dqn_linear", "one_hot", "dqn_linear"),
+        row("ppo", "one_hot", "ppo_one_hot"),
+        row("ppo", "coordinates", "ppo_coordinates"),
+    ]
 
 
 def _rows(smoke: bool) -> list[Row]:

@@ -18,11 +18,11 @@ from agents.batched.settings import BatchedDqnSettings, BatchedPpoSettings
 from agents.dynamic_programming import evaluate
 from agents.policy import ALL_ACTIONS, mask_policy
 from agents.sb3 import algorithms
+from agents.sb3.settings import PolicyArguments
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from envs import InputError, Model, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.model import EVENTS
-from envs.observations import observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
 S2 = compile_scenario(load_scenario("S2"))
@@ -34,7 +34,7 @@ SETTINGS: dict[str, Any] = {
         learning_rate=1e-3,
         target_update_interval=50,
         exploration_fraction=0.8,
-        policy_kwargs={"net_arch": (24, 16)},
+        policy_kwargs=PolicyArguments(net_arch=(24, 16)),
     ),
     "batched_ppo": BatchedPpoSettings(
         budget=400,
@@ -43,7 +43,7 @@ SETTINGS: dict[str, Any] = {
         n_steps=20,
         batch_size=20,
         n_epochs=10,
-        policy_kwargs={"net_arch": (24, 16)},
+        policy_kwargs=PolicyArguments(net_arch=(24, 16)),
     ),
 }
 OBSERVATIONS = ["one_hot", "coordinates"]
@@ -72,7 +72,7 @@ def trained(
 
 
 # Equal to Stable-Baselines3. Both make a whole run. What the batched agents drew at random (first weights,
-# actions, mini-batches) is handed to an agent of Stable-Baselines3, whose final weights must then be the same.
+# actions, mini-batches) is handed to an agent of Stable-Baselines3; then its final weights must be the same.
 
 
 class Drawn:
@@ -268,7 +268,8 @@ def test_ppo_is_stable_baselines3s(
         ]
 
         def sample(_: Any, __: Any = None, actions: Any = actions) -> torch.Tensor:
-            return actions.popleft()
+            sampled: torch.Tensor = actions.popleft()
+            return sampled
 
         def permute(n: int, orders: Any = orders, stock: Any = stock) -> NDArray[np.int64]:
             order = orders[stock.num_timesteps // settings.rollout - 1].popleft()
@@ -328,14 +329,15 @@ def test_agents_step_as_the_vector_env_does(scenario: str) -> None:
         assert np.array_equal(terminated, replay.terminated[:, row].ravel())
         assert np.array_equal(truncated & ~terminated, replay.truncated[:, row].ravel())
         event = np.where(ended, info["final_info"]["event"], info["event"]) if ended.any() else info["event"]
-        reward = info["grid_reward"].copy()
-        if ended.any():
-            reward[ended] = info["final_info"]["grid_reward"][ended]
+        grid, issuer = (
+            np.where(ended, info["final_info"][name], info[name]) if ended.any() else info[name]
+            for name in ("grid_reward", "issuer_reward")
+        )
         received = replay.reward[:, row].ravel()
-        if scenario == "S1":
-            assert received == pytest.approx(reward)
-        elif scenario == "S2":  # the issuer's reward is drawn
-            assert (np.abs(received - reward) <= np.where(actions == 4, 1.0, 1e-6)).all()
+        if scenario == "S2":  # the issuer's reward is drawn
+            assert (np.abs(received - grid) <= np.where(actions == 4, 1.0, 1e-6)).all()
+        else:
+            assert received == pytest.approx(grid + issuer, abs=1e-6)
         wrong += np.isin(event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
     assert agents.disagreements.tolist() == wrong.reshape(shape).sum(axis=1).tolist()
     share = (replay.action != 4).mean()  # half of the steps explore, a fifth of these by PING
@@ -388,7 +390,7 @@ def equal(one: DeepTraining, other: DeepTraining, rows: Any = slice(None)) -> bo
 def test_bits_of_an_agent_do_not_depend_on_its_batch(
     name: str, observation: str, net_arch: tuple[int, ...]
 ) -> None:
-    changes = {"policy_kwargs": {"net_arch": net_arch}, "batch_size": 40}
+    changes: dict[str, Any] = {"policy_kwargs": {"net_arch": net_arch}, "batch_size": 40}
     together = trained(name, observation, [*range(7)], **changes)
     for seeds in ([3], [6, 0], [5, 4, 3, 2, 1]):
         assert equal(together, trained(name, observation, seeds, **changes), seeds)

@@ -16,12 +16,12 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from agents import Schedule, load_algorithm
+from agents import DeepTraining, Schedule, load_algorithm
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import ALL_ACTIONS, contains, mask_policy
 from agents.sb3 import algorithms
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings
-from agents.sb3.training import DeepTraining, make_agent, policy_table, train
+from agents.sb3.training import make_agent, policy_table, train
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.model import PING

@@ -174,6 +174,10 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
         for field in fields(training):
             if field.name != "cpu_time_s":
                 expected = getattr(training, field.name)[0]
+                if field.name == "values":
+                    expected = np.round(expected.astype(np.float64), 3).astype(np.float32)
+                if field.name == "stochastic":  # of the last evaluation step
+                    expected = expected[-1:]
                 assert record.arrays[field.name].tobytes() == expected.tobytes(), field.name
     learned = {specification.arm: record.arrays for specification, record in results}
     assert (learned["sarsa"]["q"] != learned["expected_sarsa"]["q"]).any()

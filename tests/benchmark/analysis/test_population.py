@@ -37,7 +37,15 @@ def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
         assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
         records = store.get([runs[i].digest for i in (5, 0)])
     for i, record in zip((0, 5), records, strict=True):
-        assert (loaded.arrays["q"][i] == record.arrays["q"]).all()
+        assert loaded.arrays.keys() == loaded.of_agent(i).keys() == record.arrays.keys()
+        for name, values in record.arrays.items():
+            assert np.array_equal(loaded.arrays[name][i], values)
+            assert np.array_equal(loaded.of_agent(i)[name], values)
+
+
+def test_arrays_of_one_agent() -> None:
+    q = np.arange(4 * 120 * 5.0).reshape(4, 120, 5)
+    assert (population(q=q).of_agent(2)["q"] == q[2]).all()
 
 
 def test_scores_lie_between_the_exact_anchors() -> None:

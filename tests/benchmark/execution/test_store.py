@@ -35,6 +35,47 @@ def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
             store.get(["z"])
 
 
+NUMBERS = ["i1", "u1", "<i2", ">u4", "<i8", "<f2", "<f4", ">f8", "<c16", "<M8[s]"]
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (3, 0), (1,), (2, 3, 5)])
+def test_arrays_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    arrays: dict[str, NDArray[Any]] = {
+        # Any bits: some floats are denormal, or NaN with a payload.
+        name: np.frombuffer(rng.bytes(int(np.prod(shape)) * np.dtype(name).itemsize), name).reshape(shape)
+        for name in NUMBERS
+    }
+    arrays["bool"] = np.array(rng.random(shape) < 0.5)
+    arrays["text"] = np.full(shape, "PING")
+    arrays["transposed"] = np.arange(12.0).reshape(3, 4).T
+    arrays["NaN"] = np.array([0x7FF8000000000123, 0xFFF0000000000001], dtype=np.uint64).view(np.float64)
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x", arrays=arrays)])
+        (stored,) = store.get(["x"])
+    assert stored.arrays.keys() == arrays.keys()
+    for name, values in arrays.items():
+        back = stored.arrays[name]
+        assert (back.dtype, back.shape, back.tobytes()) == (values.dtype, values.shape, values.tobytes())
+
+
+def test_equal_arrays_are_stored_as_equal_bytes(tmp_path: Path) -> None:
+    arrays = {"b": np.arange(5), "a": np.arange(6.0).reshape(2, 3), "c": np.array(True)}
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x", arrays=arrays)])
+        store.add([record("y", arrays=dict(reversed(arrays.items())))])
+        store.add([record("z", arrays=arrays | {"a": np.asfortranarray(arrays["a"])})])
+    connection = sqlite3.connect(tmp_path / "runs.db")
+    assert len(connection.execute("SELECT DISTINCT arrays, checksum FROM runs").fetchall()) == 1
+    connection.close()
+
+
+def test_arrays_are_compressed(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record(str(i), arrays={"a": np.zeros(100_000)}) for i in range(10)])
+    assert (tmp_path / "runs.db").stat().st_size < 100_000
+
+
 def test_records_are_added_all_or_none(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         store.add([record("x")])
@@ -61,10 +102,19 @@ def test_foreign_and_broken_stores_are_refused_and_left_alone(tmp_path: Path) ->
     with sqlite3.connect(other) as connection:
         connection.execute("CREATE TABLE cats (name TEXT)")
     connection.close()
-    before = other.read_bytes()
-    with pytest.raises(InputError, match=r"other\.db: not a store of this version"):
-        Store(other)
-    assert other.read_bytes() == before
+    older = tmp_path / "older.db"
+    with Store(older):
+        pass
+    with sqlite3.connect(older) as connection:
+        connection.execute("PRAGMA user_version = 2")
+    connection.close()
+    for path in (other, older):
+        before = path.read_bytes()
+        with pytest.raises(
+            InputError, match=rf"{path.name}: not a store of this version of the project; move"
+        ):
+            Store(path)
+        assert path.read_bytes() == before
     with pytest.raises(InputError, match="cannot be used as the store"):
         Store(tmp_path)  # a folder
     with pytest.raises(InputError, match="cannot be made"):
@@ -84,7 +134,12 @@ def test_damaged_store_is_reported_in_one_sentence(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "damage",
-    ["DELETE FROM arrays WHERE name = 'q'", "UPDATE arrays SET data = substr(data, 1, 13) WHERE name = 'q'"],
+    [
+        "substr(arrays, 1, length(arrays) - 1)",  # without its end
+        "CAST(replace(hex(arrays), '22', '20') AS BLOB)",  # other bytes
+        "'text'",
+        "zeroblob(0)",
+    ],
 )
 def test_damaged_records_are_reported_in_one_sentence(tmp_path: Path, damage: str) -> None:
     arrays = {"q": np.zeros(5), "r": np.zeros(5)}
@@ -92,11 +147,27 @@ def test_damaged_records_are_reported_in_one_sentence(tmp_path: Path, damage: st
         store.add([record("0123456789abcdef", arrays=arrays)])
     connection = sqlite3.connect(tmp_path / "runs.db")
     with connection:
-        connection.execute(damage)
+        connection.execute(f"UPDATE runs SET arrays = {damage}")
     connection.close()
     expected = pytest.raises(InputError, match=r"runs\.db: the record of run 0123456789ab is damaged; remove")
     with Store(tmp_path / "runs.db", read_only=True) as store, expected:
         store.get(["0123456789abcdef"])
+
+
+def test_every_flipped_byte_of_the_arrays_is_noticed(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x", arrays={"q": np.arange(3), "r": np.zeros(0)})])
+    connection = sqlite3.connect(tmp_path / "runs.db", isolation_level=None)
+    ((packed,),) = connection.execute("SELECT arrays FROM runs").fetchall()
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        for i in range(len(packed)):
+            damaged = packed[:i] + bytes([packed[i] ^ 1]) + packed[i + 1 :]
+            connection.execute("UPDATE runs SET arrays = ?", (damaged,))
+            with pytest.raises(InputError, match="is damaged"):
+                store.get(["x"])
+        connection.execute("UPDATE runs SET arrays = ?", (packed,))
+        assert store.get(["x"])[0].arrays["q"].tolist() == [0, 1, 2]
+    connection.close()
 
 
 def test_reading_needs_a_store_and_changes_nothing(tmp_path: Path) -> None:
