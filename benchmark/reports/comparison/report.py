@@ -145,21 +145,6 @@ def _display_profile(frame: pd.DataFrame) -> pd.DataFrame:
     return frame[(frame["score"] * 10 % 1).abs() < 1e-9]
 
 
-def _tenths(frame: pd.DataFrame) -> pd.DataFrame:
-    tenth: float = frame["step"].max() / 10
-    return frame[frame["step"] % tenth == 0]
-
-
-def _display_curves(frame: pd.DataFrame) -> pd.DataFrame:
-    columns = ["score_iqm", "success", "disagreements"]
-    return tables.with_intervals(_tenths(frame), columns)[[*_POPULATION, "step", *columns]]
-
-
-def _display_curves_cpu(frame: pd.DataFrame) -> pd.DataFrame:
-    shown = tables.with_intervals(_tenths(frame), ["score_iqm"])
-    return shown[[*_POPULATION, "step", "cpu_time_s", "score_iqm"]]
-
-
 def _display_threshold(frame: pd.DataFrame) -> pd.DataFrame:
     columns = ["reached_share", "stays_share"]
     steps = ["reached_step_median", "stays_step_median"]
@@ -331,7 +316,6 @@ ITEMS: Final = (
         name="curves",
         description="score, success and disagreements over training, against environment steps",
         compute=_curves,
-        display=_display_curves,
         draw=_draw_curves,
         caption="Mean score of the greedy policy over training, with its 95 % interval.",
     ),
@@ -473,7 +457,6 @@ ITEMS: Final = (
         description="score over training against CPU time",
         section="cost",
         compute=_curves_cpu,
-        display=_display_curves_cpu,
         draw=_draw_curves_cpu,
         caption="Mean score against the CPU time spent on training.",
         is_measured=True,
