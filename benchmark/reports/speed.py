@@ -105,8 +105,8 @@ def _readme(frame: pd.DataFrame) -> str:
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
-project's rate, `baseline` that of the alternative, both the best of many rounds in the same run, in which
-all rows take turns. In rows named `batched_`, both sides train whole runs with the settings of
+project's rate, `baseline` that of the alternative. Most rates are the best of many rounds in the same run,
+in which rows take turns. In rows named `batched_`, both sides train whole runs with the settings of
 `compare_deep`, in turns; this project trains {batch_size} agents at a time, Stable-Baselines3 one. These
 rates are totals per second of CPU time. Machines differ and are noisy; `ratio` is less so.
 
