@@ -45,8 +45,8 @@ class BatchedAlgorithm:
         Raises:
           InputError: A package is not installed, or there is no such device.
         """
-        # A product of two single matrices may take another routine, which rounds otherwise, so that a single
-        # agent learns beside a copy of itself.
+        # A product of single matrices may use another routine with other rounding, so a single agent is
+        # trained together with a copy of itself.
         pair = [*seeds, *seeds] if len(seeds) == 1 else seeds
         try:
             trained: DeepTraining = import_module(self.module).train(

@@ -12,7 +12,14 @@ from torch import Tensor
 from agents.batched import kernels
 from agents.batched.nets import Nets, Parameters, layer_shapes
 from agents.batched.settings import BatchedDqnSettings
-from agents.batched.training import N_ACTIONS, Snapshots, Streams, every_cell, input_table, torch_as_needed
+from agents.batched.training import (
+    N_ACTIONS,
+    Snapshots,
+    Streams,
+    all_observations,
+    input_table,
+    torch_as_needed,
+)
 from agents.contract import DeepTraining, Schedule, check_request
 from envs import Model
 
@@ -42,17 +49,18 @@ def train(
     check_request(settings, seeds, schedule)
     with torch_as_needed(settings.device) as device:
         streams = Streams(seeds)
-        learner = Learner(model, settings, observation, len(seeds), device)
+        learner = QNets(model, settings, observation, len(seeds), device)
         learner.draw_weights(streams.weights)
         world = kernels.world_of(model, settings.time_limit)
         agents = streams.agents(world, settings.n_envs)
+        learner.compile(world, agents)
         snapshots = Snapshots(model, schedule, len(seeds), learner.action_values, is_value=True)
         snapshots.keep_counts(0, agents.disagreements)
         n_synchronised = max(settings.target_update_interval // settings.n_envs, 1)
         epsilon = 0.0  # as in Stable-Baselines3, until the first step is done
         n_calls = 0
         for step in range(0, settings.budget, settings.rollout):
-            snapshots.keep_policies(step, step + settings.rollout)
+            snapshots.keep_policies(step, step + settings.rollout, agents.disagreements)
             for _ in range(settings.train_freq):
                 taken = n_calls * settings.n_envs
                 if taken < settings.learning_starts:
@@ -70,7 +78,7 @@ def train(
                 n_steps = settings.gradient_steps
                 for _ in range(settings.rollout if n_steps < 0 else n_steps):
                     learner.update(*learner.draw(streams.learning))
-        snapshots.keep_policies(settings.budget, settings.budget + 1)
+        snapshots.keep_policies(settings.budget, settings.budget + 1, agents.disagreements)
         return snapshots.training(learner.parameters)
 
 
@@ -87,7 +95,7 @@ def exploration_rate(settings: BatchedDqnSettings, taken: int) -> float:
     return first + progress * (last - first) / settings.exploration_fraction
 
 
-class Learner:
+class QNets:
     """The nets and the replay buffers of N agents.
 
     Between two synchronisations the target nets are read as tables, since there are only O observations.
@@ -105,7 +113,7 @@ class Learner:
         self._settings = settings
         self._device = device
         self._n_agents = n_agents
-        self._every_cell = every_cell(model, n_agents, device)
+        self._all_observations = all_observations(model, n_agents, device)
         table = input_table(model, observation, device)
         inputs = model.n_observations if table is None else table.shape[1]
         shapes = list(layer_shapes(inputs, settings.policy_kwargs.net_arch, N_ACTIONS))
@@ -119,19 +127,19 @@ class Learner:
         n_rows = max(settings.arguments["buffer_size"] // settings.n_envs, 1)
         shape = n_agents, n_rows, settings.n_envs
         self.replay = kernels.Replay(
-            observation=np.zeros(shape, dtype=np.int16),
+            observation=np.zeros(shape, dtype=np.int32),
             action=np.zeros(shape, dtype=np.int8),
             reward=np.zeros(shape, dtype=np.float32),
-            next_observation=np.zeros(shape, dtype=np.int16),
+            next_observation=np.zeros(shape, dtype=np.int32),
             terminated=np.zeros(shape, dtype=np.bool_),
             truncated=np.zeros(shape, dtype=np.bool_),
         )
         self._n_written = 0  # rows
         self.no_values = np.zeros((n_agents, settings.n_envs, N_ACTIONS), dtype=np.float32)
-        self._first_cell = np.arange(n_agents)[:, None] * model.n_observations  # (N, 1)
+        self._first_observation = np.arange(n_agents)[:, None] * model.n_observations  # (N, 1)
         batch = n_agents, settings.batch_size
         self._rows, self._envs = np.empty(batch, dtype=np.int64), np.empty(batch, dtype=np.int64)
-        self._cells, self._actions = np.empty(batch, dtype=np.int64), np.empty(batch, dtype=np.int64)
+        self._observed, self._actions = np.empty(batch, dtype=np.int64), np.empty(batch, dtype=np.int64)
         self._targets = np.empty(batch, dtype=np.float32)
         self._gradient = torch.zeros(*batch, N_ACTIONS, device=device)
 
@@ -142,10 +150,6 @@ class Learner:
             for n, generator in enumerate(generators):
                 for values in (weights[n], biases[n]):
                     values.copy_(torch.empty(values.shape).uniform_(-bound, bound, generator=generator))
-        self.copy_to_target()
-
-    def copy_to_target(self) -> None:
-        """Makes the target nets equal to the nets."""
         for target, value in zip(self._target, self.parameters.values, strict=True):
             target.copy_(value)
         self._next_value = None
@@ -156,14 +160,26 @@ class Learner:
             target.lerp_(value, self._settings.tau)
         self._next_value = None
 
+    def compile(self, world: kernels.World, agents: kernels.Agents) -> None:
+        """Compiles the kernels, before any clock runs."""
+        none, replay = kernels.none_of(agents), kernels.none_of(self.replay)
+        batches = [
+            batch[:0] for batch in (self._rows, self._envs, self._observed, self._actions, self._targets)
+        ]
+        kernels.act(world, none, self.no_values[:0], 0.0, replay, 0)
+        kernels.draw_batches(none.streams, 1, 1, *batches[:2])
+        kernels.read_batches(
+            replay, *batches[:2], 0, 1, self._settings.gamma, self.no_values[:0, 0], *batches[2:]
+        )
+
     def action_values(self) -> Tensor:
         """Returns the action values of all observations, (N, O, A); they are overwritten by the next call."""
-        return self._nets.forward(self._every_cell)
+        return self._nets.forward(self._all_observations)
 
     def values_of(self, observations: NDArray[np.int64]) -> NDArray[np.float32]:
         """Returns the action values of observations (N, E), (N, E, A)."""
-        cells = torch.from_numpy(observations + self._first_cell).to(self._device)
-        return np.asarray(self._nets.forward(cells).cpu().numpy())
+        observed = torch.from_numpy(observations + self._first_observation).to(self._device)
+        return np.asarray(self._nets.forward(observed).cpu().numpy())
 
     @property
     def _last_row(self) -> int:
@@ -189,7 +205,7 @@ class Learner:
           envs: (N, B) of the same.
         """
         if self._next_value is None:
-            values = self._target_nets.forward(self._every_cell).amax(dim=2)
+            values = self._target_nets.forward(self._all_observations).amax(dim=2)
             self._next_value = values.cpu().numpy()
         kernels.read_batches(
             self.replay,
@@ -199,16 +215,16 @@ class Learner:
             self._settings.n_steps,
             self._settings.gamma,
             self._next_value,
-            self._cells,
+            self._observed,
             self._actions,
             self._targets,
         )
-        cells, actions, targets = (
+        observed, actions, targets = (
             torch.from_numpy(values).to(self._device)
-            for values in (self._cells, self._actions, self._targets)
+            for values in (self._observed, self._actions, self._targets)
         )
         taken = actions[..., None]
-        error = self._nets.forward(cells).gather(2, taken).sub_(targets[..., None])
+        error = self._nets.forward(observed).gather(2, taken).sub_(targets[..., None])
         self._gradient.zero_().scatter_(2, taken, error.clamp_(-1.0, 1.0).div_(rows.shape[1]))
         self._nets.backward(self._gradient)
         self.parameters.step()

@@ -6,7 +6,7 @@ Axis letters: N agents, E envs of an agent, O observations, A actions, C rows of
 mini-batch, L steps of a rollout.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numba
 import numpy as np
@@ -16,6 +16,7 @@ from agents.tabular.kernel import draw_word
 from envs import Model
 from envs.model import ACTIONS, draw_issuer_reward
 
+Arrays = TypeVar("Arrays", bound=tuple[Any, ...])
 _N_ACTIONS = len(ACTIONS)
 _draw_issuer_reward = numba.njit(draw_issuer_reward)
 
@@ -47,10 +48,10 @@ class Agents(NamedTuple):
 class Replay(NamedTuple):
     """The replay buffers, as Stable-Baselines3 has them: a row per step of the envs."""
 
-    observation: NDArray[np.int16]  # (N, C, E)
+    observation: NDArray[np.int32]  # (N, C, E)
     action: NDArray[np.int8]  # (N, C, E)
     reward: NDArray[np.float32]  # (N, C, E)
-    next_observation: NDArray[np.int16]  # (N, C, E)
+    next_observation: NDArray[np.int32]  # (N, C, E)
     terminated: NDArray[np.bool_]  # (N, C, E)
     truncated: NDArray[np.bool_]  # (N, C, E) by the time limit alone
 
@@ -58,7 +59,7 @@ class Replay(NamedTuple):
 class Rollout(NamedTuple):
     """The rollouts of all agents, as Stable-Baselines3 flattens them: env after env."""
 
-    cell: NDArray[np.int64]  # (N, E * L) agent * O + observation
+    observed: NDArray[np.int64]  # (N, E * L) agent * O + observation
     action: NDArray[np.int64]  # (N, E * L)
     old_log_probability: NDArray[np.float32]  # (N, E * L)
     old_value: NDArray[np.float32]  # (N, E * L)
@@ -80,6 +81,11 @@ def world_of(model: Model, time_limit: int | None) -> World:
         is_noisy=model.is_noisy,
         time_limit=time_limit or 2**62,
     )
+
+
+def none_of(arrays: Arrays) -> Arrays:
+    """Returns the arrays of no agents, with which a kernel does nothing but get compiled."""
+    return type(arrays)(*(array[:0] for array in arrays))
 
 
 @numba.njit(cache=True)
@@ -173,7 +179,7 @@ def read_batches(
     n_steps: int,
     gamma: float,
     next_value: NDArray[np.float32],
-    cells: NDArray[np.int64],
+    observed: NDArray[np.int64],
     actions: NDArray[np.int64],
     targets: NDArray[np.float32],
 ) -> None:
@@ -189,7 +195,7 @@ def read_batches(
       n_steps: Steps of a return, at most.
       gamma: The discount.
       next_value: (N, O) the target nets' largest action value of each observation.
-      cells: Where to write agent * O + observation, (N, B).
+      observed: Where to write agent * O + observation, (N, B).
       actions: Where to write actions, (N, B).
       targets: Where to write targets, (N, B).
     """
@@ -198,7 +204,7 @@ def read_batches(
     for n in range(rows.shape[0]):
         for b in range(rows.shape[1]):
             row, e = rows[n, b], envs[n, b]
-            cells[n, b] = n * n_observations + replay.observation[n, row, e]
+            observed[n, b] = n * n_observations + replay.observation[n, row, e]
             actions[n, b] = replay.action[n, row, e]
             total = np.float32(0.0)
             discount = np.float32(1.0)
@@ -253,7 +259,7 @@ def roll_out(
                 while action < _N_ACTIONS - 1 and not draw < cumulated:
                     action += 1
                     cumulated += probability[n, o, action]
-                rollout.cell[n, i] = n * n_observations + o
+                rollout.observed[n, i] = n * n_observations + o
                 rollout.action[n, i] = action
                 rollout.old_log_probability[n, i] = log_probability[n, o, action]
                 rollout.old_value[n, i] = value[n, o]

@@ -1,7 +1,8 @@
 """Multilayer perceptrons of many agents as stacked arrays, with gradients written by hand.
 
-Every layer is one call over all agents. An agent's numbers do not depend on the others: matrices are
-multiplied one by one, and everything else is element by element.
+Every layer is one call over all agents. On the CPU, an agent's numbers do not depend on the others: matrices
+are multiplied separately, sums and norms run within an agent, and the rest is element by element. A test
+checks it for batches of two agents and more.
 
 Axis letters: N agents, O observations, B rows of a mini-batch, P parameters of an agent.
 """
@@ -91,10 +92,15 @@ class Parameters:
     def _step_of_some(self, is_learning: Tensor) -> None:
         """Makes a step of Adam for some agents, whose counts of steps differ."""
         self.n_steps += is_learning.cpu().numpy()
-        n_steps = torch.from_numpy(np.maximum(self.n_steps, 1)).to(is_learning.device)
-        corrections = [(1.0 - beta**n_steps).float()[:, None, None] for beta in _BETAS]
+        n_steps = np.maximum(self.n_steps, 1)
+        corrections = [
+            torch.from_numpy((1.0 - beta**n_steps).astype(np.float32)).to(is_learning.device)[:, None, None]
+            for beta in _BETAS
+        ]
         weights = [((1.0 - beta) * is_learning)[:, None, None] for beta in _BETAS]
         rate = (self._learning_rate * is_learning)[:, None, None] / corrections[0]
+        for gradient in self.gradients:  # that of others may be infinite, which zero times does not undo
+            gradient.masked_fill_(~is_learning[:, None, None], 0.0)
         for value, gradient, first, second in zip(self.values, self.gradients, *self._moments, strict=True):
             first.lerp_(gradient, weights[0])
             second.lerp_(gradient.square(), weights[1])
@@ -126,24 +132,24 @@ class Nets:
         self._table = None if table is None else table.repeat(n_agents, 1)  # (N * O, inputs)
         self._buffers: dict[int, list[Tensor]] = {}  # by B: for each layer its outputs, and their gradients
         self._inputs: Tensor | None = None
-        self._cells = torch.empty(0, dtype=torch.int64)
+        self._observed = torch.empty(0, dtype=torch.int64)
 
-    def forward(self, cells: Tensor) -> Tensor:
+    def forward(self, observed: Tensor) -> Tensor:
         """Returns the outputs for mini-batches, (N, B, outputs); they are overwritten by the next call.
 
         Args:
-          cells: (N, B) int64, agent * O + observation.
+          observed: (N, B) int64, agent * O + observation.
         """
-        n_agents, n_rows = cells.shape
-        self._cells = cells.reshape(-1)
+        n_agents, n_rows = observed.shape
+        self._observed = observed.reshape(-1)
         self._rows = self._of_rows(n_agents, n_rows)
         hidden = self._rows[0]
         if self._table is None:
             weights = self._weights[0]
-            torch.index_select(weights.flatten(0, 1), 0, self._cells, out=hidden.flatten(0, 1))
+            torch.index_select(weights.flatten(0, 1), 0, self._observed, out=hidden.flatten(0, 1))
             hidden.add_(self._biases[0])
         else:
-            self._inputs = self._table.index_select(0, self._cells).view(n_agents, n_rows, -1)
+            self._inputs = self._table.index_select(0, self._observed).view(n_agents, n_rows, -1)
             torch.baddbmm(self._biases[0], self._inputs, self._weights[0], out=hidden)
         for layer in range(1, len(self._weights)):
             torch.relu_(hidden) if self._is_relu else torch.tanh_(hidden)
@@ -172,7 +178,7 @@ class Nets:
         first = self._weight_gradients[0]
         if self._inputs is None:
             first.zero_()
-            first.flatten(0, 1).index_add_(0, self._cells, gradient.flatten(0, 1))
+            first.flatten(0, 1).index_add_(0, self._observed, gradient.flatten(0, 1))
         else:
             torch.bmm(self._inputs.transpose(1, 2), gradient, out=first)
 

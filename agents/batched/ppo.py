@@ -12,7 +12,14 @@ from torch import Tensor
 from agents.batched import kernels
 from agents.batched.nets import Nets, Parameters, layer_shapes
 from agents.batched.settings import BatchedPpoSettings
-from agents.batched.training import N_ACTIONS, Snapshots, Streams, every_cell, input_table, torch_as_needed
+from agents.batched.training import (
+    N_ACTIONS,
+    Snapshots,
+    Streams,
+    all_observations,
+    input_table,
+    torch_as_needed,
+)
 from agents.contract import DeepTraining, Schedule, check_request
 from envs import Model
 
@@ -43,16 +50,19 @@ def train(
     check_request(settings, seeds, schedule)
     with torch_as_needed(settings.device) as device:
         streams = Streams(seeds)
-        learner = Learner(model, settings, observation, len(seeds), device)
+        learner = ActorCritics(model, settings, observation, len(seeds), device)
         learner.draw_weights(streams.weights)
         world = kernels.world_of(model, settings.time_limit)
         agents = streams.agents(world, settings.n_envs)
         counts = np.empty((len(seeds), settings.n_steps), dtype=np.int64)
         order = np.empty((len(seeds), settings.rollout), dtype=np.int64)
+        learner.compile(world, agents, counts, order)
         snapshots = Snapshots(model, schedule, len(seeds), learner.probabilities, is_value=False)
         snapshots.keep_counts(0, agents.disagreements)
         for step in range(0, settings.budget, settings.rollout):
-            snapshots.keep_policies(step, step + settings.rollout)
+            snapshots.keep_policies(step, step + settings.rollout, agents.disagreements)
+            learner.read_tables()
+            snapshots.note_divergence(~learner.is_finite(), agents.disagreements)
             learner.roll_out(world, agents, counts)
             for t in range(settings.n_steps):
                 snapshots.keep_counts(step + (t + 1) * settings.n_envs, counts[:, t])
@@ -60,11 +70,11 @@ def train(
                 kernels.shuffle(streams.learning, order)
                 for start in range(0, settings.rollout, settings.batch_size):
                     learner.update(order[:, start : start + settings.batch_size])
-        snapshots.keep_policies(settings.budget, settings.budget + 1)
+        snapshots.keep_policies(settings.budget, settings.budget + 1, agents.disagreements)
         return snapshots.training(learner.parameters)
 
 
-class Learner:
+class ActorCritics:
     """The actors and critics of N agents, and their rollouts.
 
     While a rollout is made, actors and critics do not change, so they are read as tables over O observations.
@@ -81,7 +91,7 @@ class Learner:
         """Makes nets whose weights are zero."""
         self._settings = settings
         self._device = device
-        self._every_cell = every_cell(model, n_agents, device)
+        self._all_observations = all_observations(model, n_agents, device)
         table = input_table(model, observation, device)
         inputs = model.n_observations if table is None else table.shape[1]
         hidden = settings.policy_kwargs.net_arch
@@ -100,7 +110,7 @@ class Learner:
         self._critics = Nets(values[half:], gradients[half:], "tanh", table)
         shape = n_agents, settings.rollout
         self.rollout = kernels.Rollout(
-            cell=np.empty(shape, dtype=np.int64),
+            observed=np.empty(shape, dtype=np.int64),
             action=np.empty(shape, dtype=np.int64),
             old_log_probability=np.empty(shape, dtype=np.float32),
             old_value=np.empty(shape, dtype=np.float32),
@@ -108,7 +118,8 @@ class Learner:
             value_target=np.empty(shape, dtype=np.float32),
         )
         self._on_device = [torch.from_numpy(values).to(device) for values in self.rollout]
-        self.is_learning = torch.ones(n_agents, dtype=torch.bool, device=device)  # not stopped by the KL
+        self._tables: list[NDArray[np.float32]] = []  # probabilities, their logarithms, values
+        self._is_learning = torch.ones(n_agents, dtype=torch.bool, device=device)  # not stopped by the KL
 
     def draw_weights(self, generators: Sequence[torch.Generator]) -> None:
         """Draws orthogonal weights; biases stay zero."""
@@ -123,7 +134,32 @@ class Learner:
 
     def probabilities(self) -> Tensor:
         """Returns the action probabilities for all observations, (N, O, A)."""
-        return self._actors.forward(self._every_cell).softmax(dim=2)
+        return self._actors.forward(self._all_observations).softmax(dim=2)
+
+    def compile(
+        self,
+        world: kernels.World,
+        agents: kernels.Agents,
+        counts: NDArray[np.int64],
+        order: NDArray[np.int64],
+    ) -> None:
+        """Compiles the kernels, before any clock runs; takes the arrays that they will write."""
+        none, rollout = kernels.none_of(agents), kernels.none_of(self.rollout)
+        self.read_tables()
+        gamma, gae_lambda = self._settings.gamma, self._settings.gae_lambda
+        tables = [table[:0] for table in self._tables]
+        kernels.roll_out(world, none, *tables, gamma, gae_lambda, rollout, counts[:0])
+        kernels.shuffle(none.streams, order[:0])
+
+    def read_tables(self) -> None:
+        """Reads actors and critics for all observations, which is what the next rollout needs."""
+        log_probability = self._actors.forward(self._all_observations).log_softmax(dim=2)
+        value = self._critics.forward(self._all_observations).squeeze(2)
+        self._tables = [table.cpu().numpy() for table in (log_probability.exp(), log_probability, value)]
+
+    def is_finite(self) -> NDArray[np.bool_]:
+        """Returns whether all probabilities of each agent were finite when they were read, (N,)."""
+        return np.asarray(np.isfinite(self._tables[0]).all(axis=(1, 2)))
 
     def roll_out(self, world: kernels.World, agents: kernels.Agents, counts: NDArray[np.int64]) -> None:
         """Makes the next rollouts.
@@ -133,26 +169,11 @@ class Learner:
           agents: Who acts.
           counts: Where to write wrong PINGs so far after each step of the envs, (N, L).
         """
-        log_probability = self._actors.forward(self._every_cell).log_softmax(dim=2)
-        value = self._critics.forward(self._every_cell).squeeze(2)
-        kernels.roll_out(
-            world,
-            agents,
-            log_probability.exp().cpu().numpy(),
-            log_probability.cpu().numpy(),
-            value.cpu().numpy(),
-            self._settings.gamma,
-            self._settings.gae_lambda,
-            self.rollout,
-            counts,
-        )
-        self.begin_epochs()
-
-    def begin_epochs(self) -> None:
-        """Hands a rollout that has been made to the device; all agents learn from it."""
+        gamma, gae_lambda = self._settings.gamma, self._settings.gae_lambda
+        kernels.roll_out(world, agents, *self._tables, gamma, gae_lambda, self.rollout, counts)
         for there, here in zip(self._on_device, self.rollout, strict=True):
             there.copy_(torch.from_numpy(here))
-        self.is_learning.fill_(True)
+        self._is_learning.fill_(True)
 
     def update(self, chosen: NDArray[np.int64]) -> None:
         """Makes a gradient step on mini-batches.
@@ -162,17 +183,17 @@ class Learner:
         """
         settings, n_rows = self._settings, chosen.shape[1]
         places = torch.from_numpy(chosen).to(self._device)
-        cells, actions, old_log_probability, old_value, advantage, value_target = (
+        observed, actions, old_log_probability, old_value, advantage, value_target = (
             values.gather(1, places) for values in self._on_device
         )
-        log_probability = self._actors.forward(cells).log_softmax(dim=2)
-        value = self._critics.forward(cells).squeeze(2)
+        log_probability = self._actors.forward(observed).log_softmax(dim=2)
+        value = self._critics.forward(observed).squeeze(2)
         taken = actions[..., None]
         log_ratio = log_probability.gather(2, taken).squeeze(2).sub_(old_log_probability)
         ratio = log_ratio.exp()
         if settings.target_kl is not None:
             divergence = (ratio - 1 - log_ratio).mean(dim=1)
-            self.is_learning &= ~(divergence > 1.5 * settings.target_kl)
+            self._is_learning &= ~(divergence > 1.5 * settings.target_kl)
 
         if settings.normalize_advantage and n_rows > 1:
             advantage = advantage - advantage.mean(dim=1, keepdim=True)
@@ -198,4 +219,4 @@ class Learner:
         if is_free is not None:
             error *= is_free
         self._critics.backward(error[..., None])
-        self.parameters.step(self.is_learning)
+        self.parameters.step(self._is_learning)

@@ -28,8 +28,7 @@ N_ACTIONS: Final = len(ACTIONS)
 def torch_as_needed(device: Device) -> Iterator[torch.device]:
     """Sets one torch thread, no automatic gradients, and denormal numbers to zero; restores them afterwards.
 
-    Adam's moments of weights that get no gradient decay into denormal numbers after some hundred updates, and
-    arithmetic on them takes three times as long.
+    For denormal numbers see `agents.sb3.training`.
 
     Yields:
       The device.
@@ -78,7 +77,7 @@ def input_table(model: Model, observation: str, device: torch.device) -> Tensor 
     return torch.as_tensor(observation_table(model, observation), device=device)
 
 
-def every_cell(model: Model, n_agents: int, device: torch.device) -> Tensor:
+def all_observations(model: Model, n_agents: int, device: torch.device) -> Tensor:
     """Returns all observations as `Nets.forward` takes them, (N, O)."""
     return torch.arange(n_agents * model.n_observations, device=device).view(n_agents, -1)
 
@@ -87,7 +86,8 @@ class Snapshots:
     """Keeps policies, counts of wrong PINGs and CPU seconds at the evaluation steps.
 
     Policies change only between rollouts, so the policy at a rollout's start is that of every evaluation step
-    from there to the next rollout.
+    from there to the next rollout. An agent that has diverged goes on to the end of the budget, which costs
+    the others nothing; its counts stay what they were.
     """
 
     def __init__(
@@ -112,15 +112,17 @@ class Snapshots:
         self._disagreements = np.zeros((n_agents, len(self._points)), dtype=np.int64)
         self._cpu_time_s = np.zeros(len(self._points))
         self._diverged_at = np.full(n_agents, -1)
+        self._last_counts = np.zeros(n_agents, dtype=np.int64)  # of agents that have diverged
         self._reading_s = 0.0  # CPU seconds spent on reading policies, which is not training
         self._started_s = time.thread_time()
 
-    def keep_policies(self, step: int, before: int) -> None:
+    def keep_policies(self, step: int, before: int, disagreements: NDArray[np.int64]) -> None:
         """Keeps the present policies for all evaluation steps before a step that have none yet.
 
         Args:
           step: The present step.
           before: The end of the next rollout.
+          disagreements: (N,) wrong PINGs so far.
         """
         due = sum(point < before for point in self._points[self._n_policies :])
         if due == 0:
@@ -129,25 +131,29 @@ class Snapshots:
         table = self._read().double().cpu().numpy()
         if not self._is_value:
             table = table / table.sum(axis=-1, keepdims=True)
-        point = self._points[self._n_policies]
-        diverges = ~np.isfinite(table).all(axis=(1, 2)) & (self._diverged_at < 0)
-        self._diverged_at[diverges] = point
+        self.note_divergence(~np.isfinite(table).all(axis=(1, 2)), disagreements)
         table[self._diverged_at >= 0] = np.nan
-        if point == step:  # its update is done
+        if self._points[self._n_policies] == step:  # its update is done
             self._cpu_time_s[self._n_policies] = started_s - self._started_s - self._reading_s
         self._tables[self._n_policies : self._n_policies + due] = table
         self._n_policies += due
         self._reading_s += time.thread_time() - started_s
 
-    def keep_counts(self, step: int, disagreements: NDArray[np.int64]) -> None:
-        """Keeps wrong PINGs (N,) and CPU seconds for all evaluation steps up to a step.
+    def note_divergence(self, diverged: NDArray[np.bool_], disagreements: NDArray[np.int64]) -> None:
+        """Notes which agents (N,) have no policy from here on, and their wrong PINGs (N,) so far."""
+        new = diverged & (self._diverged_at < 0)
+        if new.any():
+            self._diverged_at[new] = (
+                self._points[min(self._n_policies, len(self._points) - 1)] if self._points else 0
+            )
+            self._last_counts[new] = disagreements[new]
 
-        The counts of agents that have diverged stay what they were.
-        """
+    def keep_counts(self, step: int, disagreements: NDArray[np.int64]) -> None:
+        """Keeps wrong PINGs (N,) and CPU seconds for all evaluation steps up to a step."""
         while self._n_counts < len(self._points) and self._points[self._n_counts] <= step:
             i = self._n_counts
-            before = self._disagreements[:, max(i - 1, 0)]
-            self._disagreements[:, i] = np.where(self._diverged_at < 0, disagreements, before)
+            counts = np.where(self._diverged_at < 0, disagreements, self._last_counts)
+            self._disagreements[:, i] = counts
             self._cpu_time_s[i] = time.thread_time() - self._started_s - self._reading_s
             self._n_counts += 1
 

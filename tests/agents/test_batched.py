@@ -10,10 +10,12 @@ import pytest
 import torch
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
+from scipy.stats import kstest
 from stable_baselines3.common.utils import LinearSchedule
 
 from agents import DeepTraining, Schedule, load_algorithm
 from agents.batched import dqn, kernels, ppo
+from agents.batched.nets import Parameters
 from agents.batched.settings import BatchedDqnSettings, BatchedPpoSettings
 from agents.dynamic_programming import evaluate
 from agents.policy import ALL_ACTIONS, mask_policy
@@ -85,6 +87,11 @@ class Drawn:
         self.batches: list[tuple[NDArray[np.int64], ...]] = []  # (N, B) each
 
 
+def nets_of(module: Any) -> Any:
+    """Returns the class of the nets of an algorithm's module."""
+    return dqn.QNets if module is dqn else ppo.ActorCritics
+
+
 def wrap(
     monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, after: Callable[[Any, tuple[Any, ...]], None]
 ) -> None:
@@ -107,7 +114,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, module: Any) -> Drawn:
         drawn.learner = arguments[0]
         drawn.first = [value.numpy().copy() for value in drawn.learner.parameters.values]
 
-    wrap(monkeypatch, module.Learner, "draw_weights", keep_first)
+    wrap(monkeypatch, nets_of(module), "draw_weights", keep_first)
     return drawn
 
 
@@ -151,6 +158,17 @@ DQN_CHANGES: list[dict[str, Any]] = [
     {"n_steps": 3, "time_limit": 11, "buffer_size": 90},
     {"n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "gradient_steps": 2},
     {"exploration_initial_eps": 0.9, "exploration_final_eps": 0.2, "exploration_fraction": 0.3},
+    # Greedy from the start.
+    {
+        "exploration_initial_eps": 0.0,
+        "exploration_final_eps": 0.0,
+        "learning_starts": 0,
+        "n_envs": 3,
+        "train_freq": 1,
+        "target_update_interval": 2,
+        "batch_size": 40,
+        "buffer_size": 60,
+    },
 ]
 
 
@@ -172,7 +190,7 @@ def test_dqn_is_stable_baselines3s(
     wrap(monkeypatch, kernels, "act", keep_actions)
     wrap(
         monkeypatch,
-        dqn.Learner,
+        dqn.QNets,
         "draw",
         lambda batch, _: drawn.batches.append(tuple(part.copy() for part in batch)),
     )
@@ -195,6 +213,9 @@ def test_dqn_is_stable_baselines3s(
             rates: Any = their_rates,
         ) -> Any:
             rates.append(1.0 if stock.num_timesteps < learning_starts else stock.exploration_rate)
+            if rates[-1] == 0.0:
+                greedy, _ = stock.policy.predict(stock._last_obs, deterministic=True)
+                assert np.array_equal(actions[0], greedy)
             return (actions[0], actions.popleft())
 
         indices = deque(part[agent] for batch in drawn.batches for part in batch)
@@ -226,6 +247,7 @@ PPO_CHANGES: list[dict[str, Any]] = [
     {"normalize_advantage": False, "max_grad_norm": 0.05, "time_limit": 7},
     {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5},
     {"n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None},
+    {"batch_size": 64, "n_epochs": 20},
 ]
 
 
@@ -299,17 +321,22 @@ def test_exploration_is_scheduled_as_in_stable_baselines3() -> None:
 # Acting
 
 
+def agents_at_start(model: Model, n_envs: int) -> kernels.Agents:
+    """Returns two agents with streams of their own."""
+    seeds = np.arange(1, 9, dtype=np.uint64).reshape(2, 4) * np.uint64(0x9E3779B97F4A7C15)
+    shape = 2, n_envs
+    return kernels.Agents(
+        seeds, np.full(shape, model.start), np.zeros(shape, np.int64), np.zeros(2, np.int64)
+    )
+
+
 @pytest.mark.parametrize("scenario", ["S1", "S2", "S3"])
 def test_agents_step_as_the_vector_env_does(scenario: str) -> None:
     model = compile_scenario(load_scenario(scenario))
     n_agents, n_envs, n_steps, limit = 2, 3, 400, 20
-    world = kernels.world_of(model, limit)
-    seeds = np.arange(1, 9, dtype=np.uint64).reshape(2, 4) * np.uint64(0x9E3779B97F4A7C15)
-    shape = n_agents, n_envs
-    agents = kernels.Agents(
-        seeds, np.full(shape, model.start), np.zeros(shape, np.int64), np.zeros(n_agents, np.int64)
-    )
-    buffer = [np.zeros((n_agents, n_steps, n_envs), kind) for kind in ("i2", "i1", "f4", "i2", "?", "?")]
+    world, shape = kernels.world_of(model, limit), (n_agents, n_envs)
+    agents = agents_at_start(model, n_envs)
+    buffer = [np.zeros((n_agents, n_steps, n_envs), kind) for kind in ("i4", "i1", "f4", "i4", "?", "?")]
     replay = kernels.Replay(*buffer)
     for row in range(n_steps):
         q = np.tile(np.array([0, 0, 0, 0, 1], np.float32), (*shape, 1))
@@ -344,32 +371,118 @@ def test_agents_step_as_the_vector_env_does(scenario: str) -> None:
     assert abs(share - 0.4) < 4 * np.sqrt(0.4 * 0.6 / (n_steps * n_agents))
 
 
-def test_issuers_rewards_and_probabilities_are_drawn_from_the_right_distributions() -> None:
-    n_agents, n_envs, n_steps = 2, 2, 5000
-    world = kernels.world_of(S2, None)
-    seeds = np.arange(1, 9, dtype=np.uint64).reshape(2, 4) * np.uint64(0x9E3779B97F4A7C15)
-    shape = n_agents, n_envs
-    agents = kernels.Agents(
-        seeds, np.full(shape, S2.start), np.zeros(shape, np.int64), np.zeros(n_agents, np.int64)
-    )
-    size = n_agents, n_envs * n_steps
-    rollout = kernels.Rollout(*(np.zeros(size, kind) for kind in ("i8", "i8", "f4", "f4", "f4", "f4")))
+def test_issuers_rewards_are_uniform() -> None:
+    agents, n_steps = agents_at_start(S2, 2), 1000
+    buffer = [np.zeros((2, n_steps, 2), kind) for kind in ("i4", "i1", "f4", "i4", "?", "?")]
+    replay = kernels.Replay(*buffer)
+    q = np.tile(np.array([0, 0, 0, 0, 1], np.float32), (2, 2, 1))
+    for row in range(n_steps):
+        kernels.act(kernels.world_of(S2, None), agents, q, 0.0, replay, row)
+    assert (replay.action == 4).all()
+    assert (replay.terminated.sum(axis=1) == n_steps // 5).all()  # by the fifth wrong PING
+    noise = replay.reward + np.where(replay.terminated, 1.0, 0.4)
+    assert kstest(noise.ravel(), "uniform", (-1, 2)).pvalue > 1e-3
+    assert len(np.unique(noise)) > 0.99 * noise.size
+
+
+def test_actions_are_drawn_from_their_probabilities() -> None:
+    agents, n_steps = agents_at_start(S1, 2), 5000
+    kinds = ("i8", "i8", "f4", "f4", "f4", "f4")
+    rollout = kernels.Rollout(*(np.zeros((2, 2 * n_steps), kind) for kind in kinds))
     expected = np.array([0.1, 0.3, 0.05, 0.25, 0.3], np.float32)
-    probability = np.tile(expected, (n_agents, 120, 1))
-    value = np.zeros((n_agents, 120), np.float32)
-    counts = np.zeros((n_agents, n_steps), np.int64)
+    probability = np.tile(expected, (2, 120, 1))
+    value, counts = np.zeros((2, 120), np.float32), np.zeros((2, n_steps), np.int64)
+    world = kernels.world_of(S1, None)
     kernels.roll_out(world, agents, probability, np.log(probability), value, 0.0, 0.0, rollout, counts)
     shares = np.bincount(rollout.action.ravel(), minlength=5) / rollout.action.size
     assert shares == pytest.approx(expected, abs=4 * np.sqrt(0.25 / rollout.action.size))
     assert np.exp(rollout.old_log_probability) == pytest.approx(expected[rollout.action])
-    # Without a discount an advantage is the reward: at a wrong PING, -0.4 and the issuer's.
-    cells = rollout.cell % 120
-    wrong = (rollout.action == 4) & (cells == 0)
-    noise = np.sort(rollout.advantage[wrong] + 0.4)  # the fifth costs 1, as far below
-    noise = noise[np.abs(noise) <= 1]
-    assert np.abs(noise.mean()) < 0.2
     assert counts[:, -1].tolist() == agents.disagreements.tolist()
     assert (np.diff(counts) >= 0).all()
+
+
+def test_mini_batches_are_drawn_uniformly() -> None:
+    streams = agents_at_start(S1, 1).streams
+    order = np.zeros((2, 8), dtype=np.int64)
+    times = np.zeros((8, 8))  # how often each item came to each place
+    for _ in range(2000):
+        kernels.shuffle(streams, order)
+        assert (np.sort(order) == np.arange(8)).all()
+        for row in order:
+            times[np.arange(8), row] += 1
+    assert np.abs(times / 4000 - 1 / 8).max() < 5 * np.sqrt(1 / 8 * 7 / 8 / 4000)
+    rows, envs = np.zeros((2, 4000), dtype=np.int64), np.zeros((2, 4000), dtype=np.int64)
+    kernels.draw_batches(streams, 10, 3, rows, envs)
+    counts = np.bincount((rows * 3 + envs).ravel(), minlength=30)
+    assert len(counts) == 30
+    assert np.abs(counts / 8000 - 1 / 30).max() < 5 * np.sqrt(1 / 30 / 8000)
+
+
+def test_large_grids_have_observations_of_their_own() -> None:
+    large = compile_scenario(load_scenario("S1", {"grid.rows": 200, "grid.columns": 200, "ping_limit": 2}))
+    agents = agents_at_start(large, 1)
+    agents.state[:] = 39_990
+    replay = kernels.Replay(*(np.zeros((2, 1, 1), kind) for kind in ("i4", "i1", "f4", "i4", "?", "?")))
+    kernels.act(kernels.world_of(large, None), agents, np.zeros((2, 1, 5), np.float32), 0.0, replay, 0)
+    assert replay.observation.ravel().tolist() == [39_990] * 2
+    assert replay.next_observation.ravel().tolist() == [39_790] * 2  # a move up
+
+
+# Nets
+
+
+def first_weights(name: str, observation: str, monkeypatch: pytest.MonkeyPatch) -> list[NDArray[np.float32]]:
+    drawn = recorded(monkeypatch, dqn if name == "batched_dqn" else ppo)
+    trained(name, observation, policy_kwargs={"net_arch": (64, 48)})
+    return drawn.first
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_first_weights_of_dqn_are_those_of_linear_layers(
+    observation: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = first_weights("batched_dqn", observation, monkeypatch)
+    for weights, biases in zip(first[::2], first[1::2], strict=True):
+        bound = 1 / np.sqrt(weights.shape[1])
+        values = np.concatenate([weights.ravel(), biases.ravel()])
+        assert kstest(values, "uniform", (-bound, 2 * bound)).pvalue > 1e-3
+        assert not np.array_equal(weights[0], weights[1])
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_first_weights_of_ppo_are_orthogonal(observation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = first_weights("batched_ppo", observation, monkeypatch)
+    gains = [np.sqrt(2), np.sqrt(2), 0.01, np.sqrt(2), np.sqrt(2), 1.0]
+    for weights, biases, gain in zip(first[::2], first[1::2], gains, strict=True):
+        assert not biases.any()
+        for matrix in weights:
+            short = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
+            assert short @ short.T == pytest.approx(gain**2 * np.eye(len(short)), abs=1e-5)
+
+
+def test_agents_that_stop_early_make_steps_of_their_own() -> None:
+    """Each agent's steps are those of torch's Adam, and gradients that are left out may be infinite."""
+    shapes = [(3, 4), (1, 4)]
+    parameters = Parameters(2, shapes, 0.01, 1e-5, 1e9, torch.device("cpu"), stops_early=True)
+    theirs = [[torch.nn.Parameter(torch.zeros(shape)) for shape in shapes] for _ in range(2)]
+    optimizers = [torch.optim.Adam(values, lr=0.01, eps=1e-5) for values in theirs]
+    generator = torch.Generator().manual_seed(0)
+    for learning in ([1, 1], [1, 0], [0, 1], [1, 0], [1, 1]):
+        for gradient in parameters.gradients:
+            gradient.copy_(torch.randn(gradient.shape, generator=generator))
+        for agent in range(2):
+            for value, gradient in zip(theirs[agent], parameters.gradients, strict=True):
+                value.grad = gradient[agent].clone()
+            if learning[agent]:
+                optimizers[agent].step()
+            else:
+                parameters.gradients[0][agent, 0, 0] = -torch.inf
+        with torch.no_grad():
+            parameters.step(torch.tensor(learning, dtype=torch.bool))
+    assert parameters.n_steps.tolist() == [4, 3]
+    for agent in range(2):
+        for value, their in zip(parameters.values, theirs[agent], strict=True):
+            assert torch.allclose(value[agent], their, rtol=1e-6, atol=1e-8)
 
 
 # Any batch
@@ -385,16 +498,32 @@ def equal(one: DeepTraining, other: DeepTraining, rows: Any = slice(None)) -> bo
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
-@pytest.mark.parametrize("name", SETTINGS)
-@pytest.mark.parametrize("net_arch", [(), (128, 128), (33,)])
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("batched_dqn", {"policy_kwargs": {"net_arch": (128, 128)}, "batch_size": 64}),
+        ("batched_dqn", {"policy_kwargs": {"net_arch": ()}, "n_steps": 3, "batch_size": 128}),
+        ("batched_dqn", {"policy_kwargs": {"net_arch": (33,)}, "tau": 0.3, "n_envs": 2, "batch_size": 17}),
+        ("batched_ppo", {"policy_kwargs": {"net_arch": (128, 128)}, "n_steps": 50, "batch_size": 100}),
+        ("batched_ppo", {"policy_kwargs": {"net_arch": ()}, "batch_size": 17, "ent_coef": 0.1}),
+        ("batched_ppo", {"policy_kwargs": {"net_arch": (33,)}, "batch_size": 13, "clip_range_vf": 0.1}),
+        ("batched_ppo", {"target_kl": 0.004, "learning_rate": 3e-3, "batch_size": 39}),
+    ],
+    ids=str,
+)
 def test_bits_of_an_agent_do_not_depend_on_its_batch(
-    name: str, observation: str, net_arch: tuple[int, ...]
+    name: str, observation: str, changes: dict[str, Any]
 ) -> None:
-    changes: dict[str, Any] = {"policy_kwargs": {"net_arch": net_arch}, "batch_size": 40}
-    together = trained(name, observation, [*range(7)], **changes)
-    for seeds in ([3], [6, 0], [5, 4, 3, 2, 1]):
-        assert equal(together, trained(name, observation, seeds, **changes), seeds)
-    assert len(np.unique(together.weights, axis=0)) == 7
+    changes = {"budget": 200} | changes
+    together = trained(name, observation, [*range(25)], points=(0, 100, 200), **changes)
+    for seeds in ([24], [6, 0], [5, 4, 3, 2, 1]):
+        assert equal(together, trained(name, observation, seeds, points=(0, 100, 200), **changes), seeds)
+    assert len(np.unique(together.weights, axis=0)) == 25
+
+
+def rows_of(training: DeepTraining, rows: list[int]) -> DeepTraining:
+    """Returns the results of some agents."""
+    return DeepTraining(**{field.name: getattr(training, field.name)[rows] for field in fields(training)})
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -405,7 +534,7 @@ def test_a_diverged_agent_counts_as_random_and_disturbs_no_other(
     module = dqn if name == "batched_dqn" else ppo
     wrap(
         monkeypatch,
-        module.Learner,
+        nets_of(module),
         "draw_weights",
         lambda _, arguments: arguments[0].parameters.values[0][1].fill_(torch.nan),
     )
@@ -417,6 +546,34 @@ def test_a_diverged_agent_counts_as_random_and_disturbs_no_other(
     assert np.isnan(training.q[1]).all()
     assert (training.stochastic[1] == 0.2).all()
     assert training.disagreements[1].tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_divergence_between_two_points_counts_from_the_next(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = (0, 160, 200, 390, 400)
+    sound = trained(name, points=points)
+    n_steps = 0
+
+    def poison(_: Any, arguments: tuple[Any, ...]) -> None:
+        nonlocal n_steps
+        n_steps += 1
+        if n_steps == {"batched_dqn": 31, "batched_ppo": 80}[name]:  # after step 162, and after step 160
+            arguments[0].values[0][1].fill_(torch.nan)
+
+    wrap(monkeypatch, Parameters, "step", poison)
+    training = trained(name, points=points)
+    first = {"batched_dqn": 200, "batched_ppo": 160}[name]
+    assert training.diverged_at.tolist() == [-1, first, -1]
+    assert equal(training, rows_of(sound, [0, 2]), [0, 2])
+    counts = training.disagreements[1].tolist()
+    assert counts[1] == sound.disagreements[1, 1]
+    # Of DQN as at step 200, where it is seen; of PPO as at step 160, since it can draw no action from there.
+    assert counts[2:] == [counts[2]] * 3
+    assert counts[2] == counts[1] if name == "batched_ppo" else counts[2] >= counts[1]
+    has_policy = (training.greedy[1] != ALL_ACTIONS).all(axis=1)
+    assert has_policy.tolist() == [point < first for point in points]
 
 
 # What is kept
@@ -461,15 +618,20 @@ def test_parameters_and_updates_by_hand() -> None:
     training = trained("batched_ppo", "coordinates")
     assert training.parameters.tolist() == [2 * hidden + 16 * 5 + 5 + 16 + 1] * 3
     assert training.updates.tolist() == [400 // 40 * 10 * 2] * 3
+    assert trained("batched_dqn", gradient_steps=0).updates.tolist() == [0] * 3
 
 
-def test_torch_is_left_as_it_was() -> None:
-    threads = torch.get_num_threads()
+def test_torch_is_set_and_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def state() -> tuple[int, bool, bool]:
+        flushes = (torch.tensor([1e-39]) * 0.5).item() == 0
+        return torch.get_num_threads(), torch.is_grad_enabled(), flushes
+
+    before, during = state(), set()
+    wrap(monkeypatch, kernels, "act", lambda *_: during.add(state()))
     trained("batched_dqn")
-    assert torch.get_num_threads() == threads
-    assert torch.is_grad_enabled()
-    tiny = torch.tensor([1e-39])
-    assert (tiny * 0.5).item() > 0
+    assert during == {(1, False, True)}
+    assert state() == before
+    assert before[1:] == (True, False)
 
 
 @pytest.mark.parametrize("name", SETTINGS)

@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,7 +17,6 @@ from benchmark.execution.job import execute_job
 from benchmark.execution.plan import plan
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import (
-    EXPERIMENT_DIRECTORY,
     Experiment,
     RunSpecification,
     all_specifications,
@@ -26,18 +24,9 @@ from benchmark.experiments import (
     specifications,
 )
 from envs import InputError
-from envs.inputs import override, parse, read_toml
 from tests.support import ROOT, command
 
 SMALL = load_experiment("compare_deep_smoke")
-
-
-def changed(**changes: Any) -> Experiment:
-    """The miniature with some values changed; __ in a key stands for a dot."""
-    base = read_toml(EXPERIMENT_DIRECTORY / "compare_deep.toml")
-    small = read_toml(EXPERIMENT_DIRECTORY / "compare_deep_smoke.toml")["changes"]
-    dotted = {key.replace("__", "."): value for key, value in changes.items()}
-    return parse(Experiment, override(base, small | dotted, "test"), "test", name=SMALL.name)
 
 
 def population(
@@ -47,7 +36,7 @@ def population(
 
 
 def test_runs_are_the_same_alone_in_a_pool_and_after_an_interrupt(tmp_path: Path) -> None:
-    runs = population("dqn", "one_hot", [0, 1, 2]) + population("ppo", "coordinates", [0, 1])
+    runs = population("dqn_sb3", "one_hot", [0, 1, 2]) + population("ppo_sb3", "coordinates", [0, 1])
     with Store(tmp_path / "runs.db") as store:
 
         def interrupt(_: list[Record]) -> None:
@@ -75,7 +64,7 @@ def test_workers_stay_for_the_next_job() -> None:
     try:
         pids = []
         for seed in (0, 1):
-            (record,) = executor.submit(population("dqn", "one_hot", [seed])).result()
+            (record,) = executor.submit(population("dqn_sb3", "one_hot", [seed])).result()
             assert record.error is None
             pids.append([process.pid for process in multiprocessing.active_children()])
     finally:
@@ -85,7 +74,7 @@ def test_workers_stay_for_the_next_job() -> None:
 
 
 def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) -> None:
-    runs = population("dqn", "one_hot", [0, 1, 2, 3])
+    runs = population("dqn_sb3", "one_hot", [0, 1, 2, 3])
 
     def kill() -> None:
         deadline = time.monotonic() + 60
@@ -113,7 +102,7 @@ def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) ->
 
 
 def test_error_in_a_worker_is_stored_and_returned(tmp_path: Path) -> None:
-    runs = population("dqn", "one_hot", [0, 1])
+    runs = population("dqn_sb3", "one_hot", [0, 1])
     object.__setattr__(runs[1], "observation", "nonsense")
     with Store(tmp_path / "runs.db") as store:
         (error,) = run(runs, store, 1)
@@ -122,11 +111,12 @@ def test_error_in_a_worker_is_stored_and_returned(tmp_path: Path) -> None:
 
 
 def test_more_seeds_use_the_runs_that_are_there(tmp_path: Path) -> None:
-    runs = population("dqn_linear", "one_hot", [0, 1])
+    runs = population("dqn_linear_sb3", "one_hot", [0, 1])
     with Store(tmp_path / "runs.db") as store:
         assert run(runs, store, 2) == []
-        more = changed(algorithms__dqn_linear__seeds=3)
-        wanted = specifications(more, "default", "S1", "dqn_linear", "one_hot")
+        arm = SMALL.algorithms["dqn_linear_sb3"].model_copy(update={"seeds": 3})
+        more = SMALL.model_copy(update={"algorithms": {"dqn_linear_sb3": arm}})
+        wanted = specifications(more, "default", "S1", "dqn_linear_sb3", "one_hot")
         assert pending(wanted, store) == [wanted[2]]
 
 

@@ -55,7 +55,7 @@ def test_table_shows_what_is_done_running_and_failed() -> None:
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=True, width=110)
     display = Display(COMPARED, None, {runs[0].digest}, plan(runs[1:]), console)
-    (first,), (second,) = jobs_of("dqn", "one_hot", "S2")
+    (first,), (second,) = jobs_of("dqn_sb3", "one_hot", "S2")
     with display:
         display.start([first])
         display.start([second])
@@ -66,9 +66,9 @@ def test_table_shows_what_is_done_running_and_failed() -> None:
     assert lines[1].split() == ["S1", "S2"]
     rows = {" ".join(line.split()[:2]): line.split()[2:] for line in lines[2:]}
     assert rows["q_learning, index"] == ["1/4", "0/4"]
-    assert rows["dqn, one_hot"] == ["0/2", "1/2", "!1"]
-    assert "2 of 52 runs" in lines[-1]
-    assert "dqn, one_hot" in screen.getvalue()
+    assert rows["dqn_sb3, one_hot"] == ["0/2", "1/2", "!1"]
+    assert "2 of 72 runs" in lines[-1]
+    assert "dqn_sb3, one_hot" in screen.getvalue()
 
 
 def test_output_that_is_no_terminal_gets_a_line() -> None:
@@ -79,7 +79,7 @@ def test_output_that_is_no_terminal_gets_a_line() -> None:
     with display:
         display.start(job)
         display.advance([ended(run) for run in job])
-    assert file.getvalue().startswith(f"compare_deep_smoke: {1 + len(job)} of 52 runs, ")
+    assert file.getvalue().startswith(f"compare_deep_smoke: {1 + len(job)} of 72 runs, ")
     assert "updates/s" in file.getvalue()
     assert file.getvalue().count("\n") == 1
 
