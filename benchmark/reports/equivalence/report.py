@@ -123,9 +123,9 @@ REPORT: Final = Report(
                 "is `equivalent` if the 90 % interval of its difference in success after training lies "
                 "within the margin to either side of 0, which amounts to two one-sided tests at the 5 % "
                 "level, approximately, since the intervals are. Otherwise it is `different` if the 95 % "
-                "interval excludes 0, and else `undecided`. `equivalent` means that a difference as large as the "
-                "margin is rejected at the 5 % level. It does not mean that successes are equal, and it says "
-                "nothing about scores or earlier steps."
+                "interval excludes 0, and else `undecided`. `equivalent` means that a difference as large as "
+                "the margin is rejected at the 5 % level. It does not mean that successes are equal, and it "
+                "says nothing about scores or earlier steps."
             ),
         ),
     ),
