@@ -66,10 +66,10 @@ def interquartile_mean(name: str, scores: NDArray[np.float64]) -> dict[str, NDAr
 def wilson(
     mean: NDArray[np.float64] | float, n: int, level: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of Wilson's score interval of means of numbers in [0, 1].
+    """Returns the ends of score intervals of means of numbers in [0, 1].
 
-    For shares of successes it is Wilson's. No other numbers in [0, 1] vary more than 0 and 1 with the same
-    mean, so that for them the interval is rather too wide.
+    For shares of successes it is Wilson's. Other numbers in [0, 1] with the same mean vary less, so for them
+    the interval is conservative.
 
     Args:
       mean: Of any shape.

@@ -111,7 +111,7 @@ class Population:
         return np.asarray((returns - random) / (optimal - random))
 
     def of_agent(self, agent: int) -> Mapping[str, NDArray[Any]]:
-        """Returns the arrays of one agent, name to values; those of the others are not stacked for it."""
+        """Returns the arrays of one agent by name, without stacking those of the others."""
         if isinstance(self.arrays, _Stacked):
             return self.arrays.agents[agent]
         return {name: values[agent] for name, values in self.arrays.items()}

@@ -18,6 +18,7 @@ from envs.inputs import Table, override, parse, read_toml, unknown_name
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
+_NOT_TAKEN: Final = "device"  # the setting that a check does not take: where the nets of its arm are computed
 
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # without the / and = of a condition's name
 
@@ -25,8 +26,8 @@ _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # without the / an
 class Arm(Table):
     """An algorithm with its settings, and the observations from which it learns.
 
-    A *check* of another arm learns the same by another implementation. It takes the settings of that arm that
-    its algorithm has, the group, and, unless it names some of them, the observations.
+    A *check* of another arm learns the same by another implementation. It takes that arm's settings (but for
+    `device`), its group and, unless it names some of them, its observations.
     """
 
     algorithm: str
@@ -207,7 +208,8 @@ def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
     """Returns an experiment's tables, those of checks with what they take from the arms that they check.
 
     Raises:
-      InputError: A check names no arm that is not a check itself, or sets what it takes.
+      InputError: A check names no arm that is not a check itself, sets what it takes, or has an observation
+        that the arm has not.
     """
     arms = data.get("algorithms")
     if not isinstance(arms, dict) or not all(isinstance(arm, dict) for arm in arms.values()):
@@ -226,5 +228,15 @@ def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
         taken = {
             key: arms[checked][key] for key in ("observations", "group", "settings") if key in arms[checked]
         }
+        if isinstance(taken.get("settings"), dict):
+            taken["settings"] = {key: v for key, v in taken["settings"].items() if key != _NOT_TAKEN}
+        own, accepted = arm.get("observations"), taken.get("observations")
+        if isinstance(own, list) and isinstance(accepted, list):
+            for observation in own:
+                if observation not in accepted:
+                    raise InputError(
+                        f"{where}.observations: {checked} does not learn from {observation}; accepted: "
+                        f"{', '.join(map(str, accepted))}."
+                    )
         resolved[name] = taken | arm
     return data | {"algorithms": resolved}

@@ -239,6 +239,4 @@ def _settings(experiment: Experiment, arm: str, condition: str, source: str) -> 
         changed |= change.settings
         if change.settings:
             where += f" with {table}.settings"
-    # A check lacks settings that its algorithm does not have, such as a device.
-    own = {key: v for key, v in declared.settings.items() if not declared.check_of or key in cls.model_fields}
-    return parse(cls, override(experiment.settings | own, changed, where), where)
+    return parse(cls, override(experiment.settings | declared.settings, changed, where), where)

@@ -27,7 +27,8 @@ from benchmark.reports.view import Columns, Entry, Table
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.stamp`
-PUBLISHED: Final = ("reproduce", "compare_deep")  # the experiments that `results/index.html` shows
+# The experiments that `results/index.html` shows, those of them that are there.
+PUBLISHED: Final = ("reproduce", "equivalence", "compare_deep")
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more look the same
 _LINKED: Final = re.compile(r'href="([^"#]*\.csv)#row=')  # a file whose rows the page links to

@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from posixpath import normpath
 from typing import Any, Final, TypeVar
 
 import pandas as pd
@@ -16,7 +15,6 @@ from markupsafe import Markup
 from benchmark.drawing.tables import LINK
 from envs import InputError
 
-_OTHER: Final = re.compile(r"\[([^\[\]]+)\]\((\.\./[\w./-]+)\)")  # a link to a file of other results
 _UNREADABLE: Final = (OSError, ValueError, LookupError, TypeError, AttributeError)
 
 Content = TypeVar("Content")
@@ -57,13 +55,10 @@ class Folder:
         return LINK.sub(rf"{self.prefix}\2#row=\3", markdown)
 
     def as_html(self, text: str) -> Markup:
-        """Returns a sentence as HTML, with `code`, links from numbers to their rows, and to other results."""
+        """Returns a sentence as HTML, with `code` and links from numbers to their rows."""
         escaped = re.sub(r"(?<![\w-])-(?=\d)", "−", html.escape(text, quote=False))
         escaped = LINK.sub(
             lambda match: f'<a class="n" href="{self.target(match[0])}">{match[1]}</a>', escaped
-        )
-        escaped = _OTHER.sub(
-            lambda match: f'<a href="{normpath(self.prefix + match[2])}">{match[1]}</a>', escaped
         )
         parts = escaped.split("`")
         return Markup("".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts)))

@@ -1,8 +1,8 @@
 """Measures speed: each row compares this project with a common alternative, in the same run.
 
 Machines are noisy, so all rows take turns for many rounds, and within a row its two sides do. The best round
-of each side counts. Training whole runs takes too long for that: the two sides take four turns, and CPU time
-counts.
+of each side counts. Training whole runs takes too long for that: in rows named `batched_`, the two sides
+train in turns, and rates are the steps of all turns per second of CPU time.
 """
 
 import os
@@ -100,13 +100,15 @@ def measure(directory: Path, *, smoke: bool) -> None:
 
 def _readme(frame: pd.DataFrame) -> str:
     """Returns the README of the folder."""
+    arms = load_experiment("compare_deep").algorithms.values()
+    batch_size = max(load_algorithm(arm.algorithm).batch_size for arm in arms if "batched" in arm.algorithm)
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
-project's rate, `baseline` that of the alternative, both the best of many rounds in the same run, in which
-all rows take turns. In rows named `batched_` the two sides take four turns at training whole runs with the
-settings of `compare_deep`, one side 25 agents at a time and the other one; these rates are per second of CPU
-time. Machines differ and are noisy; `ratio` is less so.
+project's rate, `baseline` that of the alternative. Most rates are the best of many rounds in the same run,
+in which rows take turns. In rows named `batched_`, both sides train whole runs with the settings of
+`compare_deep`, in turns; this project trains {batch_size} agents at a time, Stable-Baselines3 one. These
+rates are totals per second of CPU time. Machines differ and are noisy; `ratio` is less so.
 
 {tables.to_markdown(frame)}"""
 

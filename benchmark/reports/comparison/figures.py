@@ -169,7 +169,7 @@ def improvement(frame: pd.DataFrame) -> Figure:
         axis.set(ylabel="how probably a run of this learner", xlabel="outscores a run of this one")
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
-        figure.colorbar(image, ax=axis, label="probability; * its 95 % interval leaves out 0.5")
+        figure.colorbar(image, ax=axis, label="probability; * its 95 % interval excludes 0.5")
     return figure
 
 
@@ -360,6 +360,10 @@ def _legend(figure: Figure, context: Context, title: str) -> None:
         Line2D([], [], label=str(learner), lw=1.3, ms=5, **_style(learner, context)) for learner in learners
     ]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=4, frameon=False, handlelength=3,
+        handles=handles,
+        loc="outside lower center",
+        ncols=4,
+        frameon=False,
+        handlelength=3,
         title=_with_checks(title, context),
-    )  # fmt: skip
+    )

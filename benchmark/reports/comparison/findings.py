@@ -21,7 +21,6 @@ from benchmark.reports.comparison.data import SB3, Learner
 from benchmark.reports.published import Published
 
 FEWEST_RUNS: Final = 10  # per scenario, of a learner on which a verdict rests
-_EQUIVALENCE: Final = "../equivalence/README.md"  # what tests whether learners and checks are equivalent
 _RANKED: Final = 3  # deep learners that are named as the best
 
 Outcome = Literal["earns", "does not earn", "undecided"]
@@ -402,15 +401,12 @@ class Findings:
             return ""
         n_checks, n_checked = self._n(*self.checks), self._n(*self.checks.values())
         is_sb3 = all("stable_baselines3" in self._packages(check) for check in self.checks)
-        text = (
-            "A check is meant to learn the same as another learner, here by "
+        return (
+            "Checks have the settings of the learners that they check and are trained by "
             f"{SB3 if is_sb3 else 'another implementation'}. Mean scores of each check ({n_checks} runs per "
-            f"scenario) and of the learner that it checks ({n_checked}): {'; '.join(parts)}. That a "
-            "difference is not significant does not show that there is none"
+            f"scenario) and of the learner that it checks ({n_checked}): {'; '.join(parts)}. These intervals "
+            "are not corrected for their number, and with few runs only large differences would show."
         )
-        if _EQUIVALENCE in self._published:
-            text += f"; see [equivalence]({_EQUIVALENCE})"
-        return f"{text}."
 
     # Numbers in words
 

@@ -20,7 +20,6 @@ from benchmark.reports.item import Frames, Item, Report, Section, whole
 from benchmark.reports.published import Published
 from benchmark.reports.view import Columns, Table
 from envs import InputError
-from envs.inputs import unknown_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,22 +32,16 @@ _ENDS: Final = ("low", "high")
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has the default condition alone, and that every check has its learner.
+    """Checks that an experiment has the default condition alone.
 
     Raises:
-      InputError: It has other conditions, or a check has an observation that its learner has not.
+      InputError: It has other conditions.
     """
     if list(experiment.conditions) != [DEFAULT_CONDITION]:
         raise InputError(
             f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
             "alone."
         )
-    for name, arm in experiment.algorithms.items():
-        accepted = experiment.algorithms[arm.check_of or name].observations
-        for observation in arm.observations:
-            if observation not in accepted:
-                where = f"{experiment.argument}: algorithms.{name}"
-                unknown_name(where, f"observation for a check of {arm.check_of}", observation, accepted)
 
 
 # Tables
@@ -278,7 +271,8 @@ def _view_cost(published: Published) -> Table:
     if not sizes:
         return table
     batch = (
-        f"; of a net trained in a batch of up to {max(sizes)}, CPU time is its share, and memory the batch's"
+        f"; for a net trained in a batch of up to {max(sizes)}, CPU time is its share of the batch's, and "
+        "memory is the whole batch's"
     )
     return replace(table, caption=table.caption + batch)
 
@@ -479,7 +473,9 @@ ITEMS: Final = (
 
 def _words(published: Published) -> Sequence[tuple[str, str]]:
     """Explains the terms of the tables."""
-    manifest: Mapping[str, object] = published.manifest
+    manifest: Mapping[str, Any] = published.manifest
+    summary = published.frame("summary")
+    n = summary.loc[summary["algorithm"].isin(_checks(published)), "n"]
     return [
         (
             "learner",
@@ -521,36 +517,43 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
             "95 % percentile bootstrap intervals over runs, stratified by scenario where scenarios are "
             f"combined, with {RESAMPLES} seeded resamples ({RESAMPLES // 2} for profiles). Intervals of the "
             "shares in `threshold` are exact binomial ones. They are not corrected for the number of "
-            "comparisons. With ten runs bootstrap intervals are too narrow, and where all runs agree they "
-            "have no width.",
+            f"comparisons. With ten runs or fewer{', as checks have,' if n.max() <= 10 else ''} bootstrap "
+            "intervals are too narrow, and where all runs agree they have no width.",
         ),
         ("inf", "at least half of the runs never reached the threshold."),
         (
             "diverged",
             "a net whose values are no longer finite counts as the random policy from then on. "
-            f"Diverged runs: {int(published.frame('summary')['diverged'].sum())}.",
+            f"Diverged runs: {int(summary['diverged'].sum())}.",
         ),
     ]
+
+
+def _checks(published: Published) -> dict[str, Mapping[str, Any]]:
+    """Returns the arms that are checks, by name."""
+    return {name: arm for name, arm in published.manifest["algorithms"].items() if arm.get("check_of")}
 
 
 def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, str]]:
     """Explains checks and batches, if there are any."""
     arms: Mapping[str, Any] = published.manifest["algorithms"]
-    checks = [f"`{name}` checks `{arm['check_of']}`" for name, arm in arms.items() if arm.get("check_of")]
-    if checks:
+    if checks := _checks(published):
+        pairs = ", ".join(f"`{name}` checks `{arm['check_of']}`" for name, arm in checks.items())
+        is_sb3 = all("stable_baselines3" in arm["packages"] for arm in checks.values())
+        sb3 = "Stable-Baselines3's classes learn; denormal numbers count as zero, and Adam's step is fused. "
         yield (
             "check",
-            "a learner that is meant to learn the same as another one, by another implementation: "
-            f"{', '.join(checks)}. Figures show it hollow, beside the learner that it checks. No verdict "
-            "rests on it, and it is not ranked.",
+            "a learner with the settings of another one, trained by another implementation: "
+            f"{pairs}. {sb3 if is_sb3 else ''}Figures show it hollow, beside the learner that it checks. "
+            "It is not ranked, and no verdict rests on it.",
         )
     sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
     if sizes:
-        text = f"up to {max(sizes)} nets that are trained at once, each with random numbers of its own."
+        text = f"up to {max(sizes)} nets trained at once, each with its own random numbers."
         if any(ALGORITHMS.get(name, "").startswith("agents.batched.") for name in algorithms):
             text += (
-                " `agents/batched` trains so. It takes the arguments of DQN and PPO of Stable-Baselines3, "
-                "with their defaults, and is written to learn as they do."
+                " `agents/batched` takes the arguments and defaults of Stable-Baselines3's DQN and PPO and "
+                "implements the same updates."
             )
         yield "batch", text
 
@@ -569,7 +572,7 @@ REPORT: Final = Report(
                 "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
                 "runs. A learner is an algorithm with its settings and the form of observation that it "
                 "learns from; a name that ends in `_default` stands for Stable-Baselines3's own settings. "
-                "A check is meant to learn the same as another learner, by another implementation; no "
+                "A check has the settings of another learner and is trained by another implementation; no "
                 "verdict rests on it. "
                 "P is the probability that a run of the first learner scores higher than a run of the second "
                 "in the same scenario. "

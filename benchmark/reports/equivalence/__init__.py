@@ -1,4 +1,4 @@
-"""Checks: whether two implementations of an algorithm learn the same, as far as their runs can show."""
+"""Checks: whether two implementations of an algorithm succeed equally often, as far as runs can show."""
 
 from benchmark.reports.equivalence.report import REPORT
 

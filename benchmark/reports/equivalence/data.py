@@ -57,13 +57,12 @@ class Data:
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has checks of what there is, and the default condition alone.
+    """Checks that an experiment has a check, and the default condition alone.
 
     Raises:
       InputError: It does not.
     """
-    arms = experiment.algorithms
-    if not any(arm.check_of for arm in arms.values()):
+    if not any(arm.check_of for arm in experiment.algorithms.values()):
         raise InputError(
             f"{experiment.argument}: algorithms: no arm has the key check_of; accepted: at least one check."
         )
@@ -72,14 +71,6 @@ def check(experiment: Experiment) -> None:
             f"{experiment.argument}: readings, sweep: an equivalence takes the {DEFAULT_CONDITION} condition "
             "alone."
         )
-    for name, arm in arms.items():
-        for observation in arm.observations if arm.check_of else ():
-            if observation not in arms[arm.check_of].observations:
-                accepted = ", ".join(arms[arm.check_of].observations)
-                raise InputError(
-                    f"{experiment.argument}: algorithms.{name}.observations: {arm.check_of} has no "
-                    f"{observation}; accepted: {accepted}."
-                )
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:
@@ -95,7 +86,10 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
       InputError: Runs are missing, and which.
     """
     if partial:
-        raise InputError(f"--partial: {experiment.name} is an equivalence; accepted: a comparison.")
+        raise InputError(
+            f"--partial: {experiment.name} is reported only when all its runs are there; accepted: an "
+            "experiment whose report is comparison."
+        )
     checks = {name: arm.check_of for name, arm in experiment.algorithms.items() if arm.check_of}
     runs = {}
     for name in map(Name._make, experiment.populations):

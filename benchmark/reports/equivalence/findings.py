@@ -1,8 +1,11 @@
 """What an equivalence found, in sentences from its published table; judging words follow from its numbers."""
 
+from collections.abc import Iterable
 from typing import Final
 
+import numpy as np
 import pandas as pd
+from scipy import stats
 
 from benchmark.analysis.intervals import newcombe
 from benchmark.drawing.tables import link, show
@@ -15,9 +18,7 @@ _TABLE: Final = "equivalence"
 def headline(published: Published) -> str:
     """Counts the verdicts, and names the largest difference."""
     pairs = published.frame(_TABLE)
-    arms, checks = (
-        " and ".join(f"`{name}`" for name in pairs[key].unique()) for key in ("algorithm", "check")
-    )
+    arms, checks = (_listed_names(pairs[key].unique()) for key in ("algorithm", "check"))
     equivalent, different, undecided = (_number(pairs[pairs["verdict"] == verdict]) for verdict in VERDICTS)
     widest = _widest(pairs, "success")
     return (
@@ -35,7 +36,7 @@ def sentences(published: Published) -> list[str]:
         _listed("Different in success", pairs[pairs["verdict"] == "different"], "success"),
         _listed("Undecided", pairs[pairs["verdict"] == "undecided"], "success"),
         _listed(
-            "Equivalent, but with a difference whose 95 % interval leaves out 0",
+            "Equivalent, but with a difference whose 95 % interval excludes 0",
             _shown(pairs[pairs["verdict"] == "equivalent"], "success"),
             "success",
         ),
@@ -62,17 +63,23 @@ def _resolution(pairs: pd.DataFrame) -> str:
     """Says which differences the runs can show or exclude where half of them succeed."""
     n, check_n, margin = int(pairs["n"].min()), int(pairs["check_n"].min()), float(pairs["margin"].iloc[0])
     reach_90, reach_95 = (newcombe(0.5, n, 0.5, check_n, level)[1] for level in (0.90, 0.95))
-    limit = (
-        f"is equivalent only if its successes are less than about {margin - reach_90:.2f} apart"
-        if reach_90 < margin
-        else "cannot be equivalent"
-    )
-    return (
+    limit = margin - reach_90
+    text = (
         f"With {link(str(n), _TABLE, pairs)} runs of an arm and {link(str(check_n), _TABLE, pairs)} of its "
-        "check, half of which succeed, the 90 % interval of the difference reaches "
-        f"{reach_90:.2f} to either side: such a pair {limit}; it is different only from about "
-        f"{reach_95:.2f} on, and may be undecided although both learn the same."
+        f"check, half of which succeed, the 90 % interval of the difference extends {reach_90:.2f} to either "
+        "side. Such a pair "
     )
+    if limit <= 0:
+        return f"{text}cannot be equivalent, and is different only from about {reach_95:.2f}."
+    text += (
+        f"is equivalent only if the two successes differ by less than about {limit:.2f}, and different only "
+        f"from about {reach_95:.2f}"
+    )
+    # The observed difference if both probabilities are one half, by the normal approximation.
+    difference = stats.norm(scale=np.sqrt(1 / n + 1 / check_n) / 2)
+    if difference.cdf(reach_95) - difference.cdf(limit) > difference.cdf(limit) - 0.5:
+        text += "; even with equal probabilities of success it is more often undecided than equivalent"
+    return f"{text}."
 
 
 def _scores(pairs: pd.DataFrame) -> str:
@@ -80,7 +87,7 @@ def _scores(pairs: pd.DataFrame) -> str:
     widest = _widest(pairs, "score")
     return (
         f"The largest difference in mean score is {_difference(widest, 'score')}, of {_name(widest)}. The "
-        f"95 % interval of this difference leaves out 0 in {_number(_shown(pairs, 'score'))} of {len(pairs)} "
+        f"95 % interval of this difference excludes 0 in {_number(_shown(pairs, 'score'))} of {len(pairs)} "
         "pairs."
     )
 
@@ -89,8 +96,8 @@ def _distributions(pairs: pd.DataFrame) -> str:
     """Says how many distributions of scores differ."""
     differing = pairs[pairs["ks_p"] < 0.05]
     return (
-        "By the two-sample Kolmogorov-Smirnov test, the distribution of the scores of runs differs at the "
-        f"5 % level in {_number(differing)} of {len(pairs)} pairs."
+        "By the two-sample Kolmogorov-Smirnov test, the distribution of the scores of runs differs "
+        f"significantly at the 5 % level in {_number(differing)} of {len(pairs)} pairs."
     )
 
 
@@ -98,7 +105,7 @@ def _chance(pairs: pd.DataFrame) -> str:
     """Says how probable a chance finding is."""
     return (
         "Neither intervals nor tests are corrected for their number: if no pair differed, at least one of "
-        f"{len(pairs)} independent 95 % intervals would leave out 0 with a probability of about "
+        f"{len(pairs)} independent 95 % intervals would exclude 0 with a probability of about "
         f"{1 - 0.95 ** len(pairs):.2f}."
     )
 
@@ -109,7 +116,7 @@ def _widest(pairs: pd.DataFrame, measure: str) -> pd.Series:
 
 
 def _shown(pairs: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """Returns the pairs with a 95 % interval of the difference that leaves out 0."""
+    """Returns the pairs with a 95 % interval of the difference that excludes 0."""
     low, high = pairs[f"{measure}_difference_low"], pairs[f"{measure}_difference_high"]
     return pairs[(low > 0) | (high < 0)]
 
@@ -118,6 +125,12 @@ def _listed(what: str, pairs: pd.DataFrame, measure: str) -> str:
     """Returns a sentence that names pairs with their differences; empty if there are none."""
     texts = [f"{_name(row)}: {_difference(row, measure)}" for _, row in pairs.iterrows()]
     return f"{what}: {'; '.join(texts)}." if texts else ""
+
+
+def _listed_names(names: Iterable[str]) -> str:
+    """Returns names as a list in a sentence: `a`, `b` and `c`."""
+    *others, last = (f"`{name}`" for name in names)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _number(pairs: pd.DataFrame) -> str:

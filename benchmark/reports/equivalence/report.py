@@ -52,8 +52,8 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
         (
             "margin",
             "how far apart successes may be: "
-            f"{published.frame('equivalence')['margin'].iloc[0]:g}. The finding on runs of which half "
-            "succeed says why it is not much smaller.",
+            f"{published.frame('equivalence')['margin'].iloc[0]:g}. It was chosen for the precision of 100 "
+            "runs, not as the smallest difference that matters.",
         ),
         (
             "success",
@@ -71,12 +71,12 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
             "95 % intervals in brackets. Those of a success are Wilson's score intervals, those of a "
             "difference in success Newcombe's hybrid score intervals (1998, method 10), those of scores and "
             f"their differences percentile bootstrap intervals over runs with {RESAMPLES} seeded resamples, "
-            "drawn for each side by itself.",
+            "resampled independently for each side.",
         ),
         (
             "ks, ks_p",
             "largest distance between the distribution functions of both sides' scores, and its p-value by "
-            "the two-sample Kolmogorov-Smirnov test. Many scores are equal, which makes the test cautious.",
+            "the two-sample Kolmogorov-Smirnov test. Ties make the test conservative.",
         ),
     ]
 
@@ -108,7 +108,7 @@ ITEMS: Final = (
 
 REPORT: Final = Report(
     name="equivalence",
-    question="Do agents trained many at once learn what those of Stable-Baselines3 learn?",
+    question="Do agents trained many at once succeed as often as those of Stable-Baselines3?",
     check=check,
     load=load,
     items=ITEMS,
@@ -117,14 +117,15 @@ REPORT: Final = Report(
             key="equivalence",
             heading="Equivalence",
             text=(
-                "A check is an arm that is meant to learn the same as another one by another "
-                "implementation, with the same settings and observations and random streams of its own. A "
-                "pair is a population of the arm and that of its check; a difference is the mean of the arm "
-                "minus that of its check. A pair is `equivalent` if the 90 % interval of its difference in "
-                "success after training lies within the margin to either side of 0, which are two one-sided "
-                "tests at 5 %. Otherwise it is `different` if the 95 % interval leaves out 0, and else "
-                "`undecided`. So `equivalent` says that successes differ by less than the margin. It does "
-                "not say that they are equal, and says nothing of scores or of the time before."
+                "A check is an arm with the settings of another arm, trained by another implementation, from "
+                "the same observations and with its own random streams. A pair is a population of the arm "
+                "and that of its check; a difference is the mean of the arm minus that of its check. A pair "
+                "is `equivalent` if the 90 % interval of its difference in success after training lies "
+                "within the margin to either side of 0, which amounts to two one-sided tests at the 5 % "
+                "level, approximately, since the intervals are. Otherwise it is `different` if the 95 % "
+                "interval excludes 0, and else `undecided`. `equivalent` means that a difference as large as the "
+                "margin is rejected at the 5 % level. It does not mean that successes are equal, and it says "
+                "nothing about scores or earlier steps."
             ),
         ),
     ),

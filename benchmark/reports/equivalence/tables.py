@@ -13,8 +13,9 @@ from benchmark.analysis.intervals import mean_with_interval, newcombe, resample,
 from benchmark.reports.equivalence.data import Data
 from benchmark.reports.item import Frames
 
-# How far apart the successes of an arm and its check may be. With 100 runs of each, half of which succeed,
-# the 90 % interval of the difference reaches 0.11 to either side, so that no margin below that could be met.
+# How far apart the successes of an arm and its check may be. It was chosen for the precision of 100 runs of
+# each: where half of them succeed, the 90 % interval of the difference extends 0.11 to either side, so that
+# no margin below that could be met. It is not the smallest difference that matters.
 MARGIN: Final = 0.15
 VERDICTS: Final = ("equivalent", "different", "undecided")
 
@@ -22,10 +23,10 @@ VERDICTS: Final = ("equivalent", "different", "undecided")
 def verdict(ends_90: tuple[float, float], ends_95: tuple[float, float]) -> str:
     """Decides whether an arm and its check are equivalent in success.
 
-    They are *equivalent* if the 90 % interval of the difference lies inside (-MARGIN, MARGIN). These are two
-    one-sided tests at 5 % (Schuirmann 1987). They are so even if the 95 % interval leaves out 0: a difference
-    is then shown, but one smaller than the margin. Otherwise they are *different* if the 95 % interval leaves
-    out 0, and else *undecided*.
+    They are *equivalent* if the 90 % interval of the difference lies inside (-MARGIN, MARGIN). This amounts
+    to two one-sided tests at the 5 % level (Schuirmann 1987), approximately, since the intervals are. They
+    are so even if the 95 % interval excludes 0: a difference is then shown, but one smaller than the margin.
+    Otherwise they are *different* if the 95 % interval excludes 0, and else *undecided*.
 
     Args:
       ends_90: Of the 90 % interval of the difference.

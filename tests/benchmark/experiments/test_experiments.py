@@ -100,7 +100,10 @@ def test_comparisons_have_miniatures_with_the_same_learners() -> None:
             # Of a check, the first observation does.
             assert arm.observations == (other.observations[:1] if arm.check_of else other.observations)
         assert len(all_specifications(small)) < 80
-    assert load_experiment("compare_deep_long").settings["budget"] == 100_000
+    long = load_experiment("compare_deep_long")
+    assert long.settings["budget"] == 100_000
+    seeds = {name: arm.seeds for name, arm in long.algorithms.items() if not name.startswith("q_learning")}
+    assert {name: n for name, n in seeds.items() if n != 10} == {name: 3 for name in seeds if "_sb3" in name}
 
 
 # Identity and random streams
@@ -154,6 +157,14 @@ def test_a_check_takes_settings_observations_and_group_from_the_arm_that_it_chec
         assert (check.settings, check.group) == (checked.settings, checked.group)
         assert check.observations == checked.observations
         assert check.algorithm == checked.algorithm.removeprefix("batched_")
+
+
+def test_a_check_does_not_take_the_device(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    changes = '"algorithms.dqn.settings.device" = "cuda"'
+    path.write_text(f'extends = "compare_deep"\ndescription = ""\n[changes]\n{changes}\n')
+    arms = load_experiment(path).algorithms
+    assert arms["dqn"].settings == arms["dqn_sb3"].settings | {"device": "cuda"}
 
 
 def test_equivalence_shares_its_runs_with_the_comparison() -> None:
@@ -263,6 +274,16 @@ def test_mistakes_in_a_replication_get_one_sentence(
         ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
         ("n_steps = 2000", "n_steps = 2048", "budget = 10000 is not a whole number of rollouts of 2048"),
         ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
+        (
+            'check_of = "dqn_linear"',
+            'check_of = "dqn_linear"\nobservations = ["one_hot", "coordinates"]',
+            "dqn_linear_sb3.observations: dqn_linear does not learn from coordinates; accepted: one_hot.",
+        ),
+        (
+            'check_of = "dqn_linear"\nalgorithm = "dqn"',
+            'check_of = "dqn_linear"\nalgorithm = "ppo"',
+            "algorithms.dqn_linear_sb3.settings with [settings]: unknown key target_update_interval",
+        ),
         ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
         ('"every_cell"]', '"anywhere"]', "evaluated_from"),
         (

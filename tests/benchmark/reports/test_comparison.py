@@ -98,7 +98,7 @@ def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
         assert "hollow" not in svg
         assert "_sb3" not in svg
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert "of a net trained in a batch of up to 25, CPU time is its share" in readme
+    assert "up to 25, CPU time is its share of the batch's, and memory is the whole batch's" in readme
     assert "`dqn_sb3` checks `dqn`, `dqn_linear_sb3` checks `dqn_linear`" in readme
 
 
@@ -413,14 +413,6 @@ def test_checks_are_drawn_hollow_below_and_beside_their_learners() -> None:
     (points,) = [line for line in learning.lines if line.get_markerfacecolor() == "white"]
     assert points.get_linestyle() == "None"
     assert 1 <= len(np.asarray(points.get_xdata())) < 5
-
-
-def test_a_check_needs_a_learner_with_its_observation(tmp_path: Path) -> None:
-    path = tmp_path / "wrong.toml"
-    changes = '"algorithms.dqn_linear_sb3.observations" = ["coordinates"]'
-    path.write_text(f'extends = "{SMOKE.name}"\ndescription = ""\n[changes]\n{changes}\n')
-    with pytest.raises(InputError, match="a check of dqn_linear coordinates; accepted: one_hot"):
-        load_report("comparison").check(load_experiment(path))
 
 
 def test_profile_is_the_share_of_runs_above() -> None:

@@ -1,16 +1,20 @@
 """The equivalence: its verdict and tables by hand, its sentences, and all of it in miniature."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from benchmark.__main__ import main
+from benchmark.analysis.intervals import newcombe
 from benchmark.drawing.tables import LINK, plain, write_csv
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
+from benchmark.page import build
 from benchmark.reports import load_report
 from benchmark.reports.equivalence import findings, tables
 from benchmark.reports.equivalence.data import Data, Name, Runs, load
@@ -18,6 +22,7 @@ from benchmark.reports.equivalence.tables import MARGIN, verdict
 from benchmark.reports.published import Published
 from envs import InputError
 
+PUBLISHED = Path(__file__).parents[3] / "results"
 # Two tables, each checked by the same table with random streams of its own.
 TABLES = """
 description = "Tables against tables."
@@ -70,13 +75,13 @@ def data_of(**pairs: tuple[Runs, Runs]) -> Data:
     [
         ((-0.1, 0.1), (-0.14, 0.14), "equivalent"),
         ((-0.1, 0.14), (-0.12, 0.16), "equivalent"),  # the 95 % interval may reach beyond the margin
-        ((0.02, 0.14), (0.01, 0.16), "equivalent"),  # and leave out 0
+        ((0.02, 0.14), (0.01, 0.16), "equivalent"),  # and exclude 0
         ((-0.14, -0.02), (-0.16, -0.01), "equivalent"),
         ((0.02, MARGIN), (0.01, 0.16), "different"),  # an end at the margin is not within it
         ((-MARGIN, -0.02), (-0.16, -0.01), "different"),
         ((0.3, 0.5), (0.28, 0.52), "different"),
         ((-0.5, -0.3), (-0.52, -0.28), "different"),
-        ((0.01, 0.2), (0.0, 0.21), "undecided"),  # an end at 0 does not leave it out
+        ((0.01, 0.2), (0.0, 0.21), "undecided"),  # an end at 0 does not exclude it
         ((-0.2, -0.01), (-0.21, 0.0), "undecided"),
         ((-0.1, MARGIN), (-0.12, 0.17), "undecided"),
         ((-0.5, 0.5), (-0.6, 0.6), "undecided"),
@@ -190,11 +195,11 @@ def test_sentences_say_what_the_table_says(tmp_path: Path) -> None:
     frame = folder.frame("equivalence")
     assert frame["verdict"].tolist() == ["equivalent", "equivalent", "different", "undecided"]
     assert findings.headline(folder) == (
-        "Agents of `same` and `close` and `apart` and `mixed` against those of `same_check` and "
-        "`close_check` and `apart_check` and `mixed_check`: in 4 pairs of populations, success is "
-        "equivalent within a margin of 0.15 in [2](equivalence.csv#row=2-3), different in "
-        "[1](equivalence.csv#row=4) and undecided in [1](equivalence.csv#row=5). The largest difference is "
-        "[0.3](equivalence.csv#row=4) [0.183, 0.408], of `apart, index` against `apart_check` in S1."
+        "Agents of `same`, `close`, `apart` and `mixed` against those of `same_check`, `close_check`, "
+        "`apart_check` and `mixed_check`: in 4 pairs of populations, success is equivalent within a margin "
+        "of 0.15 in [2](equivalence.csv#row=2-3), different in [1](equivalence.csv#row=4) and undecided in "
+        "[1](equivalence.csv#row=5). The largest difference is [0.3](equivalence.csv#row=4) [0.183, 0.408], "
+        "of `apart, index` against `apart_check` in S1."
     )
     different, undecided, small, resolution, scores, distributions, chance = map(
         plain, findings.sentences(folder)
@@ -204,12 +209,15 @@ def test_sentences_say_what_the_table_says(tmp_path: Path) -> None:
     )
     assert undecided.startswith("Undecided: `mixed, index` against `mixed_check` in S1: -0.06 [")
     assert small.startswith(
-        "Equivalent, but with a difference whose 95 % interval leaves out 0: `close, index`"
+        "Equivalent, but with a difference whose 95 % interval excludes 0: `close, index`"
     )
-    assert "With 100 runs of an arm and 100 of its check" in resolution
-    assert "reaches 0.11 to either side" in resolution
-    assert "less than about 0.04 apart; it is different only from about 0.14 on" in resolution
-    assert "leaves out 0 in 2 of 4 pairs" in scores
+    assert resolution == (
+        "With 100 runs of an arm and 100 of its check, half of which succeed, the 90 % interval of the "
+        "difference extends 0.11 to either side. Such a pair is equivalent only if the two successes differ "
+        "by less than about 0.04, and different only from about 0.14; even with equal probabilities of "
+        "success it is more often undecided than equivalent."
+    )
+    assert "excludes 0 in 2 of 4 pairs" in scores
     assert "in 1 of 4 pairs" in distributions
     assert f"about {1 - 0.95**4:.2f}" in chance
 
@@ -233,7 +241,29 @@ def test_sentences_without_some_verdicts(tmp_path: Path) -> None:
     undecided, resolution, *_ = findings.sentences(few)
     assert undecided.startswith("Undecided: ")
     assert "With [3](equivalence.csv#row=2) runs of an arm and [2](" in resolution
-    assert "such a pair cannot be equivalent" in resolution
+    assert "Such a pair cannot be equivalent, and is different only from about" in resolution
+
+
+@pytest.mark.parametrize("n", [70, 100, 160, 200, 400])
+def test_what_is_more_often_the_case_by_the_binomial_distribution(tmp_path: Path, n: int) -> None:
+    """Sums the probabilities of both counts, if both sides succeed with probability one half."""
+    both = runs_of(shares(n // 2, n))
+    (resolution,) = [
+        text
+        for text in findings.sentences(published(tmp_path, data_of(arm=(both, both))))
+        if "half of which" in text
+    ]
+    probability = stats.binom.pmf(np.arange(n + 1), n, 0.5)
+    of_distance = np.convolve(probability, probability[::-1])[n:] * np.where(np.arange(n + 1), 2, 1)
+    ends = [
+        [newcombe(0.5 + apart / n / 2, n, 0.5 - apart / n / 2, n, level) for level in (0.90, 0.95)]
+        for apart in range(n + 1)
+    ]
+    verdicts = np.array([verdict(*pair) for pair in ends])
+    equivalent, undecided = (of_distance[verdicts == name].sum() for name in ("equivalent", "undecided"))
+    if n == 100:
+        assert equivalent == pytest.approx(0.38, abs=0.005)
+    assert ("more often undecided than equivalent" in resolution) == (undecided > equivalent)
 
 
 def test_equivalence_of_failures_is_named(tmp_path: Path) -> None:
@@ -244,7 +274,7 @@ def test_equivalence_of_failures_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("apart", [3, 4, 13, 14])
 def test_what_runs_can_decide_where_half_succeed(apart: int) -> None:
-    """As the sentence has it: equivalent below 0.04, different from 0.14 on."""
+    """As the sentence has it: equivalent below 0.04, different from 0.14."""
     arm, check = (runs_of(shares(count, 100)) for count in (50 + apart // 2, 50 + apart // 2 - apart))
     row = tables.equivalence(data_of(arm=(arm, check)), {}).iloc[0]
     assert row["verdict"] == {3: "equivalent", 14: "different"}.get(apart, "undecided")
@@ -262,11 +292,6 @@ def test_experiments_that_cannot_be_reported_on_are_refused() -> None:
     readings = load_experiment("reproduce_smoke").readings
     with pytest.raises(InputError, match="readings, sweep: an equivalence takes the default condition alone"):
         check(full.model_copy(update={"readings": readings}))
-    arms = dict(full.algorithms)
-    arms["ppo"] = arms["ppo"].model_copy(update={"observations": ("one_hot",)})
-    expected = r"algorithms\.ppo_sb3\.observations: ppo has no coordinates; accepted: one_hot\."
-    with pytest.raises(InputError, match=expected):
-        check(full.model_copy(update={"algorithms": arms}))
 
 
 def test_missing_runs_are_refused(tmp_path: Path) -> None:
@@ -274,7 +299,9 @@ def test_missing_runs_are_refused(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         with pytest.raises(InputError, match="3 of 3 runs of table in S1 are missing or failed"):
             load(experiment, store, None, False)
-        with pytest.raises(InputError, match="--partial: tables is an equivalence"):
+        with pytest.raises(
+            InputError, match="--partial: tables is reported only when all its runs are there; acc"
+        ):
             load(experiment, store, None, True)
 
 
@@ -312,9 +339,17 @@ def test_everything_is_there(tmp_path: Path, name: str) -> None:
     assert f"in {len(frame)} pairs of populations" in readme
     assert f"and undecided in {undecided}." in readme  # two runs decide little
     page = (folder / "index.html").read_text(encoding="utf-8")
-    assert "<h1>Do agents trained many at once learn what those of Stable-Baselines3 learn?</h1>" in page
+    assert "<h1>Do agents trained many at once succeed as often as those of Stable-Baselines3?</h1>" in page
     assert 'href="equivalence.csv#row=2"' in page
     assert 'id="explorer"' not in page
+    if name == "tables":
+        shutil.copytree(PUBLISHED / "reproduce", tmp_path / "reproduce")
+        folder.rename(tmp_path / "equivalence")
+        page = build.write(tmp_path).read_text(
+            encoding="utf-8"
+        )  # of the published experiments that are there
+        assert page.index('<section id="replication"') < page.index('<section id="equivalence"')
+        assert 'href="equivalence/equivalence.csv#row=2"' in page
 
 
 def test_miniature_has_the_same_learners() -> None:
