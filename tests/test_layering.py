@@ -57,7 +57,9 @@ def test_only_the_deep_learners_load_torch() -> None:
         for path in (ROOT / layer).rglob("*.py")
         if imported(path) & {"torch", "stable_baselines3"}
     }
-    assert loading == {"agents/sb3/training.py", "agents/sb3/vec_env.py", "benchmark/reports/speed.py"}
+    batched = {f"agents/batched/{name}.py" for name in ("dqn", "nets", "ppo", "training")}
+    sb3 = {"agents/sb3/training.py", "agents/sb3/vec_env.py"}
+    assert loading == batched | sb3 | {"benchmark/reports/speed.py"}
 
 
 def test_torch_is_loaded_only_when_somebody_trains_a_net() -> None:

@@ -172,6 +172,7 @@ DQN_CHANGES: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore:The number of environments used")
 @pytest.mark.parametrize("changes", DQN_CHANGES, ids=str)
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_dqn_is_stable_baselines3s(
