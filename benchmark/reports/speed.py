@@ -247,7 +247,7 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
     def runs(name: str) -> list[RunSpecification]:
         budget = {"budget": round(2000 * size) // 200 * 200 or 200}
         short = declared.model_copy(update={"settings": declared.settings | budget})
-        return specifications(short, DEFAULT_CONDITION, "S1", name, "one_hot", range(cores))
+        return specifications(short, DEFAULT_CONDITION, "S1", f"{name}_sb3", "one_hot", range(cores))
 
     def ours(name: str) -> float:
         for future in [workers.submit([run]) for run in runs(name)]:

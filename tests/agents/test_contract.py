@@ -36,7 +36,7 @@ class WithWeights(Training):
 def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
     algorithm = load_algorithm(name)
     settings = algorithm.settings.model_validate({"budget": 2048})
-    assert settings.discount_factor == {"dqn": 0.99, "ppo": 0.99, "q_learning": 0.9}[name]
+    assert settings.discount_factor == (0.9 if name == "q_learning" else 0.99)
     assert (algorithm.family, algorithm.placement) == (
         ("tabular", "thread") if name == "q_learning" else ("deep", "process")
     )
