@@ -483,8 +483,8 @@ def test_agents_that_stop_early_make_steps_of_their_own() -> None:
             parameters.step(torch.tensor(learning, dtype=torch.bool))
     assert parameters.n_steps.tolist() == [4, 3]
     for agent in range(2):
-        for value, their in zip(parameters.values, theirs[agent], strict=True):
-            assert torch.allclose(value[agent], their, rtol=1e-6, atol=1e-8)
+        for ours, their in zip(parameters.values, theirs[agent], strict=True):
+            assert torch.allclose(ours[agent], their, rtol=1e-6, atol=1e-8)
 
 
 # Any batch
