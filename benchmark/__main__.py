@@ -15,7 +15,7 @@ examples:
   python -m benchmark run reproduce                execute missing runs, on all cores
   python -m benchmark run reproduce --report       the same, then draw results/reproduce
   python -m benchmark run reproduce --seeds 0-9    only ten agents per scenario
-  python -m benchmark run compare_deep --report    tables against DQN and PPO, about twelve minutes
+  python -m benchmark run compare_deep --report    tables against DQN and PPO, about an hour
   python -m benchmark report reproduce             draw results/reproduce from stored runs
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       build results/index.html from published results
