@@ -197,11 +197,11 @@ def runs_and_successes(rows: str = "index >= 0") -> Any:
     return scores.groupby(LEARNER)["success"].agg(["sum", "count"])
 
 
-def mean_scores(start: str) -> Any:
-    """Returns the mean scores of greedy policies, with their intervals, of every learner."""
+def mean_scores(start: str, *, checks: bool = False) -> Any:
+    """Returns the mean scores of greedy policies, with their intervals, of every learner or of every check."""
     frame = pd.read_csv(COMPARISON / "aggregate.csv")
     rows = frame.query(f"policy == 'greedy' and metric == 'mean' and evaluated_from == '{start}'")
-    rows = rows[~rows["algorithm"].str.endswith("_sb3")]
+    rows = rows[rows["algorithm"].str.endswith("_sb3") == checks]
     return rows.set_index(LEARNER)[["value", "low", "high"]]
 
 
@@ -212,10 +212,11 @@ def test_readme_tells_the_published_scores() -> None:
     best = scores[~is_table].nlargest(3, "value")
     assert list(best.index) == [("dqn_linear", "one_hot"), ("dqn", "one_hot"), ("ppo", "one_hot")]
     linear, dqn, ppo = (f"{value:.2f} [{low:.2f}, {high:.2f}]" for value, low, high in best.to_numpy())
-    assert says(
-        f"have {linear} (a linear layer trained by DQN), {dqn} (DQN; with ten seeds 0.70 [0.27, 0.99])"
-    )
-    assert says(f"and {ppo} (PPO)")
+    assert says(f"have {linear} (a linear layer trained by DQN), {dqn} (DQN) and {ppo} (PPO)")
+    assert all(scores["high"][learner] < scores["low"]["q_learning_tuned", "index"] for learner in best.index)
+    value, low, high = mean_scores("start", checks=True).loc[("dqn_sb3", "one_hot")]
+    assert says(f"as many as Stable-Baselines3's own DQN has here, they are much wider: {value:.2f} [{low:.2f}, ")
+    assert says(f"{high:.2f}]. By mean score all three are below the best table.")
     assert says(f"with a mean score of {scores['value'].max():.2f}")
     successes = runs_and_successes()
     assert set(successes.loc[best.index]["count"]) == {300}
@@ -259,8 +260,10 @@ def test_readme_tells_the_published_costs() -> None:
         seconds[arm, "index" if arm == "q_learning" else "one_hot"]
         for arm in ("q_learning", "dqn_linear", "dqn", "dqn_linear_sb3", "dqn_sb3")
     )
-    assert says(f"{1000 * table:.2f} ms of CPU time, the linear layer {linear:.2f} s and DQN {dqn:.1f} s")
-    assert says(f"by Stable-Baselines3 {their_linear:.1f} s and {their_dqn:.0f} s")
+    assert says(f"takes {1000 * table:.2f} ms of CPU time.")
+    assert says(f"the linear layer takes {linear:.2f} s and DQN {dqn:.1f} s")
+    assert says(f"by Stable-Baselines3, {their_linear:.1f} s")
+    assert says(f"in plain Python) and {their_dqn:.0f} s.")
 
 
 def test_readme_tells_what_independent_checks_found() -> None:

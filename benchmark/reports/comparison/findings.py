@@ -249,7 +249,7 @@ class Findings:
                 if better and not all(map(self._has_enough_runs, forms)):
                     verdict = "too few runs for a verdict"
                 parts.append(
-                    f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs each)"
+                    f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs per scenario each)"
                 )
         return f"Mean scores by form of observation: {'; '.join(parts)}." if parts else ""
 
@@ -287,7 +287,7 @@ class Findings:
             if learner.is_default:
                 rows = self._rows("threshold", learner)
                 share = np.average(rows["reached_share"], weights=rows["n"])
-                reached = f"{link(f'{share:.0%}', 'threshold', rows)} of {rows['n'].sum()} runs"
+                reached = f"{link(f'{share:.1%}', 'threshold', rows)} of {rows['n'].sum()} runs"
                 parts.append(f"`{learner}` {self._mean_link(learner)} and {reached}")
         if not parts:
             return ""

@@ -73,7 +73,7 @@ def curves(frame: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
             loc="outside lower center",
             ncols=2,
             frameon=False,
-            title="means over runs; shades and bars: 95 % intervals",
+            title="means over runs; bands and bars: 95 % intervals",
             handlelength=4,
         )
     return figure

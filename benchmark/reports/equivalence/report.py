@@ -51,7 +51,7 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
     return [
         (
             "margin",
-            "how far apart successes may be: "
+            "how far apart the success probabilities of a pair may be: "
             f"{published.frame('equivalence')['margin'].iloc[0]:g}. It was chosen for the precision of 100 "
             "runs, not as the smallest difference that matters.",
         ),
@@ -121,8 +121,8 @@ REPORT: Final = Report(
                 "the same observations and with its own random streams. A pair is a population of the arm "
                 "and that of its check; a difference is the mean of the arm minus that of its check. A pair "
                 "is `equivalent` if the 90 % interval of its difference in success after training lies "
-                "within the margin to either side of 0, which amounts to two one-sided tests at the 5 % "
-                "level, approximately, since the intervals are. Otherwise it is `different` if the 95 % "
+                "within the margin to either side of 0. This amounts to two one-sided tests at about the 5 % "
+                "level, since the intervals are approximate. Otherwise it is `different` if the 95 % "
                 "interval excludes 0, and else `undecided`. `equivalent` means that a difference as large as "
                 "the margin is rejected at the 5 % level. It does not mean that successes are equal, and it "
                 "says nothing about scores or earlier steps."

@@ -17,6 +17,7 @@ from benchmark.experiments import (
     load_experiment,
     specifications,
 )
+from benchmark.page.build import PUBLISHED
 from benchmark.reports import load_report
 from envs import InputError
 from envs.inputs import override, parse, read_toml
@@ -109,7 +110,7 @@ def test_comparisons_have_miniatures_with_the_same_learners() -> None:
 # Identity and random streams
 
 
-@pytest.mark.parametrize("name", ["reproduce", "compare_deep"])
+@pytest.mark.parametrize("name", PUBLISHED)
 def test_published_runs_are_the_declared_ones(name: str) -> None:
     manifest = EXPERIMENT_DIRECTORY.parents[1] / "results" / name / "manifest.json"
     published = json.loads(manifest.read_text(encoding="utf-8"))

@@ -213,9 +213,9 @@ def test_sentences_say_what_the_table_says(tmp_path: Path) -> None:
     )
     assert resolution == (
         "With 100 runs of an arm and 100 of its check, half of which succeed, the 90 % interval of the "
-        "difference extends 0.11 to either side. Such a pair is equivalent only if the two successes differ "
-        "by less than about 0.04, and different only from about 0.14; even with equal probabilities of "
-        "success it is more often undecided than equivalent."
+        "difference extends 0.11 to either side. Such a pair is `equivalent` only if the observed difference "
+        "is below about 0.04, and `different` only if it is above about 0.14; even with equal probabilities "
+        "of success it is more often undecided than equivalent."
     )
     assert "excludes 0 in 2 of 4 pairs" in scores
     assert "in 1 of 4 pairs" in distributions
@@ -241,7 +241,7 @@ def test_sentences_without_some_verdicts(tmp_path: Path) -> None:
     undecided, resolution, *_ = findings.sentences(few)
     assert undecided.startswith("Undecided: ")
     assert "With [3](equivalence.csv#row=2) runs of an arm and [2](" in resolution
-    assert "Such a pair cannot be equivalent, and is different only from about" in resolution
+    assert "Such a pair cannot be `equivalent`, and is `different` only above about" in resolution
 
 
 @pytest.mark.parametrize("n", [70, 100, 160, 200, 400])
