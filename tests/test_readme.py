@@ -198,7 +198,7 @@ def runs_and_successes(rows: str = "index >= 0") -> Any:
 
 
 def mean_scores(start: str, *, checks: bool = False) -> Any:
-    """Returns the mean scores of greedy policies, with their intervals, of every learner or of every check."""
+    """Returns the mean scores of greedy policies, with their intervals, of every learner or every check."""
     frame = pd.read_csv(COMPARISON / "aggregate.csv")
     rows = frame.query(f"policy == 'greedy' and metric == 'mean' and evaluated_from == '{start}'")
     rows = rows[rows["algorithm"].str.endswith("_sb3") == checks]
@@ -215,8 +215,8 @@ def test_readme_tells_the_published_scores() -> None:
     assert says(f"have {linear} (a linear layer trained by DQN), {dqn} (DQN) and {ppo} (PPO)")
     assert all(scores["high"][learner] < scores["low"]["q_learning_tuned", "index"] for learner in best.index)
     value, low, high = mean_scores("start", checks=True).loc[("dqn_sb3", "one_hot")]
-    assert says(f"as many as Stable-Baselines3's own DQN has here, they are much wider: {value:.2f} [{low:.2f}, ")
-    assert says(f"{high:.2f}]. By mean score all three are below the best table.")
+    assert says(f"as for the DQN of Stable-Baselines3, leave {value:.2f} [{low:.2f}, {high:.2f}].")
+    assert says("By mean score all three are below the best table.")
     assert says(f"with a mean score of {scores['value'].max():.2f}")
     successes = runs_and_successes()
     assert set(successes.loc[best.index]["count"]) == {300}
@@ -240,6 +240,20 @@ def test_readme_claims_no_more_than_the_comparison_shows() -> None:
     runs = scores.groupby([*LEARNER, "scenario"]).size()
     is_check = runs.index.get_level_values("algorithm").str.endswith("_sb3")
     assert (set(runs[~is_check]), set(runs[is_check])) == ({100}, {10})
+
+
+def test_readme_tells_the_published_equivalence() -> None:
+    pairs = pd.read_csv(ROOT / "results" / "equivalence" / "equivalence.csv")
+    assert set(pairs["n"]) == set(pairs["check_n"]) == {100}
+    assert set(pairs["scenario"]) == {"S1", "S2"}
+    assert set(pairs["margin"]) == {0.15}
+    verdicts = pairs["verdict"].value_counts()
+    assert set(verdicts.index) == {"equivalent", "undecided"}
+    assert says(
+        f"In {len(pairs)} pairs of 100 runs each in S1 and S2, success of batched agents and of its own is"
+    )
+    assert says(f"within 0.15 in {verdicts['equivalent']} pairs, undecided in {verdicts['undecided']} and")
+    assert says("and different in none ([details](results/equivalence/README.md))")
 
 
 def test_readme_tells_the_published_successes_of_deep_learners() -> None:

@@ -249,7 +249,8 @@ class Findings:
                 if better and not all(map(self._has_enough_runs, forms)):
                     verdict = "too few runs for a verdict"
                 parts.append(
-                    f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs per scenario each)"
+                    f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs per scenario "
+                    "each)"
                 )
         return f"Mean scores by form of observation: {'; '.join(parts)}." if parts else ""
 

@@ -106,6 +106,7 @@ def equivalence(pairs: pd.DataFrame) -> Figure:
             axis.set(ylim=(len(pairs) - 0.5, -0.5))
             axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
             axis.tick_params(axis="y", length=0)
+            axis.locator_params(axis="x", nbins=6)
         success.text(1.02, 1.02, "verdict", transform=success.transAxes)
         success.set(title="difference in success")
         score.set(title="difference in mean score")

@@ -72,8 +72,8 @@ def _resolution(pairs: pd.DataFrame) -> str:
     if limit <= 0:
         return f"{text}cannot be `equivalent`, and is `different` only above about {reach_95:.2f}."
     text += (
-        f"is `equivalent` only if the observed difference is below about {limit:.2f}, and `different` only if "
-        f"it is above about {reach_95:.2f}"
+        f"is `equivalent` only if the observed difference is below about {limit:.2f}, and `different` only "
+        f"if it is above about {reach_95:.2f}"
     )
     # The observed difference if both probabilities are one half, by the normal approximation.
     difference = stats.norm(scale=np.sqrt(1 / n + 1 / check_n) / 2)
