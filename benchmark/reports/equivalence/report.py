@@ -40,12 +40,6 @@ def _draw_equivalence(frames: Frames, _: None) -> "Figure":
     return figures.equivalence(frames["equivalence"])
 
 
-def _draw_curves(frames: Frames, _: None) -> "Figure":
-    from benchmark.reports.equivalence import figures
-
-    return figures.curves(frames["curves"], frames["equivalence"])
-
-
 def _words(published: Published) -> Sequence[tuple[str, str]]:
     """Explains the terms of the tables."""
     return [
@@ -100,8 +94,6 @@ ITEMS: Final = (
         name="curves",
         description="success and mean score over training, with their 95 % intervals",
         compute=tables.curves,
-        draw=_draw_curves,
-        caption="Success and mean score of the greedy policy over training, of arms and of their checks.",
     ),
     Item(name="scores", description="every run after training: success and score", compute=tables.scores),
 )
