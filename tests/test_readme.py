@@ -215,7 +215,7 @@ def test_readme_tells_the_published_scores() -> None:
     assert says(f"have {linear} (a linear layer trained by DQN), {dqn} (DQN) and {ppo} (PPO)")
     assert all(scores["high"][learner] < scores["low"]["q_learning_tuned", "index"] for learner in best.index)
     value, low, high = mean_scores("start", checks=True).loc[("dqn_sb3", "one_hot")]
-    assert says(f"as for the DQN of Stable-Baselines3, leave {value:.2f} [{low:.2f}, {high:.2f}].")
+    assert says(f"with ten seeds per scenario, has {value:.2f} [{low:.2f}, {high:.2f}].")
     assert says("By mean score all three are below the best table.")
     assert says(f"with a mean score of {scores['value'].max():.2f}")
     successes = runs_and_successes()
@@ -249,10 +249,8 @@ def test_readme_tells_the_published_equivalence() -> None:
     assert set(pairs["margin"]) == {0.15}
     verdicts = pairs["verdict"].value_counts()
     assert set(verdicts.index) == {"equivalent", "undecided"}
-    assert says(
-        f"In {len(pairs)} pairs of 100 runs each in S1 and S2, success of batched agents and of its own is"
-    )
-    assert says(f"within 0.15 in {verdicts['equivalent']} pairs, undecided in {verdicts['undecided']} and")
+    assert says(f"Of {len(pairs)} pairs with 100 runs on each side, in S1 and S2, success is equivalent")
+    assert says(f"within 0.15 in {verdicts['equivalent']}, undecided in {verdicts['undecided']} and")
     assert says("and different in none ([details](results/equivalence/README.md))")
 
 

@@ -65,7 +65,7 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
             "95 % intervals in brackets. Those of a success are Wilson's score intervals, those of a "
             "difference in success Newcombe's hybrid score intervals (1998, method 10), those of scores and "
             f"their differences percentile bootstrap intervals over runs with {RESAMPLES} seeded resamples, "
-            "resampled independently for each side.",
+            "resampled independently for each side; where all runs of both sides agree, they have no width.",
         ),
         (
             "ks, ks_p",
