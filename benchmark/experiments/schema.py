@@ -18,24 +18,40 @@ from envs.inputs import Table, override, parse, read_toml, unknown_name
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
+MOST_CONTRASTS: Final = 8  # of a protocol: each costs the others power
 _NOT_TAKEN: Final = "device"  # the setting that a check does not take: where the nets of its arm are computed
 
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # without the / and = of a condition's name
+
+
+class Tuning(Table):
+    """How much search the settings of an arm took; readers see it beside the scores."""
+
+    settings: Annotated[int, Field(ge=0)]  # how many settings were tried; 0 if they were taken from elsewhere
+    seeds: Annotated[int, Field(ge=0)] = 0  # runs of each, at most
 
 
 class Arm(Table):
     """An algorithm with its settings, and the observations from which it learns.
 
     A *check* of another arm learns the same by another implementation. It takes that arm's settings (but for
-    `device`), its group and, unless it names some of them, its observations.
+    `device`), its group, its policy and, unless it names some of them, its observations.
     """
 
     algorithm: str
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
-    seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition: seeds 0 to seeds - 1
+    seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition
+    first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0  # the others follow it
+    policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
+    tuning: Tuning | None = None
     group: str = ""  # arms of a group are drawn together; an arm without a group is drawn with every group
     settings: dict[str, Any] = Field(default_factory=dict)
     check_of: str = ""  # the arm that this one checks
+
+    @property
+    def declared_seeds(self) -> range:
+        """The seeds of its runs."""
+        return range(self.first_seed, self.first_seed + self.seeds)
 
 
 class Condition(Table):
@@ -52,6 +68,19 @@ class Reading(Condition):
     question: Annotated[str, Field(min_length=1)]
     answer: Annotated[str, Field(min_length=1)]
     curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
+
+
+class Protocol(Table):
+    """What a comparison decides and how, declared before its runs.
+
+    Learners are named as readers see them, for example "dqn, one_hot".
+    """
+
+    reference: str = ""  # the table that deep learners have to beat; "" if the question is another
+    contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1, max_length=MOST_CONTRASTS)]
+    success_margin: Annotated[float, Field(gt=0, lt=1)] = 0.1  # smaller differences are equivalent
+    score_margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
 
 
 class Experiment(Table):
@@ -72,6 +101,7 @@ class Experiment(Table):
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
     algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
+    protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
     readings: dict[_Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
@@ -222,11 +252,13 @@ def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
         checkable = [other for other in arms if not arms[other].get("check_of")]
         if checked not in checkable:
             unknown_name(f"{where}: check_of", "arm", str(checked), checkable)
-        for key in ("group", "settings"):
+        for key in ("group", "settings", "policy"):
             if key in arm:
                 raise InputError(f"{where}.{key}: a check takes it from {checked}; remove it.")
         taken = {
-            key: arms[checked][key] for key in ("observations", "group", "settings") if key in arms[checked]
+            key: arms[checked][key]
+            for key in ("observations", "group", "settings", "policy")
+            if key in arms[checked]
         }
         if isinstance(taken.get("settings"), dict):
             taken["settings"] = {key: v for key, v in taken["settings"].items() if key != _NOT_TAKEN}

@@ -191,7 +191,7 @@ def specifications(
             evaluated_from=experiment.evaluated_from,
             seed=seed,
         )
-        for seed in (range(declared.seeds) if seeds is None else seeds)
+        for seed in (declared.declared_seeds if seeds is None else seeds)
     ]
 
 
