@@ -35,6 +35,7 @@ ALGORITHMS: Final = {
     "dqn": "agents.sb3.algorithms:DQN",
     "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
+    "q_learning_plain": "agents.tabular.plain:Q_LEARNING",
 }
 
 

@@ -1,18 +1,23 @@
 """Intervals over agents.
 
-Bootstrap intervals are 95 %, by the percentile method, and seeded: equal records give equal digits. Means of
-numbers in [0, 1] have score intervals, too, which have a width even where all agents agree.
+Means of numbers in [0, 1] have exact binomial intervals, and sums and differences of such means intervals
+that follow from these. They have a width even where all agents agree. Statistics that are no such means are
+resampled, see `resample`; those intervals are percentiles, and seeded: equal records give equal digits.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, special, stats
 
 RESAMPLES: Final = 1000
 BOOTSTRAP_SEED: Final = 20210803
+_FARTHEST: Final = 8.0  # standard errors: smaller p-values count as zero
+_NONE: Final = 1e-12  # a count below is zero but for rounding
+LEVEL: Final = 0.95  # of confidence, unless another is given
 
 
 @lru_cache(maxsize=8)
@@ -45,59 +50,119 @@ def mean_with_interval(name: str, samples: NDArray[np.float64]) -> dict[str, NDA
     return {name: samples[0], f"{name}_low": low, f"{name}_high": high}
 
 
-def interquartile_mean(name: str, scores: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Returns columns of the interquartile mean of scores, (N, T): `name`, `name_low` and `name_high`."""
-
-    def iqm(values: NDArray[np.float64], axis: int = 0) -> NDArray[np.float64]:
-        return np.asarray(stats.trim_mean(values, 0.25, axis=axis))
-
-    bootstrap = stats.bootstrap(
-        (scores,),
-        iqm,
-        axis=0,
-        n_resamples=RESAMPLES,
-        method="percentile",
-        rng=np.random.default_rng(BOOTSTRAP_SEED),
-    )
-    low, high = bootstrap.confidence_interval
-    return {name: iqm(scores), f"{name}_low": np.asarray(low), f"{name}_high": np.asarray(high)}
-
-
-def wilson(
-    mean: NDArray[np.float64] | float, n: int, level: float
+def proportion_interval(
+    mean: NDArray[np.float64] | float, n: NDArray[np.int_] | int, level: float = LEVEL
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of score intervals of means of numbers in [0, 1].
+    """Returns the ends of intervals of means of numbers in [0, 1].
 
-    For shares of successes it is Wilson's. Other numbers in [0, 1] with the same mean vary less, so for them
-    the interval is conservative.
+    For shares of successes they are the exact binomial ones (Clopper and Pearson 1934), which contain the
+    truth at least as often as they say. Other numbers in [0, 1] with the same mean vary less, so for them the
+    interval is conservative, too.
 
     Args:
       mean: Of any shape.
       n: How many numbers each mean is of.
-      level: Of confidence, such as 0.95.
+      level: Of confidence.
+
+    >>> [round(float(end), 4) for end in proportion_interval(1.0, 100)]  # 0.025 ** (1 / 100)
+    [0.9638, 1.0]
     """
-    z = stats.norm.ppf((1 + level) / 2)
-    mean = np.asarray(mean)
-    centre = mean + z**2 / (2 * n)
-    reach = z * np.sqrt(mean * (1 - mean) / n + z**2 / (4 * n**2))
-    return (centre - reach) / (1 + z**2 / n), (centre + reach) / (1 + z**2 / n)
+    return _ends(np.asarray(mean), np.asarray(n), (1 - level) / 2)
 
 
-def newcombe(x: float, n_x: int, y: float, n_y: int, level: float) -> tuple[float, float]:
-    """Returns the ends of the hybrid score interval of x - y, both means of numbers in [0, 1].
+def _ends(
+    mean: NDArray[np.float64], n: NDArray[np.int_], tail: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the ends of `proportion_interval` that leave out a tail on each side."""
+    count = np.clip(mean, 0, 1) * n
+    least, most = np.maximum(count, _NONE), np.maximum(n - count, _NONE)
+    low = np.where(count > _NONE, special.betaincinv(least, most + 1, tail), 0.0)
+    high = np.where(n - count > _NONE, special.betainccinv(least + 1, most, tail), 1.0)
+    return np.minimum(low, mean), np.maximum(high, mean)
 
-    Newcombe (1998), Statistics in Medicine 17:873-890, method 10.
+
+def combined(
+    weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], level: float = LEVEL
+) -> tuple[float, float]:
+    """Returns the ends of the interval of a weighted sum of independent means of numbers in [0, 1].
+
+    It follows from the intervals of the means, as Newcombe's interval of a difference does: each end of the
+    sum is as far from it as the root of the summed squares of the distances to the means' own ends (Zou and
+    Donner 2008, Statistics in Medicine 27:1693-1702).
 
     Args:
-      x: A mean.
-      n_x: How many numbers it is of.
-      y: Another mean, of other agents.
-      n_y: How many numbers it is of.
-      level: Of confidence, such as 0.95.
-
-    >>> [round(end, 4) for end in newcombe(56 / 70, 70, 48 / 80, 80, 0.95)]  # Newcombe's table II, (a)
-    [0.0524, 0.3339]
+      weights: Of the means; negative for those that are subtracted.
+      means: Each of other agents.
+      sizes: How many numbers each mean is of.
+      level: Of confidence.
     """
-    x_low, x_high = wilson(x, n_x, level)
-    y_low, y_high = wilson(y, n_y, level)
-    return float(x - y - np.hypot(x - x_low, y_high - y)), float(x - y + np.hypot(x_high - x, y - y_low))
+    return _combined(weights, means, sizes, (1 - level) / 2)
+
+
+def _combined(
+    weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], tail: float
+) -> tuple[float, float]:
+    """Returns the ends of `combined` that leave out a tail on each side."""
+    weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
+    low, high = _ends(mean, np.asarray(sizes), tail)
+    value = float(weight @ mean)
+    down, up = weight * (mean - low), weight * (high - mean)
+    return (
+        value - float(np.linalg.norm(np.where(weight > 0, down, up))),
+        value + float(np.linalg.norm(np.where(weight > 0, up, down))),
+    )
+
+
+def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float) -> float:
+    """Returns the one-sided p-value of a weighted sum of means being at most a value.
+
+    It is 1 if the observed sum is at most the value, and otherwise the smallest tail at which the lower end
+    of `combined` is not above the value.
+
+    Args:
+      weights: As for `combined`, as are means and sizes.
+      means: Each of other agents.
+      sizes: How many numbers each mean is of.
+      value: With which the sum is compared.
+    """
+
+    def distance(z: float) -> float:
+        return _combined(weights, means, sizes, float(stats.norm.sf(z)))[0] - value
+
+    if distance(0.0) <= 0:
+        return 1.0
+    return 0.0 if distance(_FARTHEST) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, _FARTHEST)))
+
+
+def student(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the ends of Student's 95 % interval of means over agents, (N, ...).
+
+    For counts that vary little between agents, not for numbers of which a few are far from all others.
+    """
+    n = len(values)
+    reach = stats.t.ppf((1 + LEVEL) / 2, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
+    mean = values.mean(axis=0)
+    return mean - reach, mean + reach
+
+
+def better_probability(p: float, n_x: int, n_y: int) -> tuple[float, float]:
+    """Returns the ends of the 95 % interval of the probability that a run of x outscores a run of y.
+
+    It has a width even if all runs of x do: a score interval by Newcombe (2006), Statistics in Medicine
+    25:559-573, method 5.
+
+    Args:
+      p: The share of pairs in which x is ahead, ties counted half.
+      n_x: Runs of x.
+      n_y: Runs of y.
+    """
+    pairs, spread = n_x * n_y, (n_x + n_y) / 2 - 1
+    z = float(stats.norm.ppf((1 + LEVEL) / 2))
+
+    def distance(theta: float) -> float:
+        variance = theta * (1 - theta) * (1 + spread * ((1 - theta) / (2 - theta) + theta / (1 + theta)))
+        return abs(p - theta) - z * float(np.sqrt(variance / pairs))
+
+    low = optimize.brentq(distance, 0.0, min(p, 1 - _NONE)) if p > 0 else 0.0
+    high = optimize.brentq(distance, max(p, _NONE), 1.0) if p < 1 else 1.0
+    return float(low), float(high)

@@ -106,8 +106,8 @@ def _dress(axis: Axes, scene: Scene) -> None:
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
     axis.set(xlabel="column", ylabel="row")
     axis.spines[:].set_visible(True)
-    axis.set_xticks(range(0, scene.columns, 2))
-    axis.set_yticks(range(0, scene.rows, 2))
+    axis.set_xticks(range(0, scene.columns, max(scene.columns // 6, 1)))
+    axis.set_yticks(range(0, scene.rows, max(scene.rows // 5, 1)))
 
 
 def colour_bar(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 
 REPORTS: Final = {
+    "ablation": "benchmark.reports.ablation:REPORT",
     "comparison": "benchmark.reports.comparison:REPORT",
     "equivalence": "benchmark.reports.equivalence:REPORT",
     "replication": "benchmark.reports.replication:REPORT",

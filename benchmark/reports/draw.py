@@ -24,6 +24,7 @@ from benchmark.experiments import (
     all_specifications,
     specifications,
 )
+from benchmark.experiments.schema import Arm
 from benchmark.reports import certificate, load_items, load_report, stamp, texts
 from benchmark.reports.certificate import Certificate
 from benchmark.reports.figures import Drawing
@@ -220,6 +221,8 @@ def _manifest(
                 "packages": load_algorithm(run.algorithm).packages,
                 "batch_size": load_algorithm(run.algorithm).batch_size,
                 "check_of": experiment.algorithms[run.arm].check_of,
+                "policy": experiment.algorithms[run.arm].policy,
+                "tuning": _tuning(experiment.algorithms[run.arm]),
                 "settings": run.settings.model_dump(mode="json"),
             }
             for run in default
@@ -238,6 +241,11 @@ def _manifest(
         "last_started_at": max(p["started_at"] for p in provenance),
         "busy_time_s": round(sum(p["wall_time_s"] for p in provenance), 3),
     }
+
+
+def _tuning(arm: Arm) -> dict[str, int] | None:
+    """Returns how much search an arm's settings took; None if that is not declared."""
+    return None if arm.tuning is None else arm.tuning.model_dump()
 
 
 def digest_of(digests: Sequence[str]) -> str:

@@ -2,36 +2,21 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.analysis.population import Population, load_population
-from benchmark.execution.store import Store
+from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, specifications
+from benchmark.reports.comparison.protocol import Learner, Protocol, protocol_of
 from envs import InputError, Model
 
-Scores = NDArray[np.float64]  # (R, M) runs x scenarios
+Values = NDArray[np.float64]
 
 SB3: Final = "Stable-Baselines3 itself"  # what trains checks, as readers see it
 _LISTED: Final = 4  # populations that a sentence on missing runs names
-
-
-class Learner(NamedTuple):
-    """An arm of the experiment with one observation."""
-
-    algorithm: str  # the arm; columns of tables are named so
-    observation: str
-
-    @property
-    def is_default(self) -> bool:
-        """Whether it has Stable-Baselines3's own settings, by its name."""
-        return self.algorithm.endswith("_default")
-
-    def __str__(self) -> str:
-        """Its name for readers."""
-        return f"{self.algorithm}, {self.observation}"
 
 
 @dataclass(frozen=True)
@@ -40,9 +25,12 @@ class Context:
 
     models: Mapping[str, Model]  # by scenario
     panels: Mapping[str, Sequence[Learner]]  # title to the learners that are drawn together, without checks
-    arms: Sequence[str]  # in the order of their colours, without checks
+    arms: Sequence[str]  # all that are declared, in the order of their colours, without checks
     checks: Mapping[Learner, Learner]  # to the learner that each checks
     check_note: str  # what figures say of checks; empty if there are none
+    protocol: Protocol | None
+    tuning: Mapping[str, int]  # arm to how many settings were tried; without arms that do not say
+    learners: Sequence[Learner]  # without checks
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +44,10 @@ class Data:
         default_factory=dict
     )  # arm to its group; those of none are drawn with all
     checks: Mapping[Learner, Learner] = field(default_factory=dict)  # to the learner that each checks
+    policies: Mapping[str, str] = field(default_factory=dict)  # arm to its policy; greedy if it is not named
+    arms: Sequence[str] = ()  # all that are declared, without checks
+    protocol: Protocol | None = None  # None if there is nothing to decide
+    tuning: Mapping[str, int] = field(default_factory=dict)  # arm to how many settings were tried, if it says
 
     @property
     def populations(self) -> Iterator[tuple[Learner, str, Population]]:
@@ -76,8 +68,8 @@ class Data:
 
     @property
     def facts(self) -> dict[str, object]:
-        """Nothing that the tables do not say."""
-        return {}
+        """The protocol, with all that is left open in the experiment."""
+        return {"protocol": None if self.protocol is None else self.protocol.as_json()}
 
     @property
     def context(self) -> Context:
@@ -93,9 +85,12 @@ class Data:
         return Context(
             models={scenario: population.model for scenario, population in first.items()},
             panels=panels or {"all": everywhere},
-            arms=list(dict.fromkeys(learner.algorithm for learner in learners)),
+            arms=self.arms or list(dict.fromkeys(learner.algorithm for learner in learners)),
             checks=self.checks,
             check_note=self._check_note,
+            protocol=self.protocol,
+            tuning=self.tuning,
+            learners=list(learners),
         )
 
     @property
@@ -115,19 +110,26 @@ class Data:
         learners = {learner: each for learner, each in self.learners.items() if learner not in self.checks}
         return replace(self, learners=learners, checks={})
 
-    def scores(self, learner: Learner, policy: str = "greedy", start: str = "start") -> Scores:
-        """Returns the final scores of a learner, (R, M); R = 0 if it has no such policy.
+    def policy(self, learner: Learner) -> str:
+        """Returns the policy that a learner is compared by, `"greedy"` or `"stochastic"`."""
+        return self.policies.get(learner.algorithm, "greedy")
 
-        If runs are missing, these are the scores of the seeds that every scenario has.
+    def results(self, learner: Learner, scenario: str, name: str, start: str = "start") -> Values:
+        """Returns what a learner's policy is evaluated as, (N, T).
+
+        Args:
+          learner: One of `learners`.
+          scenario: One of its scenarios.
+          name: `"score"`, without bounds; `"clipped"`, the score clipped to [0, 1]; or a field of
+            `agents.dynamic_programming.Evaluation`.
+          start: Where episodes start.
         """
-        by_scenario = self.learners[learner].values()
-        seeds = sorted(set.intersection(*(set(population.seeds) for population in by_scenario)))
-        columns = []
-        for population in by_scenario:
-            rows = [list(population.seeds).index(seed) for seed in seeds]
-            columns.append(population.scores_of(policy, start)[rows, -1:])
-        # Rounded, so that the last digit of two optima does not decide which of them is better.
-        return np.asarray(np.round(np.concatenate([column.reshape(-1, 1) for column in columns], axis=1), 9))
+        population, policy = self.learners[learner][scenario], self.policy(learner)
+        if name in ("score", "clipped"):
+            # Rounded, so that the last digit of two optima does not decide which of them is better.
+            scores = np.round(population.scores_of(policy, start), 9)
+            return np.clip(scores, 0.0, 1.0) if name == "clipped" else scores
+        return np.asarray(population.arrays[evaluated(name, policy, start)])
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:
@@ -182,7 +184,25 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     left_out = "; left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
     groups = {name: arm.group for name, arm in experiment.algorithms.items()}
     checks = {check: checked for check, checked in checks.items() if check in learners}
-    return Data(learners, missing + left_out, groups, checks)
+    policies = {name: arm.policy for name, arm in experiment.algorithms.items()}
+    for learner, by_scenario in learners.items():
+        for population in by_scenario.values():
+            if not population.scores_of(policies[learner.algorithm], "start").shape[1]:
+                raise InputError(
+                    f"{experiment.argument}: algorithms.{learner.algorithm}.policy = "
+                    f'"{policies[learner.algorithm]}": its training returns no such policy; accepted: '
+                    '"greedy".'
+                )
+    return Data(
+        learners,
+        missing + left_out,
+        groups,
+        checks,
+        policies,
+        [name for name, arm in experiment.algorithms.items() if not arm.check_of],
+        protocol_of(experiment),
+        {name: arm.tuning.settings for name, arm in experiment.algorithms.items() if arm.tuning is not None},
+    )
 
 
 def _common_seeds(name: Learner, there: Mapping[tuple[Learner, str], Sequence[RunSpecification]]) -> set[int]:

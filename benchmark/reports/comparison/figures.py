@@ -1,9 +1,11 @@
 """Figures of a comparison: data frames become pictures, and nothing is computed.
 
-Colour and marker show the arm, so that figures can be read in grey, too; dashes show the observation. A check
-is drawn hollow, in the colour and with the marker of the arm that it checks.
+A learner has one colour, marker and dash in every figure. Colour and marker show its arm, and tint and dash
+its observation, so that figures can be read in grey, too. A check is drawn hollow, in the colour of the
+learner that it checks.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -11,39 +13,84 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from benchmark.analysis.population import GOOD_SCORE
+from benchmark.drawing.differences import differences
 from benchmark.drawing.maps import colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import arm_style, figure_of
-from benchmark.reports.comparison.data import Context, Learner
-from benchmark.reports.comparison.tables import METRICS
+from benchmark.reports.comparison.data import Context
+from benchmark.reports.comparison.protocol import Learner, answer
 from envs import Model
 from envs.scene import colour_limits, scene_of
 
-_DASHES: Final = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
-_FLOOR: Final = -4.0  # scores below are not drawn
-_LABELS: Final = {
-    "score": "score (0 random, 1 optimal)",
-    "iqm": "interquartile mean",
-    "median": "median",
-    "mean": "mean",
-    "optimality_gap": "optimality gap",
-}
+_DASHES: Final[dict[str, Any]] = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
+_TINTED: Final = "coordinates"  # the observation of the learners that are drawn lighter
+_ENDPOINTS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
 
 _N_MARKERS: Final = 6  # of a curve
 _N_POINTS: Final = 4  # of a check
 _CHECK_DISTANCE: Final = 0.4  # of the dots of a learner and its check, in rows
+_NEARLY_GOOD: Final = 0.9  # a score by which the best learners are found for the enlarged profiles
+_N_BEST: Final = 4  # learners that are drawn enlarged
+
+
+def summary(
+    frame: pd.DataFrame, contrasts: pd.DataFrame | None, overall: pd.DataFrame, context: Context
+) -> Figure:
+    """Draws how often each learner succeeds, by scenario and over all, with the answer as the title.
+
+    Args:
+      frame: `benchmark.reports.comparison.tables.summary`.
+      contrasts: `benchmark.reports.comparison.tables.contrasts`, if there is a protocol.
+      overall: `benchmark.reports.comparison.tables.aggregate`.
+      context: Of the comparison.
+    """
+    scenarios, learners = list(frame["scenario"].unique()), _learners(frame, context)
+    parts = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
+    if len(scenarios) > 1:
+        parts["mean over scenarios"] = overall
+    reference = None if context.protocol is None else context.protocol.reference
+    without_checks = dataclasses.replace(context, checks={})
+    with figure_of(1, len(parts), (11.0, 0.3 * len(learners) + 1.5)) as (figure, axes):
+        for column, (title, part) in enumerate(parts.items()):
+            axis = axes[0, column]
+            if reference in learners:
+                axis.axhspan(
+                    learners.index(reference) - 0.5, learners.index(reference) + 0.5, color="0.93", lw=0
+                )
+            _dots(axis, part, ("success", "success_low", "success_high"), learners, without_checks)
+            _rows(axis, learners, first=column == 0, tuning=context.tuning)
+            axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+        for place, learner in enumerate(learners):
+            verdict = _verdict(learner, contrasts, context)
+            axes[0, -1].text(1.04, place, verdict, va="center", transform=axes[0, -1].get_yaxis_transform())
+        if context.protocol is not None and contrasts is not None:
+            figure.suptitle(answer(context.protocol, contrasts), fontweight="bold")
+        figure.supxlabel(
+            "success probability after training; bar: 95 % interval over runs"
+            + (f"; words: verdict against {reference}" if reference in learners else ""),
+            fontsize="small",
+        )
+    return figure
+
+
+def contrasts(frame: pd.DataFrame) -> Figure:
+    """Draws the protocol's contrasts.
+
+    Args:
+      frame: `benchmark.reports.comparison.tables.contrasts`.
+    """
+    names = [f"{row.x}\nagainst {row.y}" for row in frame.itertuples()]
+    return differences(frame, names, _ENDPOINTS)
 
 
 def curves(frame: pd.DataFrame, context: Context, x: str, label: str) -> Figure:
-    """Draws the mean score of the greedy policy over training, with its interval.
-
-    The mean shows runs that fail, which the interquartile mean leaves out.
+    """Draws how often learners succeed over training, with intervals.
 
     Args:
       frame: `benchmark.reports.comparison.tables.curves` or `curves_cpu`.
@@ -55,24 +102,21 @@ def curves(frame: pd.DataFrame, context: Context, x: str, label: str) -> Figure:
     scenarios = list(frame["scenario"].unique())
     if x == "cpu_time_s":
         frame = frame[frame["step"] > 0]  # no time has passed, which has no logarithm
-    with figure_of(len(panels), len(scenarios), (11.0, 2.6 * len(panels) + 1.0)) as (figure, axes):
+    with figure_of(len(panels), len(scenarios), (11.0, 2.4 * len(panels) + 1.0)) as (figure, axes):
         for row, (title, learners) in enumerate(panels.items()):
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
-                _curves(axis, frame[frame["scenario"] == scenario], x, "score_mean", learners, context)
-                axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
-                axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
-                lowest = max(float(frame["score_mean"].min()) - 0.15, _FLOOR)
-                axis.set(ylim=(lowest, 1.15), title=f"{scenario}, {title}")
+                _curves(axis, frame[frame["scenario"] == scenario], x, "success", learners, context)
+                axis.set(ylim=(-0.03, 1.03), title=f"{scenario}, {title}")
                 axis.set(xlim=(float(frame[x].min()), float(frame[x].max())))
                 if x == "cpu_time_s":
                     axis.set_xscale("log")
                 else:
                     axis.xaxis.set_major_locator(MaxNLocator(4))
-            axes[row, 0].set(ylabel=_LABELS["score"])
+            axes[row, 0].set(ylabel="success probability")
         for axis in axes[-1]:
             axis.set(xlabel=label)
-        _legend(figure, context, f"{_signs(context)}; scores below {_FLOOR:g} are not drawn")
+        _legend(figure, context, _signs(context))
     return figure
 
 
@@ -103,73 +147,87 @@ def disagreements(frame: pd.DataFrame, context: Context) -> Figure:
 
 
 def aggregate(frame: pd.DataFrame, context: Context) -> Figure:
-    """Draws rliable's aggregates over all scenarios with their intervals.
+    """Draws success and score over all scenarios, and the best learners once more, enlarged.
 
     Args:
       frame: `benchmark.reports.comparison.tables.aggregate`.
       context: Of the comparison.
     """
-    shown = frame[(frame["policy"] == "greedy") & (frame["evaluated_from"] == "start")]
-    learners = _learners(shown, context)
+    learners = _learners(frame, context)
     row_height = 0.44 if context.checks else 0.36
-    with figure_of(1, len(METRICS), (11.0, row_height * len(learners) + 1.5)) as (figure, axes):
-        for column, metric in enumerate(METRICS):
-            axis = axes[0, column]
-            _dots(axis, shown[shown["metric"] == metric], ("value", "low", "high"), learners, context)
-            _rows(axis, learners, first=column == 0)
-            axis.set(title=_LABELS[metric], xlabel="score missed" if metric == "optimality_gap" else "score")
-            axis.xaxis.set_major_locator(MaxNLocator(4))
-            best = 0.0 if metric == "optimality_gap" else 1.0
-            axis.axvline(best, color="0.35", lw=0.8, ls=":", zorder=0)
-        text = _with_checks("greedy policies after training, all scenarios; bar: 95 % interval", context)
+    with figure_of(1, 2 * len(_ENDPOINTS), (11.0, row_height * len(learners) + 1.5)) as (figure, axes):
+        for place, (name, label) in enumerate(_ENDPOINTS.items()):
+            whole, enlarged = axes[0, 2 * place], axes[0, 2 * place + 1]
+            for axis in (whole, enlarged):
+                _dots(axis, frame, (name, f"{name}_low", f"{name}_high"), learners, context)
+                _rows(axis, learners, first=axis is axes[0, 0], tuning=context.tuning)
+            enlarged.xaxis.set_major_locator(MaxNLocator(4))
+            ranked = frame[~frame["algorithm"].isin({check.algorithm for check in context.checks})]
+            best = ranked.nlargest(_N_BEST, name)
+            lowest = float(best[f"{name}_low"].min())
+            whole.set(title=label, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+            enlarged.set(title="enlarged", xlim=(lowest - 0.1 * (1 - lowest), 1 + 0.1 * (1 - lowest)))
+        text = _with_checks("mean over scenarios after training; bar: 95 % interval", context)
         figure.supxlabel(text, fontsize="small")
     return figure
 
 
 def profile(frame: pd.DataFrame, context: Context) -> Figure:
-    """Draws performance profiles: the share of runs whose score is above a number.
+    """Draws performance profiles: the share of runs whose score is above a number; below, the top enlarged.
 
     Args:
       frame: `benchmark.reports.comparison.tables.profile`.
       context: Of the comparison, without checks; each of its panels is a column.
     """
     panels = context.panels
-    with figure_of(1, len(panels), (11.0, 4.2)) as (figure, axes):
+    shares = frame[frame["score"] == _NEARLY_GOOD].nlargest(_N_BEST, "share")["low"]
+    lowest = max(min(float(shares.min()), 0.9), 0.0)
+    with figure_of(2, len(panels), (11.0, 6.4)) as (figure, axes):
         for column, (title, learners) in enumerate(panels.items()):
-            axis = axes[0, column]
-            _curves(axis, frame, "score", "share", learners, context)
-            axis.set(title=title, xlabel="score (0 random, 1 optimal)", xlim=(0, 1), ylim=(-0.03, 1.03))
-        axes[0, 0].set(ylabel="share of runs above that score")
-        _legend(
-            figure, context, "line: all scenarios alike; shade: 95 % interval; scores below 0 are not drawn"
-        )
+            for axis, ends in zip(axes[:, column], ((-0.03, 1.03), (lowest, 1.004)), strict=True):
+                _curves(axis, frame, "score", "share", learners, context)
+                axis.set(xlim=(0, 1), ylim=ends)
+            axes[0, column].set(title=title)
+            axes[1, column].set(title=f"{title}, enlarged", xlabel="score (0 random, 1 optimal)")
+        for axis in axes[:, 0]:
+            axis.set(ylabel="share of runs above it")
+        text = "line: mean over scenarios; shade: 95 % interval; scores below 0 are not drawn"
+        _legend(figure, context, text)
     return figure
 
 
-def improvement(frame: pd.DataFrame) -> Figure:
-    """Draws the probability that a run of one learner outscores one of another.
+def improvement(frame: pd.DataFrame, context: Context) -> Figure | None:
+    """Draws the probability that a run of one learner scores higher than one of another, with its interval.
 
     Args:
       frame: `benchmark.reports.comparison.tables.improvement`.
+      context: Of the comparison; the pairs are its contrasts, and every other learner with the reference.
     """
-    names = list(dict.fromkeys(frame["x"]))
-    names += [name for name in dict.fromkeys(frame["y"]) if name not in names]
-    wide = frame.pivot(index="x", columns="y", values="probability").loc[names, names]
-    with figure_of(1, 1, (9.0, 6.0)) as (figure, axes):
+    protocol = context.protocol
+    if protocol is None:
+        return None
+    pairs = [(str(x), str(y)) for x, y in protocol.contrasts]
+    if protocol.reference is not None:
+        learners = [learner for learner in context.learners if learner != protocol.reference]
+        others = [(str(learner), str(protocol.reference)) for learner in learners]
+        pairs += [pair for pair in others if pair not in pairs and pair[::-1] not in pairs]
+    rows: Any = frame.set_index(["x", "y"])
+    pairs = [pair for pair in pairs if pair in rows.index]
+    with figure_of(1, 1, (8.5, 0.32 * len(pairs) + 1.3)) as (figure, axes):
         axis = axes[0, 0]
-        image = axis.imshow(wide.to_numpy(), cmap="cividis", norm=Normalize(0, 1), aspect="auto")
-        for x, y, p, low, high in frame[["x", "y", "probability", "low", "high"]].to_numpy():
-            sure = low > 0.5 or high < 0.5
-            axis.text(
-                names.index(y), names.index(x), f"{p:.2f}{'*' if sure else ''}",
-                ha="center", va="center", fontsize="small", color="black" if p > 0.55 else "white",
-            )  # fmt: skip
-        axis.set_xticks(range(len(names)), [name.replace(", ", ",\n") for name in names], rotation=90)
-        axis.set_yticks(range(len(names)), names)
-        axis.set(ylabel="how probably a run of this learner", xlabel="outscores a run of this one")
-        axis.tick_params(length=0)
-        axis.spines[:].set_visible(False)
-        figure.colorbar(image, ax=axis, label="probability; * its 95 % interval excludes 0.5")
+        right = axis.twinx()
+        for y, pair in enumerate(pairs):
+            value, low, high = (float(rows[key][pair]) for key in ("probability", "low", "high"))
+            style = _style(Learner.of(pair[0]), context)
+            axis.barh(y, high - low, left=low, height=0.7, color=style["color"], alpha=0.55)
+            axis.vlines(value, y - 0.35, y + 0.35, color="black", lw=1.6)
+        axis.axvline(0.5, color="0.35", lw=0.8, ls=":")
+        axis.set(xlim=(0, 1), xlabel="probability that a run on the left scores higher than one on the right")
+        for each, names in zip((axis, right), zip(*pairs, strict=True), strict=True):
+            each.set_yticks(range(len(pairs)), names)
+            each.set(ylim=(len(pairs) - 0.5, -0.5))
+            each.tick_params(axis="y", length=0)
+        figure.supxlabel("line: estimate; bar: 95 % interval; exploratory, not tested", fontsize="small")
     return figure
 
 
@@ -254,7 +312,7 @@ def _by_scenario(frame: pd.DataFrame, labels: Mapping[str, str], context: Contex
                 axis = axes[row, column]
                 part, names = frame[frame["scenario"] == scenario], (name, f"{name}_low", f"{name}_high")
                 _dots(axis, part, names, learners, context)
-                _rows(axis, learners, first=column == 0)
+                _rows(axis, learners, {}, first=column == 0)
                 axis.set(title=f"{scenario}: {label}", xlim=(-0.03, 1.03))
         figure.supxlabel(_with_checks("bar: 95 % interval over runs", context), fontsize="small")
     return figure
@@ -285,7 +343,18 @@ def _of(frame: pd.DataFrame, learner: Learner, scenario: str) -> pd.DataFrame:
 def _style(learner: Learner, context: Context) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash, the same in every figure of a comparison."""
     place = context.arms.index(learner.algorithm)
-    return {**arm_style(place), "ls": _DASHES.get(learner.observation, "-")}
+    style = arm_style(place)
+    if learner.observation == _TINTED:
+        style["color"] = tuple(0.5 + 0.5 * part for part in to_rgb(style["color"]))
+    return {**style, "ls": _DASHES.get(learner.observation, "-")}
+
+
+def _verdict(learner: Learner, frame: pd.DataFrame | None, context: Context) -> str:
+    """Returns the verdict on a learner against the reference; empty if there is none."""
+    if frame is None or context.protocol is None:
+        return ""
+    rows = frame[(frame["x"] == str(learner)) & (frame["y"] == str(context.protocol.reference))]
+    return str(rows["success_verdict"].iloc[0]) if len(rows) else ""
 
 
 def _curves(
@@ -328,16 +397,21 @@ def _dots(
             value, low, high = frame[_is(frame, each)].iloc[0][list(columns)]
             y, is_check = row + _CHECK_DISTANCE * (place - (len(together) - 1) / 2), place > 0
             width = 1.2 if is_check else 2.2
-            axis.plot([low, high], [y, y], color=style["color"], ls=style["ls"], lw=width, alpha=0.6)
+            axis.plot([low, high], [y, y], color=style["color"], lw=width, alpha=0.6)
             fill: dict[str, Any] = (
                 {"mfc": "white", "ms": 5} if is_check else {"mec": "white", "mew": 0.6, "ms": 6}
             )
             axis.plot(value, y, color=style["color"], marker=style["marker"], **fill)
 
 
-def _rows(axis: Axes, learners: Sequence[Learner], *, first: bool) -> None:
-    """Names the rows of dots, from top to bottom."""
-    axis.set_yticks(range(len(learners)), [str(learner) for learner in learners] if first else [])
+def _rows(axis: Axes, learners: Sequence[Learner], tuning: Mapping[str, int], *, first: bool) -> None:
+    """Names the rows of dots, from top to bottom, with how many settings were tried."""
+
+    def name(learner: Learner) -> str:
+        n_tried = tuning.get(learner.algorithm, 0)
+        return f"{learner} ({n_tried} tried)" if n_tried else str(learner)
+
+    axis.set_yticks(range(len(learners)), [name(learner) for learner in learners] if first else [])
     axis.set(ylim=(len(learners) - 0.5, -0.5))
     axis.grid(axis="y", lw=0.4, color="0.85")
     axis.tick_params(axis="y", length=0)

@@ -1,29 +1,34 @@
 """What a comparison found, in sentences from its published tables; each judging word follows from numbers.
 
 A number is a Markdown link to the rows of the table that it comes from, `[0.63](summary.csv#row=13)`. Rows
-are counted as by RFC 7111: the header is the first. Scores are means over runs, which show a run that fails;
-interquartile means do not. Two learners differ significantly if the 95 % interval of the probability that a
-run of one outscores a run of the other excludes one half.
+are counted as by RFC 7111: the header is the first. Words that judge (better, worse, equivalent) are verdicts
+on the protocol's contrasts, and are used for nothing else: all other sentences describe.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from agents import load_algorithm
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, NO_VERDICT, UNDECIDED, WORSE
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.tables import link
-from benchmark.reports import independent
-from benchmark.reports.comparison.data import SB3, Learner
+from benchmark.reports.comparison.data import SB3
+from benchmark.reports.comparison.protocol import Learner, Protocol, counted, decisive_rows, outcome
 from benchmark.reports.published import Published
 
-FEWEST_RUNS: Final = 10  # per scenario, of a learner on which a verdict rests
-_RANKED: Final = 3  # deep learners that are named as the best
-
-Outcome = Literal["earns", "does not earn", "undecided"]
+_TABLE: Final = "contrasts"
+_IN_WORDS: Final = {
+    BETTER: "better than `{}`",
+    WORSE: "worse than `{}`",
+    EQUIVALENT: "equivalent to `{}`",
+    UNDECIDED: "undecided against `{}`",
+    NO_VERDICT: "no verdict against `{}`",
+}
 
 
 def table(published: Published) -> pd.DataFrame:
@@ -54,6 +59,8 @@ class Findings:
         """Takes a folder of results, from whose files everything is read."""
         self._published = published
 
+    # What there is
+
     @cached_property
     def _everyone(self) -> list[Learner]:
         """All learners, in the order of the tables."""
@@ -83,222 +90,148 @@ class Findings:
         return [learner for learner in self._learners if self._family(learner) == "deep"]
 
     @cached_property
-    def best_table(self) -> Learner:
-        """The tabular learner with the highest mean score."""
-        return max(self.tables, key=self._mean)
+    def protocol(self) -> Protocol | None:
+        """What was to be decided; None if nothing was."""
+        found = self._published.manifest["facts"].get("protocol")
+        return None if found is None else Protocol.from_json(found)
 
     @cached_property
-    def best_deep(self) -> Learner:
-        """The deep learner with the highest mean score."""
-        return max(self.deep, key=self._mean)
-
-    def outcome(self) -> Outcome:
-        """Decides whether deep RL earns its keep over a table, by the evidence of the runs.
-
-        It *earns* its keep if some deep learner does better than the best table: the 95 % interval of the
-        probability that one of its runs outscores one of the table's lies wholly above one half. Both need at
-        least `FEWEST_RUNS` runs per scenario, and the deep learner a success probability above 0 in every
-        scenario. It *does not earn* its keep if every deep learner has that many runs, as does the table, and
-        each one's interval lies wholly at or below one half. Everything else is *undecided*: that no learner
-        is shown to do better does not show that none does. The best table is the one with the highest mean
-        score; intervals are not corrected for the number of comparisons.
-        """
-        if self._better():
-            return "earns"
-        learners = [self.best_table, *self.deep]
-        rows = [self._improvement(learner, self.best_table) for learner in self.deep]
-        if all(map(self._has_enough_runs, learners)) and all(row["high"] <= 0.5 for row in rows):
-            return "does not earn"
-        return "undecided"
-
-    def _better(self) -> list[Learner]:
-        """Lists the deep learners that do better than the best table, see `outcome`."""
-        return [
-            learner
-            for learner in self.deep
-            if self._has_enough_runs(learner)
-            and self._has_enough_runs(self.best_table)
-            and self._rows("summary", learner)["success"].min() > 0
-            and self._improvement(learner, self.best_table)["low"] > 0.5
-        ]
-
-    def _has_enough_runs(self, learner: Learner) -> bool:
-        """Returns whether a verdict can rest on a learner: it has `FEWEST_RUNS` in every scenario."""
-        return int(self._rows("summary", learner)["n"].min()) >= FEWEST_RUNS
+    def _contrasts(self) -> pd.DataFrame:
+        """The contrasts, a row each."""
+        return self._published.frame(_TABLE)
 
     def sentences(self) -> list[str]:
-        """Returns the headline and up to eleven sentences; none without both a table and a deep learner."""
-        if not self.tables or not self.deep:
+        """Returns the headline and the sentences after it; none without a protocol."""
+        if self.protocol is None:
             return []
-        written = (
+        written = [
             self._headline(),
-            self._tables(),
-            self._best_deep(),
-            self._observations(),
-            self._linear(),
-            self._defaults(),
-            self._threshold([*self.tables, self.best_deep]),
-            self._cost(self.tables[0], self.best_deep),
-            self._every_cell([*self.tables, self.best_deep]),
-            self._region(),
-            self._disagreements([*self.tables, self.best_deep]),
-            self._checks(),
-        )
+            *(self._contrast(row) for _, row in self._contrasts.iterrows()),
+            self._successes(),
+            self._policies(),
+        ]
+        if "threshold.csv" in self._published:
+            written += [
+                self._threshold(),
+                self._cost(),
+                self._every_cell(),
+                self._region(),
+                self._disagreements(),
+            ]
+        written += [self._tuning(), self._checks()]
         return [sentence for sentence in written if sentence]
 
     def _headline(self) -> str:
-        """Says whether deep RL earns its keep."""
-        table, best = self.best_table, self.best_deep
-        name = f"`{table.algorithm}`"
-        match self.outcome():
+        """Answers the question, and says what the answer rests on."""
+        assert self.protocol is not None
+        reference = self.protocol.reference
+        budgets = {self._budget(learner) for learner in self._learners}
+        budget = f"With {budgets.pop()} of training" if len(budgets) == 1 else "With these budgets"
+        if reference is None:
+            n = link(str(len(self._contrasts)), _TABLE, self._contrasts)
+            return f"{budget}, of {n} contrasts, {counted(self._contrasts)}."
+        rows = decisive_rows(self.protocol, self._contrasts)
+        margin = self.protocol.success_margin
+        match outcome(self.protocol, self._contrasts):
             case "earns":
-                better = self._better()
-                names = ", ".join(f"`{learner}`" for learner in better)
-                verdict = (
-                    f"deep RL earns its keep over a table here: {names} "
-                    f"{'does' if len(better) == 1 else 'do'} better than the best table, {name}"
-                )
+                better = rows[rows["success_verdict"] == BETTER]
+                names = _and([f"`{name}`" for name in better["x"]])
+                verb = "succeeds" if len(better) == 1 else "succeed"
+                text = f"{budget}, deep RL earns its keep over a table here: {names} {verb} more often than "
+                text += f"`{reference}`."
             case "does not earn":
-                verdict = (
-                    "deep RL does not earn its keep over a table here: no deep learner does better than the "
-                    f"best table, {name}"
+                subject = f"`{rows['x'].iloc[0]}`" if len(rows) == 1 else f"each of {len(rows)} deep learners"
+                text = (
+                    f"{budget}, deep RL does not earn its keep over a table here: {subject} succeeds less "
+                    f"often than `{reference}`, or equally often within {margin:g}."
                 )
             case "undecided":
-                few = not all(map(self._has_enough_runs, [table, *self.deep]))
-                verdict = (
-                    "it is undecided whether deep RL earns its keep over a table here: no deep learner "
-                    f"can be said to do better than the best table, {name}, and the data do not show that "
-                    "none does"
+                text = (
+                    f"{budget}, it is undecided whether deep RL earns its keep over a table here: against "
+                    f"`{reference}`, {counted(rows)}."
                 )
-                if few:
-                    verdict += f" (a verdict takes at least {FEWEST_RUNS} runs per scenario and learner)"
-        budgets = {self._budget(learner) for learner in [*self.tables, *self.deep]}
-        budget = f"{budgets.pop()} of training" if len(budgets) == 1 else "the budgets of this experiment"
-        ratio, times = self._ratio(table, best)
-        batches = self._batches(best)
+            case "no verdict":
+                reason = (
+                    "runs are missing"
+                    if self._published.manifest.get("partial", "").startswith("Partial: ")
+                    else f"a verdict takes {self.protocol.fewest_runs} runs per scenario and learner"
+                )
+                return (
+                    f"{budget}, there is no verdict on whether deep RL earns its keep over a table: {reason}."
+                )
+        side = self._row("aggregate", reference)
+        found = [f"`{row['x']}` {self._total(Learner.of(row['x']))}" for _, row in rows.iterrows()]
         return (
-            f"With {budget} {verdict}. That table has a mean score of "
-            f"{self._score(table)} ({self._n(table)} runs per scenario). The deep learner with the highest "
-            f"mean score, `{best}`, has {self._score(best)} ({self._n(best)} runs per scenario): "
-            f"{self._verdict(best, table)}. {f'Trained {batches}, it' if batches else 'It'} takes "
-            f"{times} the CPU time of that table"
-            + (
-                ", but this compares compiled code with Python: against a table in plain Python it is about "
-                f"{_plain_python(ratio)} times."
-                if self._compares_languages(table, best)
-                else "."
-            )
+            f"{text}\n\nSuccess probability over {self._n_scenarios}: `{reference}` "
+            f"{_with_interval(side, 'success', 'aggregate')}; {'; '.join(found)}."
         )
 
-    def _tables(self) -> str:
-        """Says how tables do, with the settings of the first arm and with others."""
-        first = self.tables[0]
-        budget = self._settings(first)["budget"]
-        rows = self._rows("curves", first)
-        late = rows[rows["step"] > budget / 2].groupby("scenario", sort=False)
-        means = ", ".join(link(f"{part['success'].mean():.2f}", "curves", part) for _, part in late)
+    def _contrast(self, row: pd.Series) -> str:
+        """Says how a contrast ended, on both endpoints."""
+        verdict = str(row["success_verdict"])
+        value = link(_signed(row["success_difference"]), _TABLE, row)
         text = (
-            f"After {self._budget(first)} the table `{first.algorithm}` ({self._n(first)} runs per scenario) "
-            f"succeeds with probability {self._by_scenario('summary', first, 'success', _two_decimals)} "
-            f"(averaged over the second half of training: {means}), and has a mean score of "
-            f"{self._score(first)} over all scenarios"
+            f"`{row['x']}` is {_IN_WORDS[verdict].format(row['y'])} in success: {value} "
+            f"[{_signed(row['success_difference_low'])}, {_signed(row['success_difference_high'])}]"
         )
-        for other in self.tables[1:]:
-            text += (
-                f"; `{other}` ({self._n(other)} runs per scenario) has {self._score(other)}: "
-                f"{self._verdict(other, first)}"
+        if verdict == NO_VERDICT:
+            n = link(str(row["n"]), _TABLE, row)
+            text = (
+                f"There is {_IN_WORDS[verdict].format(row['y'])} for `{row['x']}` in success: {value} "
+                f"[{_signed(row['success_difference_low'])}, {_signed(row['success_difference_high'])}] ({n} "
+                "runs per scenario)"
             )
-        note = independent.of_papers_table(self._settings(first)) if self._has_scenario("S2") else ""
-        return f"{text}. {note}".strip()
+        elif verdict == EQUIVALENT and row["success_p_different"] <= 0.05:
+            text += f"; the difference is significant, but smaller than {row['success_margin']:g}"
+        elif verdict == UNDECIDED:
+            needed = row["success_deciding_runs"]
+            if math.isinf(needed):
+                shown = "more than a million"
+            else:
+                shown = f"about {link(f'{needed:,.0f}', _TABLE, row)}"
+            text += f"; {shown} runs per scenario and learner would probably decide it"
+        score = row["score_verdict"]
+        value = link(_signed(row["score_difference"]), _TABLE, row)
+        ends = f"[{_signed(row['score_difference_low'])}, {_signed(row['score_difference_high'])}]"
+        return f"{text}. In score: {score}, {value} {ends}."
 
-    def _best_deep(self) -> str:
-        """Says how the deep learners with the highest scores do, and how the first compares with tables."""
-        best, others = self.best_deep, list(dict.fromkeys((self.tables[0], self.best_table)))
-        ranked = sorted(self.deep, key=self._mean, reverse=True)[:_RANKED]
-        scores = []
-        for learner in ranked:
-            row = self._aggregate(learner, "start", "stochastic")
-            stochastic = "" if row is None else f", and {_interval(row)} with its stochastic policy"
-            scores.append(f"`{learner}` {self._score(learner)}{stochastic}")
-        if len(ranked) == 1:
-            subject = (
-                f"The deep learner ({self._n(best)} runs per scenario) has a mean score: {scores[0]}. It"
-            )
-        else:
-            subject = (
-                f"The deep learners with the highest mean scores, with {self._n(*ranked)} runs per scenario "
-                f"each, are {'; '.join(scores)}. The first"
-            )
-        return (
-            f"{subject} succeeds with probability "
-            f"{self._by_scenario('summary', best, 'success', _two_decimals)}; "
-            f"{', and '.join(self._verdict(best, table) for table in others)}."
-        )
+    # Descriptions
 
-    def _observations(self) -> str:
-        """Says what the form of the observation changes."""
+    def _successes(self) -> str:
+        """Says how often each learner succeeds."""
         parts = []
-        for arm in dict.fromkeys(learner.algorithm for learner in self.deep):
-            forms = [learner for learner in self._learners if learner.algorithm == arm]
-            if len(forms) == 2:
-                scores = " and ".join(f"{self._mean_link(form)} with {form.observation}" for form in forms)
-                row = self._improvement(*forms)
-                names = [form.observation for form in forms]
-                better = names[0] if row["low"] > 0.5 else names[1] if row["high"] < 0.5 else ""
-                verdict = f"{better} is better" if better else "no significant difference"
-                if better and not all(map(self._has_enough_runs, forms)):
-                    verdict = "too few runs for a verdict"
+        for learner in self._learners:
+            rows = self._rows("summary", learner)
+            by_scenario = _and(
+                [
+                    f"{link(f'{row.success:.2f}', 'summary', row)} in {row.scenario}"
+                    for _, row in rows.iterrows()
+                ]
+            )
+            parts.append(f"`{learner}` {by_scenario}")
+        return (
+            f"Success probability after training ({self._n(*self._learners)} runs each): {'; '.join(parts)}."
+        )
+
+    def _policies(self) -> str:
+        """Says what the other policy of a stochastic learner does."""
+        parts = []
+        for learner in self._learners:
+            rows = self._rows("summary", learner)
+            if "stochastic_success" in rows and rows["stochastic_success"].notna().all():
+                greedy, stochastic = (
+                    link(f"{rows[f'{policy}_success'].mean():.2f}", "summary", rows)
+                    for policy in ("greedy", "stochastic")
+                )
                 parts.append(
-                    f"`{arm}` {scores} ({verdict}, {_probability(row)}, {self._n(*forms)} runs per scenario "
-                    "each)"
+                    f"`{learner}` {stochastic} by its stochastic policy and {greedy} by its greedy one"
                 )
-        return f"Mean scores by form of observation: {'; '.join(parts)}." if parts else ""
-
-    def _linear(self) -> str:
-        """Says how a linear layer compares with the best net that has hidden layers, in the same learner."""
-        linear = [learner for learner in self.deep if self._net(learner) == []]
-        if not linear:
-            return ""
-        first = linear[0]
-        kin = [
-            learner
-            for learner in self.deep
-            if learner not in linear
-            and learner.observation == first.observation
-            and self._algorithm(learner) == self._algorithm(first)
-        ]
-        text = (
-            f"A single linear layer over {first.observation} (`{first.algorithm}`, {self._parameters(first)} "
-            f"parameters, {self._n(first)} runs per scenario) has a mean score of {self._score(first)}"
-        )
-        if kin:
-            best = max(kin, key=self._mean)
-            text += (
-                f"; `{best}` with {self._parameters(best)} parameters ({self._n(best)} runs per scenario): "
-                f"{self._verdict(best, first)}"
-            )
-            if self._other_settings(best) != self._other_settings(first):
-                text += ". The two also differ in other settings"
-        return f"{text}."
-
-    def _defaults(self) -> str:
-        """Says how the arms with Stable-Baselines3's own settings do; these are known by their names."""
-        parts = []
-        for learner in self.deep:
-            if learner.is_default:
-                rows = self._rows("threshold", learner)
-                share = np.average(rows["reached_share"], weights=rows["n"])
-                reached = f"{link(f'{share:.1%}', 'threshold', rows)} of {rows['n'].sum()} runs"
-                parts.append(f"`{learner}` {self._mean_link(learner)} and {reached}")
         if not parts:
             return ""
-        return (
-            "The arms named `_default` have these mean scores, and these shares of runs that ever score "
-            f"{GOOD_SCORE:g}: {', '.join(parts)}. Which of their settings explain this has not been tested "
-            "here."
-        )
+        text = f"Success by policy, means over scenarios: {'; '.join(parts)}."
+        return f"{text} The protocol names the one that counts."
 
-    def _threshold(self, learners: Sequence[Learner]) -> str:
+    def _threshold(self) -> str:
         """Says how many steps a good policy takes."""
         last = self._published.frame("curves")["step"].max()
 
@@ -307,120 +240,140 @@ class Findings:
 
         parts = [
             f"`{learner}` {self._by_scenario('threshold', learner, 'stays_step_median', say)}"
-            for learner in learners
+            for learner in self._compared
         ]
         return (
             f"Median number of steps after which the score stays at or above {GOOD_SCORE:g} to the last "
             f"evaluation: {'; '.join(parts)}."
         )
 
-    def _cost(self, table: Learner, net: Learner) -> str:
-        """Says what a run costs."""
-
-        def say(row: pd.Series, time: str) -> str:
-            return (
-                f"{link(time, 'cost', row)} of CPU time, has {link(f'{row.parameters:,.0f}', 'cost', row)} "
-                f"parameters, and its process peaks at {link(f'{row.peak_memory_mb:.0f}', 'cost', row)} MB"
+    def _cost(self) -> str:
+        """Says what a run costs: time, updates, parameters."""
+        parts = []
+        for learner in [*self._compared, *self._checks_of(*self._compared)]:
+            row = self._row("cost", learner)
+            batches = self._batches(learner)
+            time = _duration(row["cpu_time_s"])
+            parts.append(
+                f"`{learner}`{f' ({batches})' if batches else ''} {link(time, 'cost', row)} and "
+                f"{link(f'{row.updates:,.0f}', 'cost', row)} updates of "
+                f"{link(f'{row.parameters:,.0f}', 'cost', row)} parameters"
             )
-
-        def compare(learner: Learner) -> str:
-            ratio, times = self._ratio(table, learner)
-            text = f"{times} the CPU time of the table"
-            if self._compares_languages(table, learner):
-                text += (
-                    f", which is compiled, and about {_plain_python(ratio)} times that of one in plain Python"
-                )
+        text = f"CPU time of a run, median: {'; '.join(parts)}."
+        plain = self._plain_python()
+        if plain is None:
             return text
-
-        first, other = self._row("cost", table), self._row("cost", net)
-        batches = self._batches(net)
-        text = (
-            f"A run of `{table}` takes {say(first, f'{first.cpu_time_s * 1000:.2g} ms')}; a run of `{net}`"
-            f"{f', trained {batches},' if batches else ''} takes {say(other, f'{other.cpu_time_s:.2g} s')}. "
-            f"That is {compare(net)}."
-        )
-        for check, checked in self.checks.items():
-            if checked == net:
-                row = self._row("cost", check)
-                time = link(f"{row.cpu_time_s:.2g} s", "cost", row)
-                text += f" A run of its check `{check}` takes {time}: {compare(check)}."
-        return text
-
-    def _every_cell(self, learners: Sequence[Learner]) -> str:
-        """Says what was learned away from the greedy path."""
-        if not (self._published.frame("aggregate")["evaluated_from"] == "every_cell").any():
-            return ""
-        parts = [
-            f"`{learner}` {self._score(learner, 'every_cell')} against {self._mean_link(learner)}"
-            for learner in learners
+        ratios = [
+            f"`{learner}` {link(f'{_two_digits(ratio)} times', 'cost', self._row('cost', learner), plain)}"
+            for learner in self._compared
+            if self._family(learner) == "deep"
+            for ratio in [float(self._row("cost", learner)["cpu_time_s"] / plain["cpu_time_s"])]
         ]
-        return f"Mean score from a random cell against that from the start cell: {'; '.join(parts)}."
+        against = f"Against `{plain['algorithm']}`, a table in plain Python, that is"
+        return f"{text} {against}: {'; '.join(ratios)}."
+
+    def _plain_python(self) -> pd.Series | None:
+        """Returns the cost of a table that needs no package, and so is plain Python; None if there is none."""
+        for check, learner in self.checks.items():
+            if self._family(check) == "tabular" and not self._packages(check) and learner in self.tables:
+                return self._row("cost", check)
+        return None
+
+    def _every_cell(self) -> str:
+        """Says what was learned away from the path from the start."""
+        if "every_cell_success" not in self._published.frame("aggregate"):
+            return ""
+        parts = []
+        for learner in self._compared:
+            row = self._row("aggregate", learner)
+            success = link(f"{row['success']:.2f}", "aggregate", row)
+            parts.append(
+                f"`{learner}` {_with_interval(row, 'every_cell_success', 'aggregate')} against {success}"
+            )
+        return f"Success from a random cell against that from the start cell: {'; '.join(parts)}."
 
     def _region(self) -> str:
-        """Says which learners know the personal space."""
-        learners = [*self.tables, *self.deep]
-        rows = {learner: self._rows("region", learner) for learner in learners}
-        means = {learner: part.mean(numeric_only=True, skipna=False) for learner, part in rows.items()}
-        best = max(self.deep, key=lambda learner: float(means[learner]["overlap"]))
+        """Says how well learners know the personal space."""
         parts = []
-        for learner in (*self.tables, best):
-            values = means[learner][["overlap", "precision", "recall"]]
-            shown = ["none" if np.isnan(value) else f"{value:.2f}" for value in values]
-            overlap, precision, recall = (link(text, "region", rows[learner]) for text in shown)
+        for learner in self._compared:
+            rows = self._rows("region", learner)
+            means = rows[["overlap", "precision", "recall"]].mean(skipna=False)
+            shown = ["none" if np.isnan(value) else f"{value:.2f}" for value in means]
+            overlap, precision, recall = (link(text, "region", rows) for text in shown)
             parts.append(f"`{learner}` {overlap} (precision {precision}, recall {recall})")
         return (
             "Overlap of the cells where an agent values PING with the target region (intersection over "
-            f"union, mean of the scenarios): {', '.join(parts)}. The last is the deep learner with the "
-            "largest overlap."
+            f"union, mean over agents and scenarios): {'; '.join(parts)}."
         )
 
-    def _disagreements(self, learners: Sequence[Learner]) -> str:
+    def _disagreements(self) -> str:
         """Says how often the issuer disagrees."""
         parts = []
-        for learner in learners:
+        for learner in self._compared:
             rows = self._rows("curves", learner)
             last = rows[rows["step"] > 0.9 * rows["step"].max()]
             means = (link(f"{part['disagreements'].mean():.0f}", "curves", part) for part in (rows, last))
             parts.append(f"`{learner}` {' and '.join(means)}")
         return (
             "The issuer's disagreements per 1,000 steps, over all of training and in its last tenth: "
-            f"{', '.join(parts)}."
+            f"{'; '.join(parts)}."
         )
+
+    def _tuning(self) -> str:
+        """Says how much search the settings took."""
+        parts = []
+        for arm in dict.fromkeys(learner.algorithm for learner in self._learners):
+            tuning = self._published.manifest["algorithms"][arm].get("tuning")
+            if tuning is not None and tuning["settings"]:
+                parts.append(f"`{arm}` {tuning['settings']} with up to {tuning['seeds']} seeds each")
+        if not parts:
+            return ""
+        others = "those of all other learners were not searched for"
+        return f"Settings that were tried, in runs that are not used here: {'; '.join(parts)}; {others}."
 
     def _checks(self) -> str:
         """Says how checks and the learners that they check compare."""
         parts = []
         for check, learner in self.checks.items():
-            row = self._improvement(check, learner)
-            is_significant = not row["low"] <= 0.5 <= row["high"]
-            verdict = "a significant difference" if is_significant else "no significant difference"
-            if is_significant and not (self._has_enough_runs(check) and self._has_enough_runs(learner)):
-                verdict = "too few runs for a verdict"
-            scores = f"{self._score(check)} and {self._score(learner)}"
-            parts.append(f"`{check}` {scores} ({verdict}, {_probability(row)})")
+            rows = [self._row("aggregate", each) for each in (check, learner)]
+            both = " and ".join(_with_interval(row, "success", "aggregate") for row in rows)
+            parts.append(f"`{check}` {both}")
         if not parts:
             return ""
         n_checks, n_checked = self._n(*self.checks), self._n(*self.checks.values())
-        is_sb3 = all("stable_baselines3" in self._packages(check) for check in self.checks)
+        deep = [check for check in self.checks if self._family(check) == "deep"]
+        is_sb3 = deep and all("stable_baselines3" in self._packages(check) for check in deep)
+        trained = f", nets by {SB3}" if is_sb3 else ""
         return (
-            "Checks have the settings of the learners that they check and are trained by "
-            f"{SB3 if is_sb3 else 'another implementation'}. Mean scores of each check ({n_checks} runs per "
-            f"scenario) and of the learner that it checks ({n_checked}): {'; '.join(parts)}. These intervals "
-            "are not corrected for their number, and with few runs only large differences would show."
+            "Checks have the settings of the learners that they check and are trained by another "
+            f"implementation{trained}. Success probability of each check ({n_checks} runs per scenario) and "
+            f"of the learner that it checks ({n_checked}): {'; '.join(parts)}. No verdict rests on them."
         )
 
     # Numbers in words
 
-    def _verdict(self, learner: Learner, other: Learner) -> str:
-        """Says which of two learners does better, and with what probability."""
-        row = self._improvement(learner, other)
-        if row["low"] <= 0.5 <= row["high"]:
-            return f"no significant difference from `{other}` ({_probability(row)})"
-        if not (self._has_enough_runs(learner) and self._has_enough_runs(other)):
-            side = "higher" if row["low"] > 0.5 else "lower"
-            shown = f"though most score {side} ({_probability(row)})"
-            return f"too few runs for a verdict against `{other}`, {shown}"
-        return f"{'better' if row['low'] > 0.5 else 'worse'} than `{other}` ({_probability(row)})"
+    @cached_property
+    def _compared(self) -> list[Learner]:
+        """The learners of the contrasts with the reference, or of all contrasts; tables come first."""
+        assert self.protocol is not None
+        named = {learner for pair in self.protocol.contrasts for learner in pair}
+        if self.protocol.reference is not None:
+            named = {x for x, y in self.protocol.contrasts if y == self.protocol.reference} | {*self.tables}
+        return [learner for learner in self._learners if learner in named]
+
+    def _checks_of(self, *learners: Learner) -> list[Learner]:
+        """Returns the checks of learners."""
+        return [check for check, learner in self.checks.items() if learner in learners]
+
+    @property
+    def _n_scenarios(self) -> str:
+        """Returns how many scenarios a mean is over, in words."""
+        n = self._published.frame("summary")["scenario"].nunique()
+        return f"{n} scenarios" if n > 1 else "one scenario"
+
+    def _total(self, learner: Learner) -> str:
+        """Returns a learner's success over all scenarios with its interval."""
+        return _with_interval(self._row("aggregate", learner), "success", "aggregate")
 
     def _by_scenario(self, name: str, learner: Learner, column: str, say: Callable[[float], str]) -> str:
         """Returns a learner's numbers in every scenario."""
@@ -428,29 +381,6 @@ class Findings:
             f"{link(say(row[column]), name, row)} in {row['scenario']}"
             for _, row in self._rows(name, learner).iterrows()
         )
-
-    def _score(self, learner: Learner, start: str = "start") -> str:
-        """Returns a learner's mean score with its interval, of its greedy policy."""
-        row = self._aggregate(learner, start)
-        assert row is not None
-        return _interval(row)
-
-    def _mean_link(self, learner: Learner) -> str:
-        """Returns a learner's mean score as readers see it."""
-        row = self._aggregate(learner, "start")
-        assert row is not None
-        return link(f"{row['value']:.2f}", "aggregate", row)
-
-    def _parameters(self, learner: Learner) -> str:
-        """Returns how many parameters a learner has."""
-        row = self._row("cost", learner)
-        return link(f"{int(row['parameters']):,}", "cost", row)
-
-    def _ratio(self, table: Learner, net: Learner) -> tuple[float, str]:
-        """Returns how many times a table's CPU time a net takes, and the same as readers see it."""
-        cheap, dear = self._row("cost", table), self._row("cost", net)
-        ratio = float(dear["cpu_time_s"] / cheap["cpu_time_s"])
-        return ratio, link(f"{_two_digits(ratio)} times", "cost", dear, cheap)
 
     def _n(self, *learners: Learner) -> str:
         """Returns how many runs learners have in each scenario."""
@@ -472,29 +402,6 @@ class Findings:
         assert len(rows) == 1
         return rows.iloc[0]
 
-    def _aggregate(self, learner: Learner, start: str, policy: str = "greedy") -> pd.Series | None:
-        """Returns the row of a learner's mean score; None if it has no such policy."""
-        rows = self._rows("aggregate", learner)
-        is_wanted = (
-            (rows["policy"] == policy) & (rows["evaluated_from"] == start) & (rows["metric"] == "mean")
-        )
-        return rows[is_wanted].iloc[0] if is_wanted.any() else None
-
-    def _mean(self, learner: Learner) -> float:
-        """Returns a learner's mean score."""
-        row = self._aggregate(learner, "start")
-        assert row is not None
-        return float(row["value"])
-
-    def _improvement(self, learner: Learner, other: Learner) -> pd.Series:
-        """Returns the row with the probability that a run of a learner outscores a run of another."""
-        frame = self._published.frame("improvement")
-        return frame[(frame["x"] == str(learner)) & (frame["y"] == str(other))].iloc[0]
-
-    def _has_scenario(self, name: str) -> bool:
-        """Returns whether a scenario is among those compared."""
-        return bool((self._published.frame("summary")["scenario"] == name).any())
-
     def _arm(self, learner: Learner) -> Mapping[str, Any]:
         """Returns what the manifest says of a learner's arm."""
         arm: Mapping[str, Any] = self._published.manifest["algorithms"][learner.algorithm]
@@ -503,32 +410,12 @@ class Findings:
     def _batches(self, net: Learner) -> str:
         """Returns how a net is trained, if not alone."""
         size = self._arm(net).get("batch_size", 1)
-        return f"in batches of up to {size} runs" if size > 1 else ""
-
-    def _algorithm(self, learner: Learner) -> str:
-        """Returns the algorithm of a learner's arm."""
-        return str(self._arm(learner)["algorithm"])
-
-    def _settings(self, learner: Learner) -> dict[str, Any]:
-        """Returns the settings of a learner's arm."""
-        return dict(self._arm(learner)["settings"])
+        return f"in batches of up to {size}" if size > 1 and self._family(net) == "deep" else ""
 
     def _budget(self, learner: Learner) -> str:
         """Returns how long a learner trains."""
-        settings = self._settings(learner)
+        settings = self._arm(learner)["settings"]
         return f"{settings['budget']:,} {settings.get('budget_unit', 'steps')}"
-
-    def _net(self, learner: Learner) -> object:
-        """Returns the hidden layers of a learner's net; None if its settings do not say."""
-        return (self._settings(learner).get("policy_kwargs") or {}).get("net_arch")
-
-    def _other_settings(self, learner: Learner) -> dict[str, Any]:
-        """Returns the settings of a learner's arm, except those of its net."""
-        return {key: value for key, value in self._settings(learner).items() if key != "policy_kwargs"}
-
-    def _compares_languages(self, table: Learner, net: Learner) -> bool:
-        """Returns whether a table is compiled, and a net trained from Python."""
-        return "numba" in self._packages(table) and "stable_baselines3" in self._packages(net)
 
     def _packages(self, learner: Learner) -> tuple[str, ...]:
         """Returns what a learner's algorithm is made with."""
@@ -543,26 +430,39 @@ class Findings:
         return str(arm["family"]) if "family" in arm else load_algorithm(arm["algorithm"]).family
 
 
-def _probability(row: pd.Series) -> str:
-    """Returns a row of `improvement` as readers see it."""
-    probability = link(f"{row['probability']:.2f}", "improvement", row)
-    return f"P = {probability} [{row['low']:.2f}, {row['high']:.2f}]"
+def _with_interval(row: pd.Series, key: str, table: str) -> str:
+    """Returns a number with its interval."""
+    return f"{link(f'{row[key]:.2f}', table, row)} [{row[f'{key}_low']:.2f}, {row[f'{key}_high']:.2f}]"
 
 
-def _interval(row: pd.Series) -> str:
-    """Returns a value with its interval."""
-    return f"{link(f'{row.value:.2f}', 'aggregate', row)} [{row['low']:.2f}, {row['high']:.2f}]"
+def _signed(value: float) -> str:
+    """Returns a difference.
+
+    >>> _signed(0.034), _signed(-0.034), _signed(-0.001)
+    ('+0.03', '-0.03', '0.00')
+    """
+    shown = f"{value:+.2f}"
+    return "0.00" if shown in ("+0.00", "-0.00") else shown
 
 
-def _plain_python(ratio: float) -> str:
-    """Returns a ratio to the compiled table's CPU time as one to that of a table in plain Python."""
-    low, high = (_two_digits(value) for value in independent.against_plain_python(ratio))
-    return f"{low} to {high}"
+def _and(parts: Sequence[str]) -> str:
+    """Returns parts as a list in a sentence."""
+    *others, last = parts
+    return f"{', '.join(others)} and {last}" if others else last
 
 
-def _two_decimals(value: float) -> str:
-    """Returns a number with two digits after the point."""
-    return f"{value:.2f}"
+def _is(n: int) -> str:
+    """Returns the verb for n things."""
+    return "is" if n == 1 else "are"
+
+
+def _duration(seconds: float) -> str:
+    """Returns a time with two significant digits.
+
+    >>> _duration(0.000319), _duration(0.0345), _duration(17.54)
+    ('0.32 ms', '35 ms', '18 s')
+    """
+    return f"{seconds * 1000:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
 
 
 def _two_digits(value: float) -> str:

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Final
 import pandas as pd
 
 from agents import ALGORITHMS
-from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.comparison import findings
 from benchmark.reports.comparison import tables as comparison
-from benchmark.reports.comparison.data import Context, Data, Learner, load
+from benchmark.reports.comparison.data import Context, Data, load
+from benchmark.reports.comparison.protocol import Learner, protocol_of
 from benchmark.reports.explorer import explorer_items
 from benchmark.reports.item import Frames, Item, Report, Section, whole
 from benchmark.reports.published import Published
@@ -32,11 +32,12 @@ _ENDS: Final = ("low", "high")
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has the default condition alone.
+    """Checks that an experiment has the default condition alone, and its protocol.
 
     Raises:
-      InputError: It has other conditions.
+      InputError: It has other conditions, or the protocol names what is not there.
     """
+    protocol_of(experiment)
     if list(experiment.conditions) != [DEFAULT_CONDITION]:
         raise InputError(
             f"{experiment.argument}: readings, sweep: a comparison takes the {DEFAULT_CONDITION} condition "
@@ -57,6 +58,10 @@ def _summary(data: Data, _: Frames) -> pd.DataFrame:
 
 def _aggregate(data: Data, _: Frames) -> pd.DataFrame:
     return comparison.aggregate(data)
+
+
+def _contrasts(data: Data, _: Frames) -> pd.DataFrame | None:
+    return comparison.contrasts(data)
 
 
 def _improvement(data: Data, _: Frames) -> pd.DataFrame:
@@ -117,25 +122,40 @@ def _write_film(data: Data, _: Frames, directory: "Path") -> None:
 
 
 def _display_summary(frame: pd.DataFrame) -> pd.DataFrame:
-    columns = ["score_iqm", "score_mean", "success", "steps"]
-    columns += [c for c in ("every_cell_score_iqm", "stochastic_score_iqm") if c in frame]
-    return tables.with_intervals(frame, columns)[[*_POPULATION, "n", "diverged", *columns]]
+    columns = ["success", "score"]
+    columns += [c for c in ("every_cell_success",) if c in frame]
+    shown = [*_POPULATION, "policy", "n", *columns, "unbounded_score", "steps"]
+    return tables.with_intervals(frame, columns)[shown]
 
 
 def _display_aggregate(frame: pd.DataFrame) -> pd.DataFrame:
-    shown = tables.with_intervals(frame.rename(columns={"low": "value_low", "high": "value_high"}), ["value"])
-    keys = [*_LEARNER, "policy", "evaluated_from"]
-    wide = shown.pivot(index=keys, columns="metric", values="value")[list(comparison.METRICS)]
-    return wide.loc[list(dict.fromkeys(map(tuple, shown[keys].to_numpy())))].reset_index()
+    columns = ["success", "score"]
+    columns += [c for c in ("every_cell_success", "every_cell_score") if c in frame]
+    shown = [*_LEARNER, "policy", "runs", *columns, "unbounded_score", "iqm"]
+    return tables.with_intervals(frame, columns)[shown]
+
+
+def _display_contrasts(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = [f"{endpoint}_difference" for endpoint in comparison.ENDPOINTS]
+    verdicts = [f"{endpoint}_verdict" for endpoint in comparison.ENDPOINTS]
+    return tables.with_intervals(frame, columns)[["x", "y", *verdicts, "n", *columns]]
 
 
 def _display_improvement(frame: pd.DataFrame) -> pd.DataFrame:
     names = {"probability": "p", "low": "p_low", "high": "p_high"}
-    return tables.with_intervals(frame.rename(columns=names), ["p"])[["x", "y", "p"]]
+    return tables.with_intervals(_once(frame).rename(columns=names), ["p"])[["x", "y", "p"]]
+
+
+def _once(frame: pd.DataFrame) -> pd.DataFrame:
+    """Returns every pair of `improvement` once."""
+    return frame.iloc[::2]
 
 
 def _display_profile(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame[(frame["score"] * 10 % 1).abs() < 1e-9]
+    shown = frame[(frame["score"] * 10 % 1).abs() < 1e-9]
+    wide = shown.pivot(index=list(_LEARNER), columns="score", values="share")
+    wide = wide.loc[list(dict.fromkeys(map(tuple, shown[list(_LEARNER)].to_numpy())))]
+    return wide.rename(columns=lambda score: f"> {score:g}").reset_index()
 
 
 def _display_threshold(frame: pd.DataFrame) -> pd.DataFrame:
@@ -155,11 +175,19 @@ def _display_maps(frame: pd.DataFrame) -> pd.DataFrame:
     return largest.reset_index()
 
 
-def _greedy_from_start(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame[(frame["policy"] == "greedy") & (frame["evaluated_from"] == "start")]
-
-
 # Figures
+
+
+def _draw_summary(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    return figures.summary(frames["summary"], frames.get("contrasts"), frames["aggregate"], context)
+
+
+def _draw_contrasts(frames: Frames, _: Context) -> "Figure | None":
+    from benchmark.reports.comparison import figures
+
+    return figures.contrasts(frames["contrasts"]) if "contrasts" in frames else None
 
 
 def _draw_curves(frames: Frames, context: Context) -> "Figure":
@@ -192,11 +220,10 @@ def _draw_profile(frames: Frames, context: Context) -> "Figure":
     return figures.profile(frames["profile"], replace(context, checks={}, check_note=""))
 
 
-def _draw_improvement(frames: Frames, context: Context) -> "Figure":
+def _draw_improvement(frames: Frames, context: Context) -> "Figure | None":
     from benchmark.reports.comparison import figures
 
-    frame, checks = frames["improvement"], list(map(str, context.checks))
-    return figures.improvement(frame[~frame["x"].isin(checks) & ~frame["y"].isin(checks)])
+    return figures.improvement(frames["improvement"], context)
 
 
 def _draw_threshold(frames: Frames, context: Context) -> "Figure":
@@ -286,63 +313,90 @@ def _batch_sizes(published: Published) -> set[int]:
 ITEMS: Final = (
     Item(
         name="aggregate",
-        description="over all scenarios: interquartile mean, median, mean and optimality gap, by rliable",
+        description="every learner over all scenarios: success, score, and the search behind its settings",
         compute=_aggregate,
         display=_display_aggregate,
         draw=_draw_aggregate,
-        caption="Aggregates over all scenarios, with their 95 % intervals.",
+        caption="Success and score over all scenarios, with 95 % intervals; beside each, the best enlarged.",
         view=Columns(
             file="aggregate.csv",
-            caption="Score over all scenarios, by the greedy policy after training",
+            caption="Every learner over all scenarios, after training",
             keys=_LEARNER,
             numbers={
-                "iqm": "interquartile mean",
-                "median": "median",
-                "mean": "mean",
-                "optimality_gap": "optimality gap",
+                "success": "success probability",
+                "score": "score, clipped",
+                "settings_tried": "settings tried",
+                "every_cell_success": "success from any cell",
+                "unbounded_score": "score without bounds",
+                "iqm": "its interquartile mean",
             },
-            where=_greedy_from_start,
-            ends=_ENDS,
-            spread="metric",
         ),
     ),
     Item(
-        name="curves",
-        description="score, success and disagreements over training, against environment steps",
-        compute=_curves,
-        draw=_draw_curves,
-        caption="Mean score of the greedy policy over training, with its 95 % interval.",
+        name="contrasts",
+        description="the contrasts of the protocol: differences, p-values adjusted by Holm, verdicts",
+        section="protocol",
+        compute=_contrasts,
+        display=_display_contrasts,
+        draw=_draw_contrasts,
+        caption="The contrasts of the protocol, with intervals, margins and verdicts.",
+        view=Columns(
+            file="contrasts.csv",
+            caption="The contrasts of the protocol: x against y",
+            keys=("x", "y", "success_verdict", "score_verdict"),
+            labels={"success_verdict": "verdict on success", "score_verdict": "verdict on score"},
+            numbers={
+                "n": "runs per scenario",
+                "success_difference": "difference in success",
+                "success_p_different": "p, no difference",
+                "success_p_equivalent": "p, not equivalent",
+                "success_deciding_runs": "runs to decide",
+                "score_difference": "difference in score",
+                "score_p_different": "p, no difference",
+                "score_p_equivalent": "p, not equivalent",
+            },
+        ),
     ),
     Item(
         name="summary",
-        description="each scenario and learner: runs, score, success, steps, wrong PINGs",
+        description="each scenario and learner: runs, success, score, steps, wrong PINGs",
         compute=_summary,
         display=_display_summary,
+        draw=_draw_summary,
+        caption="How often each learner succeeds after training, and the verdicts.",
         view=Columns(
             file="summary.csv",
-            caption="Each scenario and learner, by its greedy policy after training",
+            caption="Each scenario and learner, after training",
             keys=_POPULATION,
             numbers={
                 "n": "runs",
-                "score_mean": "mean score",
-                "score_iqm": "score, interquartile mean",
                 "success": "success probability",
+                "score": "score, clipped",
+                "unbounded_score": "score without bounds",
                 "steps": "steps",
                 "wrong_pings": "wrong PINGs",
                 "uncomfortable_steps": "uncomfortable steps",
                 "every_cell_success": "success from any cell",
+                "greedy_success": "success, greedy policy",
                 "stochastic_success": "success, stochastic policy",
             },
         ),
     ),
     Item(
+        name="curves",
+        description="success, score and disagreements over training, against environment steps",
+        compute=_curves,
+        draw=_draw_curves,
+        caption="Success probability over training, with its 95 % interval.",
+    ),
+    Item(
         name="scores",
-        description="every run at the end of training, by its greedy and its stochastic policy",
+        description="every run at the end of training",
         compute=_scores,
     ),
     Item(
         name="threshold",
-        description=f"when, and in how many runs, the greedy policy scores {GOOD_SCORE:g}",
+        description=f"when, and in how many runs, the policy scores {GOOD_SCORE:g}",
         compute=_threshold,
         display=_display_threshold,
         draw=_draw_threshold,
@@ -364,17 +418,18 @@ ITEMS: Final = (
     ),
     Item(
         name="improvement",
-        description="probability that a run of one learner outscores one of another, each pair; of a check, "
-        "only the pair with the learner that it checks",
+        description="exploratory: probability that a run of one learner scores higher than one of another, "
+        "each pair; of a check, only the pair with the learner that it checks",
         compute=_improvement,
         display=_display_improvement,
         draw=_draw_improvement,
-        caption="Probability that a run of one learner scores higher than one of another.",
+        caption="Exploratory: probability that a run of one learner scores higher than one of another.",
         view=Columns(
             file="improvement.csv",
-            caption="Probability that a run of x scores higher than one of y",
+            caption="Exploratory, not tested: probability that a run of x scores higher than one of y",
             keys=("x", "y"),
             numbers={"probability": "probability"},
+            where=_once,
             ends=_ENDS,
         ),
         is_folded=True,
@@ -448,16 +503,16 @@ ITEMS: Final = (
     ),
     Item(
         name="curves_cpu",
-        description="score over training against CPU time",
+        description="success over training against CPU time",
         section="cost",
         compute=_curves_cpu,
         draw=_draw_curves_cpu,
-        caption="Mean score against the CPU time spent on training.",
+        caption="Success probability against the CPU time spent on training.",
         is_measured=True,
     ),
     Item(
         name="learning",
-        description="animation of learning: the agents of the first seed, a table and a net",
+        description="animation of learning: a table and a net, each the agent of the median seed",
         write=_write_film,
         files=("learning.webp",),
     ),
@@ -471,54 +526,57 @@ ITEMS: Final = (
 )
 
 
-def _words(published: Published) -> Sequence[tuple[str, str]]:
+def words(published: Published) -> Sequence[tuple[str, str]]:
     """Explains the terms of the tables."""
     manifest: Mapping[str, Any] = published.manifest
     summary = published.frame("summary")
-    n = summary.loc[summary["algorithm"].isin(_checks(published)), "n"]
     return [
         (
             "learner",
             "an algorithm with its settings and the form of observation that it learns from. Settings are in "
             "the experiment's TOML file; a name that ends in `_default` stands for Stable-Baselines3's own.",
         ),
-        *_words_of_checks_and_batches(published),
+        (
+            "success",
+            "the probability, evaluated exactly, that an episode from the start cell ends with a PING in the "
+            "target region; a mean over runs. It is what verdicts rest on.",
+        ),
         (
             "score",
             "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
-            f"exact optimum (1), both under a limit of {manifest['horizon']} steps. It has no lower bound: a "
-            "greedy policy that bumps into a wall until the limit is far below the random one. Policies are "
-            "evaluated exactly, without sampling episodes.",
+            f"exact optimum (1), both under a limit of {manifest['horizon']} steps, and clipped to [0, 1] in "
+            "every run. Without bounds a single failing run can outweigh many others, so that score is shown "
+            "without an interval and decides nothing.",
         ),
         (
-            "greedy, stochastic",
-            "tables and DQN act by their best action. PPO is evaluated by its likeliest action and, in "
-            "columns that start with `stochastic_`, by its action probabilities. Unless stated otherwise, "
-            "results are for the greedy policy after training.",
+            "policy",
+            "each algorithm is evaluated by one policy, which the experiment names: `greedy` takes the best "
+            "or likeliest action, `stochastic` draws by the learned probabilities.",
         ),
         ("every_cell", "episodes start in a random cell (any but the issuer's) instead of the start cell."),
+        *_words_of_checks_and_batches(published),
+        ("settings tried", "in the search for a learner's settings, which used other runs; 0: no search."),
         (
             "values PING",
             "Q of PING is above 0; of a stochastic policy, PING is the likeliest action.",
         ),
         (
-            "P",
-            "probability that a run of the first learner scores higher than a run of the second in the same "
-            "scenario, by however little; a tie counts half. Two learners differ significantly if the 95 % "
-            "interval of P excludes 0.5.",
+            "probability of improvement",
+            "that a run of the first learner scores higher than a run of the second in the same scenario. "
+            "Scores are clipped, and a difference up to the protocol's margin is a tie, which counts half.",
         ),
         (
-            "interquartile mean (iqm)",
-            "mean of the middle half of the runs. *median*: of the scenarios' mean scores. *optimality gap*: "
-            "how far runs fall short of the score 1, on average.",
+            "iqm",
+            "interquartile mean by rliable: the mean score of the middle half of the runs, without bounds. "
+            "It hides failures of fewer than a quarter of the runs.",
         ),
         (
             "intervals",
-            "95 % percentile bootstrap intervals over runs, stratified by scenario where scenarios are "
-            f"combined, with {RESAMPLES} seeded resamples ({RESAMPLES // 2} for profiles). Intervals of the "
-            "shares in `threshold` are exact binomial ones. They are not corrected for the number of "
-            f"comparisons. With ten runs or fewer{', as checks have,' if n.max() <= 10 else ''} bootstrap "
-            "intervals are too narrow, and where all runs agree they have no width.",
+            "95 % intervals. Those of success, scores and other means of numbers in [0, 1] are exact "
+            "binomial ones (Clopper and Pearson), those of their means over scenarios and differences follow "
+            "from them (Zou and Donner 2008), those of the probability of improvement are Newcombe's (2006), "
+            "and those of disagreements Student's. They are not corrected for their number; the verdicts "
+            "are.",
         ),
         ("inf", "at least half of the runs never reached the threshold."),
         (
@@ -526,6 +584,35 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
             "a net whose values are no longer finite counts as the random policy from then on. "
             f"Diverged runs: {int(summary['diverged'].sum())}.",
         ),
+    ]
+
+
+def protocol_terms(published: Published) -> Sequence[tuple[str, str]]:
+    """Explains the protocol, as declared."""
+    found = published.manifest["facts"].get("protocol")
+    if found is None:
+        return []
+    arms: Mapping[str, Any] = published.manifest["algorithms"]
+    by_policy: dict[str, list[str]] = {}
+    for name, arm in arms.items():
+        if not arm.get("check_of"):
+            by_policy.setdefault(arm.get("policy", "greedy"), []).append(f"`{name}`")
+    policies = "; ".join(f"{policy}: {', '.join(names)}" for policy, names in by_policy.items())
+    origin = (
+        "declared in the experiment's TOML file" if found["is_declared"] else "by default, see CONTRIBUTING"
+    )
+    contrasts = "; ".join(f"`{x}` against `{y}`" for x, y in found["contrasts"])
+    return [
+        ("contrasts", f"{contrasts} ({origin}). All other comparisons are exploratory."),
+        *([("reference", f"`{found['reference']}`")] if found["reference"] else []),
+        (
+            "endpoints",
+            f"first success, with a margin of {found['success_margin']:g}; second the clipped score, with a "
+            f"margin of {found['score_margin']:g}; the score without bounds decides nothing. Both are means "
+            "over scenarios, which weigh the same.",
+        ),
+        ("policies", f"{policies}."),
+        ("fewest runs", f"{found['fewest_runs']} per scenario and learner; with fewer there is no verdict."),
     ]
 
 
@@ -545,7 +632,7 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
             "check",
             "a learner with the settings of another one, trained by another implementation: "
             f"{pairs}. {sb3 if is_sb3 else ''}Figures show it hollow, beside the learner that it checks. "
-            "It is not ranked, and no verdict rests on it.",
+            "No verdict rests on it.",
         )
     sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
     if sizes:
@@ -558,6 +645,17 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
         yield "batch", text
 
 
+VERDICTS_TEXT: Final = (
+    "A contrast compares two learners, x and y, by the mean over scenarios of x minus that of y. It is "
+    "`equivalent` if two one-sided tests show that the difference is smaller than the margin to either side; "
+    "otherwise `better` or `worse` if a two-sided test shows a difference, and else `undecided`. All tests "
+    "are at the 5 % level, with p-values adjusted for the number of contrasts by Holm's method, separately "
+    "for differences and for equivalence, and for each endpoint. A difference can be significant and yet "
+    "smaller than the margin; such learners are `equivalent`. For undecided contrasts, *runs to decide* is "
+    "how many runs per scenario and learner would show a difference or equivalence with a probability of "
+    "about 80 %, if the means stayed as they are."
+)
+
 REPORT: Final = Report(
     name="comparison",
     question="When does deep RL earn its keep over a table?",
@@ -569,21 +667,26 @@ REPORT: Final = Report(
             key="comparison",
             heading="Comparison",
             text=(
-                "A score of 0 is the random policy and 1 the optimal one; brackets hold 95 % intervals over "
-                "runs. A learner is an algorithm with its settings and the form of observation that it "
-                "learns from; a name that ends in `_default` stands for Stable-Baselines3's own settings. "
-                "A check has the settings of another learner and is trained by another implementation; no "
-                "verdict rests on it. "
-                "P is the probability that a run of the first learner scores higher than a run of the second "
-                "in the same scenario. "
-                "Unless stated otherwise, results are for the greedy policy after training. Intervals of few "
-                "runs are too narrow, and none is corrected for the number of comparisons."
+                "Success is the probability that an episode ends with a right PING. A score of 0 is the "
+                "random policy and 1 the optimal one, and is clipped to [0, 1] in every run. Brackets hold "
+                "95 % intervals over runs. A learner is an algorithm with its settings and the form of "
+                "observation that it learns from; a name that ends in `_default` stands for "
+                "Stable-Baselines3's own settings. A check has the settings of another learner and is "
+                "trained by another implementation; no verdict rests on it. Numbers are for the policy that "
+                "the protocol names, after training."
             ),
+        ),
+        Section(
+            key="protocol",
+            heading="Protocol and verdicts",
+            text=VERDICTS_TEXT,
+            terms=protocol_terms,
+            terms_title="The protocol",
         ),
         Section(key="cost", heading="Cost"),
     ),
     headline=findings.headline,
     sentences=findings.sentences,
-    words=_words,
+    words=words,
     packages=("rliable",),
 )

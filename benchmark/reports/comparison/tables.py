@@ -1,50 +1,65 @@
-"""Tables of a comparison: what each learner scored, what it cost, and what it knows.
+"""Tables of a comparison: what each learner reached, how learners compare, what it cost, and what they know.
 
-A learner is an arm of the experiment with one observation. Score matrices are (runs x tasks), where tasks are
-scenarios, as in rliable (Agarwal et al. 2021), which estimates what is reported over all scenarios. Intervals
-are 95 % percentile bootstrap intervals over runs, and seeded.
+A learner is an arm of the experiment with one observation. Unless a column says otherwise, numbers are those
+of the policy that the arm declares. Success and score, clipped to [0, 1], have exact binomial intervals; the
+score without bounds has none, since no method knows how far below 0 a rare failure is. Means over scenarios
+weigh all scenarios the same.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from dataclasses import asdict
 from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
-from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, interquartile_mean, mean_with_interval
+from benchmark.analysis.contrasts import UNDECIDED, Side, contrast, decide, deciding_runs
+from benchmark.analysis.intervals import better_probability, proportion_interval, student
 from benchmark.analysis.population import GOOD_SCORE, Population, overlap
 from benchmark.execution.store import evaluated
-from benchmark.reports.comparison.data import Data, Learner, Scores
+from benchmark.reports.comparison.data import Data
+from benchmark.reports.comparison.protocol import Learner
 from envs import ACTIONS, ZONES
 
 PROFILE: Final = np.round(np.linspace(0, 1, 51), 2)  # scores at which performance profiles are tabulated
-METRICS: Final = ("iqm", "median", "mean", "optimality_gap")
+_ROUNDING: Final = 1e-9
+ENDPOINTS: Final = {
+    "success": "success",
+    "score": "clipped",
+}  # in the order in which they count; see `Data.results`
 
 
 def scores(data: Data) -> pd.DataFrame:
     """Tabulates every run at the end of training.
 
-    `uncomfortable_steps` and `steps` are expectations under the greedy policy from the start. `every_cell_`
-    marks those of episodes that start in any cell, `stochastic_` those of a stochastic policy.
+    `score` is clipped to [0, 1], `unbounded_score` is not. `greedy_success` and `stochastic_success` are
+    those of either policy, as far as there is one; `every_cell_` marks episodes that start in any cell.
     """
     frames = []
     for learner, scenario, population in data.populations:
-        n = len(population.seeds)
-        columns: dict[str, Any] = _named(learner, scenario) | {"seed": population.seeds}
+        columns: dict[str, Any] = _named(learner, scenario)
+        columns |= {"policy": data.policy(learner), "seed": population.seeds}
+        for start in population.specification["evaluated_from"]:
+            for name, field in (
+                ("success", "success"),
+                ("score", "clipped"),
+                ("unbounded_score", "score"),
+                ("steps", "steps"),
+                ("wrong_pings", "wrong_pings"),
+            ):
+                columns[evaluated(name, "greedy", start)] = data.results(learner, scenario, field, start)[
+                    :, -1
+                ]
+            zones = data.results(learner, scenario, "zone_steps", start)[:, -1]
+            columns[evaluated("uncomfortable_steps", "greedy", start)] = zones[
+                :, ZONES.index("uncomfortable")
+            ]
         for policy in ("greedy", "stochastic"):
-            for start in population.specification["evaluated_from"]:
-                values = {"score": population.scores_of(policy, start)}
-                for name in ("success", "steps", "wrong_pings"):
-                    values[name] = population.arrays[evaluated(name, policy, start)]
-                zones = population.arrays[evaluated("zone_steps", policy, start)]
-                values["uncomfortable_steps"] = zones[..., ZONES.index("uncomfortable")]
-                for name, over_training in values.items():
-                    last = over_training[:, -1] if over_training.shape[1] else np.full(n, np.nan)
-                    columns[evaluated(name, policy, start)] = last
+            by_policy = population.arrays[evaluated("success", policy, "start")]
+            n = len(population.seeds)
+            columns[f"{policy}_success"] = by_policy[:, -1] if by_policy.shape[1] else np.full(n, np.nan)
         right, marked = _right_and_marked(population)
         columns["target_cells_marked"] = right
         columns["cells_marked"] = marked
@@ -57,122 +72,147 @@ def scores(data: Data) -> pd.DataFrame:
 
 
 def summary(data: Data) -> pd.DataFrame:
-    """Tabulates every population at the end of training; unless a column says otherwise, greedy policies."""
+    """Tabulates every population at the end of training."""
     rows = []
     for learner, scenario, population in data.populations:
-        last = population.scores[:, -1:]
-        row: dict[str, Any] = _named(learner, scenario) | {
-            "n": len(last),
-            "diverged": int((population.arrays["diverged_at"] >= 0).sum()),
-        }
-        row |= _scalars(_mean("score_mean", population, last))
-        row |= _scalars(interquartile_mean("score_iqm", last))
-        for name in ("success", "steps", "wrong_pings"):
-            row |= _scalars(_mean(name, population, population.arrays[name][:, -1:]))
-        zones = population.arrays["zone_steps"][:, -1:, ZONES.index("uncomfortable")]
-        row |= _scalars(_mean("uncomfortable_steps", population, zones))
+        n = len(population.seeds)
+        row: dict[str, Any] = _named(learner, scenario) | {"policy": data.policy(learner), "n": n}
+        for name, field in ENDPOINTS.items():
+            row |= _scalars(_proportion(name, data.results(learner, scenario, field)[:, -1:]))
+        row["unbounded_score"] = data.results(learner, scenario, "score")[:, -1].mean()
+        for name in ("steps", "wrong_pings"):
+            row[name] = data.results(learner, scenario, name)[:, -1].mean()
+        zones = data.results(learner, scenario, "zone_steps")[:, -1]
+        row["uncomfortable_steps"] = zones[:, ZONES.index("uncomfortable")].mean()
         for policy in ("greedy", "stochastic"):
-            for start in population.specification["evaluated_from"]:
-                if (policy, start) == ("greedy", "start"):
-                    continue
-                last_scores = population.scores_of(policy, start)[:, -1:]
-                if not last_scores.shape[1]:
-                    continue
-                success = population.arrays[evaluated("success", policy, start)][:, -1:]
-                row |= _scalars(interquartile_mean(evaluated("score_iqm", policy, start), last_scores))
-                row |= _scalars(_mean(evaluated("success", policy, start), population, success))
+            by_policy = population.arrays[evaluated("success", policy, "start")][:, -1:]
+            row[f"{policy}_success"] = by_policy.mean() if by_policy.size else np.nan
+        if "every_cell" in population.specification["evaluated_from"]:
+            success = data.results(learner, scenario, "success", "every_cell")[:, -1:]
+            row |= _scalars(_proportion("every_cell_success", success))
+        row["diverged"] = int((population.arrays["diverged_at"] >= 0).sum())
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def aggregate(data: Data) -> pd.DataFrame:
-    """Tabulates rliable's aggregates over all scenarios, one row per learner, policy and metric.
+    """Tabulates every learner over all scenarios at the end of training.
 
-    The optimality gap is how far runs fall short of the score 1 on average. Scores have no lower bound, so
-    neither the mean nor the gap is bounded.
+    `iqm` is rliable's interquartile mean of the scores without bounds: the mean of the middle half of the
+    runs, which hides failures of fewer than a quarter.
     """
     from rliable import metrics
 
-    functions = (
-        _interquartile_mean,
-        metrics.aggregate_median,
-        metrics.aggregate_mean,
-        metrics.aggregate_optimality_gap,
-    )
-    starts = next(data.populations)[2].specification["evaluated_from"]
-    frames = []
-    for policy in ("greedy", "stochastic"):
-        for start in starts:
-            matrices = {learner: data.scores(learner, policy, start) for learner in data.learners}
-            matrices = {learner: matrix for learner, matrix in matrices.items() if len(matrix)}
-            values, bounds = _estimate(matrices, lambda matrix: np.array([f(matrix) for f in functions]))
-            for learner, estimates in values.items():
-                low, high = bounds[learner]
-                columns = {"policy": policy, "evaluated_from": start, "metric": METRICS}
-                frames.append(_frame(learner, columns | {"value": estimates, "low": low, "high": high}))
-    return pd.concat(frames, ignore_index=True)
+    rows = []
+    for learner, populations in data.learners.items():
+        row: dict[str, Any] = {"algorithm": learner.algorithm, "observation": learner.observation}
+        sizes = [len(population.seeds) for population in populations.values()]
+        row |= {"policy": data.policy(learner), "runs": sum(sizes)}
+        row["settings_tried"] = data.tuning.get(learner.algorithm)
+        for start in next(iter(populations.values())).specification["evaluated_from"]:
+            for name, field in ENDPOINTS.items():
+                side = _side(data, learner, field, start)
+                low, high = side.interval
+                name = evaluated(name, "greedy", start)
+                row |= {name: side.mean, f"{name}_low": low, f"{name}_high": high}
+        final = [data.results(learner, scenario, "score")[:, -1] for scenario in populations]
+        row["unbounded_score"] = np.mean([values.mean() for values in final])
+        row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
+        rows.append(row)
+    return pd.DataFrame(rows).astype({"settings_tried": "Int64"})
+
+
+def contrasts(data: Data) -> pd.DataFrame | None:
+    """Tabulates the contrasts of the protocol, with a verdict on each endpoint.
+
+    The verdict on success counts. Runs that are missing leave no verdict. `deciding_runs` is how many runs
+    per scenario and learner would probably decide an undecided contrast.
+
+    Returns:
+      One row per contrast of learners that are there; None without a protocol.
+    """
+    protocol = data.protocol
+    if protocol is None:
+        return None
+    pairs = [pair for pair in protocol.contrasts if set(pair) <= data.learners.keys()]
+    margins = dict(zip(ENDPOINTS, (protocol.success_margin, protocol.score_margin), strict=True))
+    rows: list[dict[str, Any]] = [{"x": str(x), "y": str(y)} for x, y in pairs]
+    for endpoint, field in ENDPOINTS.items():
+        sides = [tuple(_side(data, learner, field) for learner in pair) for pair in pairs]
+        found = [contrast(x, y, margins[endpoint]) for x, y in sides]
+        fewest = [min(*x.sizes, *y.sizes) for x, y in sides]
+        is_allowed = [not data.is_incomplete and n >= protocol.fewest_runs for n in fewest]
+        decided = decide(found, is_allowed=is_allowed)
+        for row, n, (x, y), each, outcome in zip(rows, fewest, sides, found, decided, strict=True):
+            row |= {"n": n, f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
+            for key, value in (asdict(each) | dict(outcome)).items():
+                ending = f"difference_{key}" if key.startswith(("low", "high")) else key
+                row[f"{endpoint}_{ending}"] = value
+            row[f"{endpoint}_margin"] = margins[endpoint]
+            is_open = outcome["verdict"] == UNDECIDED
+            needed = deciding_runs(x, y, margins[endpoint], len(pairs)) if is_open else np.nan
+            row[f"{endpoint}_deciding_runs"] = needed
+    return pd.DataFrame(rows)
 
 
 def improvement(data: Data) -> pd.DataFrame:
-    """Tabulates the probability that a run of x outscores a run of y in the same scenario.
+    """Tabulates the probability that a run of x scores higher than a run of y in the same scenario.
 
-    All scenarios weigh the same. A tie counts half, as in the Mann-Whitney statistic. A check is compared
-    with the learner that it checks alone.
+    Scores are clipped to [0, 1], and a difference up to the protocol's margin is a tie, which counts half.
+    All scenarios weigh the same. A check is compared with the learner that it checks alone.
     """
-    pairs = [*combinations(data.without_checks.learners, 2), *data.checks.items()]
-    matrices = {pair: tuple(data.scores(learner) for learner in pair) for pair in pairs}
-    values, bounds = _estimate(matrices, _probability_of_improvement)
+    margin = 0.0 if data.protocol is None else data.protocol.score_margin
     rows = []
-    for (x, y), value in values.items():
-        low, high = bounds[x, y].ravel()
-        p = float(value.item())
-        rows.append({"x": str(x), "y": str(y), "probability": p, "low": low, "high": high})
-        rows.append({"x": str(y), "y": str(x), "probability": 1 - p, "low": 1 - high, "high": 1 - low})
+    for x, y in [*combinations(data.without_checks.learners, 2), *data.checks.items()]:
+        found = [
+            _probability_of_improvement(
+                data.results(x, scenario, "clipped")[:, -1],
+                data.results(y, scenario, "clipped")[:, -1],
+                margin,
+            )
+            for scenario in data.learners[x]
+        ]
+        value, low, high = np.mean(found, axis=0)
+        reach = [np.linalg.norm([p - a for p, a, _ in found]), np.linalg.norm([b - p for p, _, b in found])]
+        low, high = (value - reach[0] / len(found), value + reach[1] / len(found))
+        rows.append({"x": str(x), "y": str(y), "probability": value, "low": low, "high": high})
+        rows.append({"x": str(y), "y": str(x), "probability": 1 - value, "low": 1 - high, "high": 1 - low})
     return pd.DataFrame(rows)
 
 
 def profile(data: Data) -> pd.DataFrame:
-    """Tabulates performance profiles: the share of runs in all scenarios that score above a number.
+    """Tabulates performance profiles: the share of runs that score above a number, a mean over scenarios.
 
     They are of learners that are no checks.
     """
-    from rliable import library
-
-    matrices = {learner: data.scores(learner) for learner in data.without_checks.learners}
-    with _numpy_seeded():
-        shares, bounds = library.create_performance_profile(matrices, PROFILE, reps=RESAMPLES // 2)
-    return pd.concat(
-        [
-            _frame(
-                learner,
-                {"score": PROFILE, "share": share, "low": bounds[learner][0], "high": bounds[learner][1]},
-            )
-            for learner, share in shares.items()
-        ],
-        ignore_index=True,
-    )
+    frames = []
+    for learner, populations in data.without_checks.learners.items():
+        final = [data.results(learner, scenario, "score")[:, -1] for scenario in populations]
+        sizes = [len(values) for values in final]
+        sides = [Side([float((values > score).mean()) for values in final], sizes) for score in PROFILE]
+        low, high = zip(*(side.interval for side in sides), strict=True)
+        columns = {"score": PROFILE, "share": [side.mean for side in sides], "low": low, "high": high}
+        frames.append(pd.DataFrame({**learner._asdict(), **columns}))
+    return pd.concat(frames, ignore_index=True)
 
 
 def curves(data: Data) -> pd.DataFrame:
     """Tabulates learning, one row per population and evaluation step.
 
-    `disagreements` are wrong PINGs per 1,000 steps since the previous evaluation step.
+    `disagreements` are wrong PINGs per 1,000 steps since the previous evaluation step, with Student's
+    interval.
     """
     frames = []
     for learner, scenario, population in data.populations:
         steps = np.array(population.evaluation_steps)
         columns: dict[str, Any] = _named(learner, scenario) | {"step": steps}
-        columns |= interquartile_mean("score_iqm", population.scores)
-        columns |= _mean("score_mean", population, population.scores)
-        columns |= _mean("success", population, population.arrays["success"])
-        for policy in ("greedy", "stochastic"):
-            for start in population.specification["evaluated_from"]:
-                values = population.scores_of(policy, start)
-                if (policy, start) != ("greedy", "start") and values.shape[1]:
-                    columns |= interquartile_mean(evaluated("score_iqm", policy, start), values)
+        for name, field in ENDPOINTS.items():
+            columns |= _proportion(name, data.results(learner, scenario, field))
         rate = np.diff(population.arrays["disagreements"], axis=1) / np.diff(steps) * 1000
         rate = np.column_stack([np.full(len(rate), np.nan), rate])  # nothing before the first step
-        columns |= _mean("disagreements", population, rate)
+        low, high = student(rate)
+        columns |= {"disagreements": rate.mean(axis=0)}
+        columns |= {"disagreements_low": np.maximum(low, 0.0), "disagreements_high": high}
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -190,22 +230,19 @@ def curves_cpu(data: Data, learning: pd.DataFrame) -> pd.DataFrame:
         columns = _named(learner, scenario) | {"step": population.evaluation_steps, "cpu_time_s": seconds}
         frames.append(pd.DataFrame(columns))
     keys = ["scenario", "algorithm", "observation", "step"]
-    wanted = [
-        *keys,
-        *(f"{name}{end}" for name in ("score_iqm", "score_mean") for end in ("", "_low", "_high")),
-    ]
+    wanted = [*keys, *(f"success{end}" for end in ("", "_low", "_high"))]
     return pd.concat(frames, ignore_index=True).merge(learning[wanted], on=keys, validate="one_to_one")
 
 
 def threshold(data: Data) -> pd.DataFrame:
-    """Tabulates when a greedy policy first scores `GOOD_SCORE`, and from when on it stays there to the end.
+    """Tabulates when a policy first scores `GOOD_SCORE`, and from when on it stays there to the end.
 
     The end is the last evaluation. Medians count runs that never get there as infinite, and are infinite if
     these are half or more.
     """
     rows = []
     for learner, scenario, population in data.populations:
-        good = population.scores >= GOOD_SCORE  # (N, T)
+        good = data.results(learner, scenario, "score") >= GOOD_SCORE  # (N, T)
         steps = np.array([*population.evaluation_steps, np.inf])
         first = np.where(good.any(axis=1), good.argmax(axis=1), good.shape[1])
         bad_after = good.shape[1] - (~good)[:, ::-1].argmax(axis=1)  # the evaluation after the last bad one
@@ -213,34 +250,31 @@ def threshold(data: Data) -> pd.DataFrame:
         row: dict[str, Any] = _named(learner, scenario) | {"n": len(good)}
         for name, when in (("reached", first), ("stays", stays)):
             count = int((when < good.shape[1]).sum())
-            # Where all runs agree, resampling shows no uncertainty; the exact binomial interval does.
-            bounds = stats.binomtest(count, len(good)).proportion_ci()
+            low, high = proportion_interval(count / len(good), len(good))
             row |= {f"{name}_share": count / len(good)}
-            row |= {f"{name}_share_low": bounds.low, f"{name}_share_high": bounds.high}
+            row |= {f"{name}_share_low": float(low), f"{name}_share_high": float(high)}
             row[f"{name}_step_median"] = np.median(steps[when])
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def region(data: Data) -> pd.DataFrame:
-    """Tabulates how well the cells where agents value PING match the target region.
+    """Tabulates how well the cells where agents value PING match the target region, as means over agents.
 
-    Precision is the share of marked cells that lie in the region, NaN where no agent marks any. Recall is the
-    share of the region that an agent marks, and `overlap` an agent's intersection over union.
+    Precision is the share of an agent's marked cells that lie in the region; agents that mark none have none,
+    and `n_marking` counts the others. Recall is the share of the region that an agent marks, and `overlap` an
+    agent's intersection over union.
     """
     rows = []
     for learner, scenario, population in data.populations:
         right, marked = _right_and_marked(population)
-        weights, n = population.weights, len(right)
-        row: dict[str, Any] = _named(learner, scenario) | {"n": n, "cells_marked": marked.mean()}
-        with np.errstate(invalid="ignore"):
-            precision = (weights @ right) / (weights @ marked)
-        # Resamples without any mark have no precision.
-        low, high = np.nanpercentile(precision, [2.5, 97.5]) if marked.any() else (np.nan, np.nan)
-        row |= {"precision": precision[0], "precision_low": low, "precision_high": high}
-        row |= _scalars(_mean("recall", population, (right / population.in_target.sum())[:, None]))
+        marking = marked > 0
+        row: dict[str, Any] = _named(learner, scenario) | {"n": len(right), "cells_marked": marked.mean()}
+        row["n_marking"] = int(marking.sum())
+        row |= _scalars(_proportion("precision", (right[marking] / marked[marking])[:, None]))
+        row |= _scalars(_proportion("recall", (right / population.in_target.sum())[:, None]))
         overlaps = overlap(population.values_ping, population.in_target)[:, None]
-        row |= _scalars(_mean("overlap", population, overlaps))
+        row |= _scalars(_proportion("overlap", overlaps))
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -301,14 +335,20 @@ def _named(learner: Learner, scenario: str) -> dict[str, Any]:
     return {"scenario": scenario, "algorithm": learner.algorithm, "observation": learner.observation}
 
 
-def _frame(learner: Learner, columns: Mapping[str, Any]) -> pd.DataFrame:
-    """Returns columns after those that name a learner."""
-    return pd.DataFrame({"algorithm": learner.algorithm, "observation": learner.observation, **columns})
+def _proportion(name: str, values: NDArray[Any]) -> dict[str, NDArray[np.float64]]:
+    """Returns columns of the mean over agents of (N, T) numbers in [0, 1]; without agents, of NaN."""
+    if not len(values):
+        none = np.full(values.shape[1], np.nan)
+        return {name: none, f"{name}_low": none, f"{name}_high": none}
+    mean = values.mean(axis=0)
+    low, high = proportion_interval(mean, len(values))
+    return {name: mean, f"{name}_low": low, f"{name}_high": high}
 
 
-def _mean(name: str, population: Population, values: NDArray[Any]) -> dict[str, NDArray[np.float64]]:
-    """Names the mean over agents of (N, T) values, and its interval."""
-    return mean_with_interval(name, population.weights @ values / len(values))
+def _side(data: Data, learner: Learner, field: str, start: str = "start") -> Side:
+    """Returns a learner's means by scenario at the end of training."""
+    final = [data.results(learner, scenario, field, start)[:, -1] for scenario in data.learners[learner]]
+    return Side([float(values.mean()) for values in final], [len(values) for values in final])
 
 
 def _scalars(columns: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
@@ -327,41 +367,15 @@ def _cpu_time_s(population: Population) -> NDArray[np.float64]:
     return np.array([run["cpu_time_s"] for run in population.provenance])
 
 
-def _interquartile_mean(scores: Scores) -> float:
-    """Returns rliable's statistic, by sorting, which is much faster than its trimmed mean."""
-    ordered = np.sort(scores, axis=None)
-    n_cut = len(ordered) // 4
-    return float(ordered[n_cut : len(ordered) - n_cut].mean())
-
-
-def _probability_of_improvement(x: Scores, y: Scores) -> NDArray[np.float64]:
-    """Returns rliable's statistic, (1,), by binary search, which is much faster than ranks or all pairs."""
-    n_below = 0  # twice the runs of y below each run of x; a tie adds one
-    for x_scores, y_scores in zip(x.T, np.sort(y, axis=0).T, strict=True):  # of a scenario
-        n_below += int(np.searchsorted(y_scores, x_scores, "left").sum())
-        n_below += int(np.searchsorted(y_scores, x_scores, "right").sum())
-    return np.array([n_below / (2 * x.size * len(y))])
-
-
-def _estimate(
-    matrices: Mapping[Any, Any], function: Callable[..., NDArray[np.float64]]
-) -> tuple[dict[Any, NDArray[np.float64]], dict[Any, NDArray[np.float64]]]:
-    """Returns rliable's point estimates and intervals, (2, ...), by stratified bootstrap."""
-    if not matrices:
-        return {}, {}
-    from rliable import library
-
-    with _numpy_seeded():
-        values, bounds = library.get_interval_estimates(dict(matrices), function, reps=RESAMPLES)
-    return values, bounds
-
-
-@contextmanager
-def _numpy_seeded() -> Iterator[None]:
-    """Seeds NumPy's global generator, which rliable draws from despite its arguments, and restores it."""
-    state = np.random.get_state()  # noqa: NPY002
-    np.random.seed(BOOTSTRAP_SEED)  # noqa: NPY002
-    try:
-        yield
-    finally:
-        np.random.set_state(state)  # noqa: NPY002
+def _probability_of_improvement(
+    x: NDArray[np.float64], y: NDArray[np.float64], margin: float
+) -> tuple[float, float, float]:
+    """Returns the probability that a run of x is ahead by more than a margin, with its interval."""
+    ordered = np.sort(y)
+    n_below = np.searchsorted(
+        ordered, x - margin - _ROUNDING, "left"
+    ).sum()  # runs of y that a run of x beats
+    n_above = (len(y) - np.searchsorted(ordered, x + margin + _ROUNDING, "right")).sum()
+    pairs = len(x) * len(y)
+    p = float((pairs + n_below - n_above) / (2 * pairs))
+    return p, *better_probability(p, len(x), len(y))

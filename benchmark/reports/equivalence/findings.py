@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from benchmark.analysis.intervals import newcombe
+from benchmark.analysis.intervals import combined
 from benchmark.drawing.tables import link, show
 from benchmark.reports.equivalence.tables import VERDICTS
 from benchmark.reports.published import Published
@@ -19,11 +19,13 @@ def headline(published: Published) -> str:
     """Counts the verdicts, and names the largest difference."""
     pairs = published.frame(_TABLE)
     arms, checks = (_listed_names(pairs[key].unique()) for key in ("algorithm", "check"))
-    equivalent, different, undecided = (_number(pairs[pairs["verdict"] == verdict]) for verdict in VERDICTS)
+    equivalent, different, undecided = (
+        _number(pairs[pairs["success_verdict"] == verdict]) for verdict in VERDICTS
+    )
     widest = _widest(pairs, "success")
     return (
         f"Agents of {arms} against those of {checks}: in {len(pairs)} pairs of populations, success is "
-        f"equivalent within a margin of {pairs['margin'].iloc[0]:g} in {equivalent}, different in "
+        f"equivalent within a margin of {pairs['success_margin'].iloc[0]:g} in {equivalent}, different in "
         f"{different} and undecided in {undecided}. The largest difference is "
         f"{_difference(widest, 'success')}, of {_name(widest)}."
     )
@@ -33,14 +35,14 @@ def sentences(published: Published) -> list[str]:
     """Names the pairs that differ or are undecided, and says what the numbers do not show."""
     pairs = published.frame(_TABLE)
     found = [
-        _listed("Different in success", pairs[pairs["verdict"] == "different"], "success"),
-        _listed("Undecided", pairs[pairs["verdict"] == "undecided"], "success"),
+        _listed("Different in success", pairs[pairs["success_verdict"] == "different"], "success"),
+        _listed("Undecided", pairs[pairs["success_verdict"] == "undecided"], "success"),
         _listed(
             "Equivalent, but with a difference whose 95 % interval excludes 0",
-            _shown(pairs[pairs["verdict"] == "equivalent"], "success"),
+            _shown(pairs[pairs["success_verdict"] == "equivalent"], "success"),
             "success",
         ),
-        _failing(pairs[pairs["verdict"] == "equivalent"]),
+        _failing(pairs[pairs["success_verdict"] == "equivalent"]),
         _resolution(pairs),
         _scores(pairs),
         _distributions(pairs),
@@ -61,8 +63,12 @@ def _failing(equivalent: pd.DataFrame) -> str:
 
 def _resolution(pairs: pd.DataFrame) -> str:
     """Says which differences the runs can show or exclude where half of them succeed."""
-    n, check_n, margin = int(pairs["n"].min()), int(pairs["check_n"].min()), float(pairs["margin"].iloc[0])
-    reach_90, reach_95 = (newcombe(0.5, n, 0.5, check_n, level)[1] for level in (0.90, 0.95))
+    n, check_n, margin = (
+        int(pairs["n"].min()),
+        int(pairs["check_n"].min()),
+        float(pairs["success_margin"].iloc[0]),
+    )
+    reach_90, reach_95 = (combined([1, -1], [0.5, 0.5], [n, check_n], level)[1] for level in (0.90, 0.95))
     limit = margin - reach_90
     text = (
         f"With {link(str(n), _TABLE, pairs)} runs of an arm and {link(str(check_n), _TABLE, pairs)} of its "
@@ -83,10 +89,10 @@ def _resolution(pairs: pd.DataFrame) -> str:
 
 
 def _scores(pairs: pd.DataFrame) -> str:
-    """Says how far mean scores are apart."""
+    """Says how far scores are apart."""
     widest = _widest(pairs, "score")
     return (
-        f"The largest difference in mean score is {_difference(widest, 'score')}, of {_name(widest)}. The "
+        f"The largest difference in score is {_difference(widest, 'score')}, of {_name(widest)}. The "
         f"95 % interval of this difference excludes 0 in {_number(_shown(pairs, 'score'))} of {len(pairs)} "
         "pairs."
     )

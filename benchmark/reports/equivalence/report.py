@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
-from benchmark.analysis.intervals import RESAMPLES
 from benchmark.drawing.tables import with_intervals
 from benchmark.reports.equivalence import findings, tables
 from benchmark.reports.equivalence.data import Name, check, load
@@ -16,15 +15,15 @@ from benchmark.reports.view import Columns
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_KEYS: Final = (*Name._fields, "verdict")
+_KEYS: Final = (*Name._fields, "success_verdict")
 _NUMBERS: Final = {
     "success": "success",
     "check_success": "check's success",
     "success_difference": "difference",
     "success_difference_low_90": "90 %, from",
     "success_difference_high_90": "to",
-    "score_mean": "mean score",
-    "check_score_mean": "check's mean score",
+    "score": "score",
+    "check_score": "check's score",
     "score_difference": "difference",
 }
 
@@ -46,8 +45,8 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
         (
             "margin",
             "how far apart the success probabilities of a pair may be: "
-            f"{published.frame('equivalence')['margin'].iloc[0]:g}. It was chosen for the precision of 100 "
-            "runs, not as the smallest difference that matters.",
+            f"{published.frame('equivalence')['success_margin'].iloc[0]:g}. It was chosen for the precision "
+            "of 100 runs, not as the smallest difference that matters.",
         ),
         (
             "success",
@@ -57,20 +56,19 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
         (
             "score",
             "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
-            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. It has no "
-            "lower bound.",
+            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps, and clipped to "
+            "[0, 1] in every run. `unbounded_score` is not clipped.",
         ),
         (
             "intervals",
-            "95 % intervals in brackets. Those of a success are Wilson's score intervals, those of a "
-            "difference in success Newcombe's hybrid score intervals (1998, method 10), those of scores and "
-            f"their differences percentile bootstrap intervals over runs with {RESAMPLES} seeded resamples, "
-            "resampled independently for each side; where all runs of both sides agree, they have no width.",
+            "95 % intervals in brackets. Those of means are exact binomial ones (Clopper and Pearson), which "
+            "are conservative for numbers in [0, 1]; those of differences follow from them (Zou and Donner "
+            "2008). They are not corrected for their number.",
         ),
         (
             "ks, ks_p",
-            "largest distance between the distribution functions of both sides' scores, and its p-value by "
-            "the two-sample Kolmogorov-Smirnov test. Ties make the test conservative.",
+            "largest distance between the distribution functions of both sides' scores without bounds, and "
+            "its p-value by the two-sample Kolmogorov-Smirnov test. Ties make the test conservative.",
         ),
     ]
 
@@ -92,7 +90,7 @@ ITEMS: Final = (
     ),
     Item(
         name="curves",
-        description="success and mean score over training, with their 95 % intervals",
+        description="success and score over training, with their 95 % intervals",
         compute=tables.curves,
     ),
     Item(name="scores", description="every run after training: success and score", compute=tables.scores),

@@ -1,23 +1,27 @@
 """Tables of an equivalence: every arm against its check, and the verdict on them.
 
-Intervals of successes are score intervals, those of scores bootstrap intervals over runs, and seeded, see
-`benchmark.analysis.intervals`. None is corrected for their number.
+Success and score, clipped to [0, 1], have the intervals of `benchmark.analysis.intervals`. None is corrected
+for their number.
 """
 
+from dataclasses import asdict
 from typing import Final
 
+import numpy as np
 import pandas as pd
 from scipy import stats
 
-from benchmark.analysis.intervals import mean_with_interval, newcombe, resample, wilson
+from benchmark.analysis.contrasts import EQUIVALENT, UNDECIDED, Side, contrast
+from benchmark.analysis.intervals import proportion_interval
+from benchmark.drawing.differences import DIFFERENT
 from benchmark.reports.equivalence.data import Data
 from benchmark.reports.item import Frames
 
 # How far apart the successes of an arm and its check may be. It was chosen for the precision of 100 runs of
-# each: where half of them succeed, the 90 % interval of the difference extends 0.11 to either side, so that
+# each: where half of them succeed, the 90 % interval of the difference extends 0.12 to either side, so that
 # no margin below that could be met. It is not the smallest difference that matters.
 MARGIN: Final = 0.15
-VERDICTS: Final = ("equivalent", "different", "undecided")
+VERDICTS: Final = (EQUIVALENT, DIFFERENT, UNDECIDED)
 
 
 def verdict(ends_90: tuple[float, float], ends_95: tuple[float, float]) -> str:
@@ -33,8 +37,8 @@ def verdict(ends_90: tuple[float, float], ends_95: tuple[float, float]) -> str:
       ends_95: Of its 95 % interval.
     """
     if ends_90[0] > -MARGIN and ends_90[1] < MARGIN:
-        return "equivalent"
-    return "different" if ends_95[0] > 0 or ends_95[1] < 0 else "undecided"
+        return EQUIVALENT
+    return DIFFERENT if ends_95[0] > 0 or ends_95[1] < 0 else UNDECIDED
 
 
 def equivalence(data: Data, _: Frames) -> pd.DataFrame:
@@ -47,27 +51,20 @@ def equivalence(data: Data, _: Frames) -> pd.DataFrame:
     for name, check_name in data.pairs:
         arm, check = data.runs[name], data.runs[check_name]
         n, check_n = len(arm.seeds), len(check.seeds)
-        success, check_success = arm.success[:, -1].mean(), check.success[:, -1].mean()
-        ends_90, ends_95 = (newcombe(success, n, check_success, check_n, level) for level in (0.90, 0.95))
-        scores, check_scores = arm.scores[:, -1], check.scores[:, -1]
-        weights = resample(n, name.scenario), resample(check_n, f"check in {name.scenario}")
-        resampled = weights[0] @ scores / n - weights[1] @ check_scores / check_n
-        same_scores = stats.ks_2samp(scores, check_scores)
-        rows.append(
-            name._asdict()
-            | {"check": check_name.algorithm, "n": n, "check_n": check_n}
-            | {
-                "success": success,
-                "check_success": check_success,
-                "success_difference": success - check_success,
-            }
-            | dict(zip(("success_difference_low", "success_difference_high"), ends_95, strict=True))
-            | dict(zip(("success_difference_low_90", "success_difference_high_90"), ends_90, strict=True))
-            | {"margin": MARGIN, "verdict": verdict(ends_90, ends_95)}
-            | {"score_mean": scores.mean(), "check_score_mean": check_scores.mean()}
-            | mean_with_interval("score_difference", resampled)
-            | {"ks": same_scores.statistic, "ks_p": same_scores.pvalue}
-        )
+        row = name._asdict() | {"check": check_name.algorithm, "n": n, "check_n": check_n}
+        for key, values, check_values in (
+            ("success", arm.success, check.success),
+            ("score", np.clip(arm.scores, 0, 1), np.clip(check.scores, 0, 1)),
+        ):
+            mean, check_mean = float(values[:, -1].mean()), float(check_values[:, -1].mean())
+            found = asdict(contrast(Side([mean], [n]), Side([check_mean], [check_n]), MARGIN))
+            row |= {key: mean, f"check_{key}": check_mean, f"{key}_difference": found["difference"]}
+            ends = {end: found[end] for end in ("low", "high", "low_90", "high_90")}
+            row |= {f"{key}_difference_{end}": value for end, value in ends.items()}
+            row[f"{key}_margin"] = MARGIN
+            row[f"{key}_verdict"] = verdict((ends["low_90"], ends["high_90"]), (ends["low"], ends["high"]))
+        same_scores = stats.ks_2samp(arm.scores[:, -1], check.scores[:, -1])
+        rows.append(row | {"ks": same_scores.statistic, "ks_p": same_scores.pvalue})
     return pd.DataFrame(rows)
 
 
@@ -76,11 +73,11 @@ def curves(data: Data, _: Frames) -> pd.DataFrame:
     frames = []
     for name, runs in data.runs.items():
         n = len(runs.seeds)
-        success = runs.success.mean(axis=0)
-        low, high = wilson(success, n, 0.95)
         columns = {**name._asdict(), "step": runs.steps, "n": n}
-        columns |= {"success": success, "success_low": low, "success_high": high}
-        columns |= mean_with_interval("score_mean", resample(n, name.scenario) @ runs.scores / n)
+        for key, values in (("success", runs.success), ("score", np.clip(runs.scores, 0, 1))):
+            mean = values.mean(axis=0)
+            low, high = proportion_interval(mean, n)
+            columns |= {key: mean, f"{key}_low": low, f"{key}_high": high}
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -94,7 +91,7 @@ def scores(data: Data, _: Frames) -> pd.DataFrame:
                     **name._asdict(),
                     "seed": runs.seeds,
                     "success": runs.success[:, -1],
-                    "score": runs.scores[:, -1],
+                    "unbounded_score": runs.scores[:, -1],
                 }
             )
             for name, runs in data.runs.items()

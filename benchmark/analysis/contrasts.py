@@ -1,0 +1,165 @@
+"""Contrasts: whether one learner does better than another, by a rule that is fixed before the runs.
+
+A learner's number is its mean over scenarios, which all weigh the same, of means of numbers in [0, 1]. Of a
+set of contrasts, p-values are adjusted by Holm's method (1979, Scandinavian Journal of Statistics 6:65-70),
+so that the probability of any wrong claim of a difference is at most about 5 %, and so is that of any wrong
+claim of equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import stats
+
+from benchmark.analysis.intervals import LEVEL, combined, p_above
+
+BETTER: Final = "better"
+WORSE: Final = "worse"
+EQUIVALENT: Final = "equivalent"
+UNDECIDED: Final = "undecided"
+NO_VERDICT: Final = "no verdict"  # too few runs, or runs are missing
+VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, UNDECIDED, NO_VERDICT)
+_POWER: Final = 0.8  # with which the number of runs that `deciding_runs` returns decides
+_MOST_RUNS: Final = 1_000_000
+
+
+@dataclass(frozen=True)
+class Side:
+    """A learner's means of numbers in [0, 1], one per scenario, and how many runs each is of."""
+
+    means: Sequence[float]
+    sizes: Sequence[int]
+
+    @property
+    def mean(self) -> float:
+        """The mean over scenarios."""
+        return float(np.mean(self.means))
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the mean over scenarios."""
+        share = 1 / len(self.means)
+        return combined([share] * len(self.means), self.means, self.sizes)
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """What the runs say of a difference, x - y, before p-values are adjusted."""
+
+    difference: float
+    low: float  # of the 95 % interval
+    high: float
+    low_90: float  # of the 90 % interval, which lies within the margin if two one-sided tests reject at 5 %
+    high_90: float
+    p_different: float
+    p_equivalent: float
+
+
+def contrast(x: Side, y: Side, margin: float) -> Contrast:
+    """Compares two learners that were trained in the same scenarios, by different runs.
+
+    Args:
+      x: A learner.
+      y: The other.
+      margin: A smaller difference makes them equivalent.
+    """
+    weights = [1 / len(x.means)] * len(x.means) + [-1 / len(y.means)] * len(y.means)
+    means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
+    opposite = [-weight for weight in weights]
+    above, below = (p_above(each, means, sizes, 0.0) for each in (weights, opposite))
+    not_less, not_more = (p_above(each, means, sizes, -margin) for each in (weights, opposite))
+    return Contrast(
+        x.mean - y.mean,
+        *combined(weights, means, sizes, LEVEL),
+        *combined(weights, means, sizes, 2 * LEVEL - 1),
+        p_different=min(2 * min(above, below), 1.0),
+        p_equivalent=max(not_less, not_more),
+    )
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Returns p-values adjusted by Holm's method, in the same order.
+
+    >>> [round(p, 6) for p in holm([0.01, 0.04, 0.03, 0.005])]
+    [0.03, 0.06, 0.06, 0.02]
+    """
+    n, adjusted, largest = len(p_values), [0.0] * len(p_values), 0.0
+    for rank, place in enumerate(sorted(range(n), key=lambda i: p_values[i])):
+        largest = max(largest, min((n - rank) * p_values[place], 1.0))
+        adjusted[place] = largest
+    return adjusted
+
+
+def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
+    """Returns the verdict on x against y.
+
+    A difference that is shown, but shown to be smaller than the margin, too, does not matter: the two are
+    equivalent.
+
+    Args:
+      difference: x - y.
+      p_different: Adjusted.
+      p_equivalent: Adjusted.
+    """
+    if p_equivalent <= 1 - LEVEL:
+        return EQUIVALENT
+    if p_different <= 1 - LEVEL:
+        return BETTER if difference > 0 else WORSE
+    return UNDECIDED
+
+
+def deciding_runs(x: Side, y: Side, margin: float, n_contrasts: int) -> float:
+    """Returns how many runs per scenario and learner would probably decide a contrast; infinite if too many.
+
+    If the means stay as they are, so many runs show with a probability of about 80 % either that there is a
+    difference or that it is smaller than the margin, whichever takes fewer, with p-values adjusted as
+    strictly as Holm's method can. It rests on the normal approximation, and on means that are uncertain
+    themselves.
+
+    Args:
+      x: A learner.
+      y: The other.
+      margin: As for `contrast`.
+      n_contrasts: Of the same set.
+    """
+    variance = 0.0  # of the difference, times the number of runs
+    for side in (x, y):
+        for mean, n in zip(side.means, side.sizes, strict=True):
+            share = (mean * n + 2) / (n + 4)  # between the mean and one half, so that no variance is zero
+            variance += share * (1 - share) / len(side.means) ** 2
+    difference, alpha, power = abs(x.mean - y.mean), (1 - LEVEL) / n_contrasts, stats.norm.ppf(_POWER)
+    needed = [math.inf]
+    if difference > 0:
+        needed.append(variance * ((stats.norm.isf(alpha / 2) + power) / difference) ** 2)
+    if difference < margin:
+        needed.append(variance * ((stats.norm.isf(alpha) + power) / (margin - difference)) ** 2)
+    fewest = min(needed)
+    return _rounded_up(fewest) if fewest <= _MOST_RUNS else math.inf
+
+
+def _rounded_up(value: float) -> float:
+    """Returns a number rounded up to two significant digits."""
+    unit = 10 ** max(math.floor(math.log10(max(value, 1.0))) - 1, 0)
+    return float(math.ceil(value / unit) * unit)
+
+
+def decide(contrasts: Sequence[Contrast], *, is_allowed: Sequence[bool]) -> list[Mapping[str, object]]:
+    """Returns the adjusted p-values of a set of contrasts, and their verdicts.
+
+    Args:
+      contrasts: All of the set.
+      is_allowed: Which of them may have a verdict; p-values are adjusted for all.
+    """
+    different = holm([each.p_different for each in contrasts])
+    equivalent = holm([each.p_equivalent for each in contrasts])
+    return [
+        {
+            "p_different": p,
+            "p_equivalent": q,
+            "verdict": verdict(each.difference, p, q) if allowed else NO_VERDICT,
+        }
+        for each, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True)
+    ]
