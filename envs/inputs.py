@@ -152,7 +152,7 @@ def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
         if get_origin(annotation) in (dict, Mapping):  # tables that users name
             annotation = get_args(annotation)[1]
         elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            annotation = annotation.model_fields[str(part)].annotation
+            annotation = _without_none(annotation.model_fields[str(part)].annotation)
         else:  # a union of tables that differ in their kind
             annotation = next(
                 table
@@ -160,3 +160,9 @@ def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
                 if part in get_args(table.model_fields["kind"].annotation)
             )
     return list(annotation.model_fields)
+
+
+def _without_none(annotation: Any) -> Any:
+    """Returns the type of a table that may be missing."""
+    others = [each for each in get_args(annotation) if each is not type(None)]
+    return others[0] if len(others) == 1 and type(None) in get_args(annotation) else annotation

@@ -4,7 +4,8 @@ from dataclasses import replace
 from typing import Final
 
 from benchmark.reports.comparison import findings
-from benchmark.reports.comparison.report import ITEMS, VERDICTS_TEXT, check, load, protocol_terms, words
+from benchmark.reports.comparison.data import load
+from benchmark.reports.comparison.report import ITEMS, VERDICTS_TEXT, check, protocol_terms, words
 from benchmark.reports.item import Report, Section
 
 _SHOWN: Final = ("aggregate", "contrasts", "summary", "curves", "scores", "findings")

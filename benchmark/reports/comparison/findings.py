@@ -273,7 +273,7 @@ class Findings:
         return f"{text} {against}: {'; '.join(ratios)}."
 
     def _plain_python(self) -> pd.Series | None:
-        """Returns the cost of a table that needs no package, and so is plain Python; None if there is none."""
+        """Returns the cost of a table that needs no package and so is in plain Python, or None."""
         for check, learner in self.checks.items():
             if self._family(check) == "tabular" and not self._packages(check) and learner in self.tables:
                 return self._row("cost", check)

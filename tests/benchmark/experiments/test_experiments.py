@@ -72,8 +72,16 @@ def test_reproduce_declares_what_the_paper_says() -> None:
 def test_comparison_declares_what_it_should() -> None:
     full = load_experiment("compare_deep")
     assert full.scenarios == ("S1", "S2", "S3")
-    assert {arm.seeds for arm in full.algorithms.values() if not arm.check_of} == {100}
-    assert {arm.seeds for arm in full.algorithms.values() if arm.check_of} == {10}
+    arms, checks = (
+        [arm for arm in full.algorithms.values() if bool(arm.check_of) == is_check] for is_check in (0, 1)
+    )
+    assert {arm.declared_seeds for arm in arms} == {range(100, 200)}  # not seen before the protocol
+    assert {arm.declared_seeds for arm in checks if arm.algorithm in ("dqn", "ppo")} == {range(10)}
+    assert {name for name, arm in full.algorithms.items() if arm.policy == "stochastic"} == {
+        "ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3",
+    }  # fmt: skip
+    assert full.protocol is not None
+    assert len(full.protocol.contrasts) == 8
     runs = all_specifications(full)
     settings = [run.settings.model_dump() for run in runs]
     assert {values["budget"] for values in settings} == {10_000}
@@ -105,6 +113,17 @@ def test_comparisons_have_miniatures_with_the_same_learners() -> None:
     assert long.settings["budget"] == 100_000
     seeds = {name: arm.seeds for name, arm in long.algorithms.items() if not name.startswith("q_learning")}
     assert {name: n for name, n in seeds.items() if n != 10} == {name: 3 for name in seeds if "_sb3" in name}
+
+
+def test_ablation_changes_two_settings_alone_and_together() -> None:
+    arms = load_experiment("ablation").algorithms
+    target, rate = arms["target"].settings, arms["rate"].settings
+    assert arms["default"].settings == {}
+    assert arms["target_and_rate"].settings == target | rate
+    assert (list(target), list(rate)) == (["target_update_interval"], ["learning_rate"])
+    dqn = load_experiment("compare_deep").algorithms["dqn"].settings  # where both values come from
+    assert {key: dqn[key] for key in (*target, *rate)} == target | rate
+    assert {arm.algorithm for arm in arms.values()} == {"batched_dqn"}
 
 
 # Identity and random streams
@@ -152,12 +171,13 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
 def test_a_check_takes_settings_observations_and_group_from_the_arm_that_it_checks() -> None:
     arms = load_experiment("compare_deep").algorithms
     checks = {name: arm for name, arm in arms.items() if arm.check_of}
-    assert len(checks) == 5
+    assert len(checks) == 6
     for check in checks.values():
         checked = arms[check.check_of]
         assert (check.settings, check.group) == (checked.settings, checked.group)
+        assert check.policy == checked.policy
         assert check.observations == checked.observations
-        assert check.algorithm == checked.algorithm.removeprefix("batched_")
+        assert check.algorithm in (checked.algorithm.removeprefix("batched_"), "q_learning_plain")
 
 
 def test_a_check_does_not_take_the_device(tmp_path: Path) -> None:
@@ -172,7 +192,7 @@ def test_equivalence_shares_its_runs_with_the_comparison() -> None:
     compared = {run.digest for run in all_specifications(load_experiment("compare_deep"))}
     runs = all_specifications(load_experiment("equivalence"))
     shared = [run for run in runs if run.digest in compared]
-    assert len(runs) == 2 * 2 * 2 * 200  # scenarios, algorithms, observations, seeds
+    assert len(runs) == 2 * 2 * 2 * (200 + 100)  # scenarios, algorithms, observations, seeds
     assert len(shared) == 2 * 2 * 2 * (100 + 10)
 
 

@@ -6,14 +6,15 @@ import sys
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 from rliable import metrics
 from scipy import stats
 
-from benchmark.analysis.population import Population
 from benchmark.drawing.tables import write_csv
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Record, Store
@@ -21,7 +22,8 @@ from benchmark.experiments import Experiment, all_specifications, load_experimen
 from benchmark.reports import draw, load_report
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison import tables as comparison
-from benchmark.reports.comparison.data import Data, Learner, load
+from benchmark.reports.comparison.data import Data, load
+from benchmark.reports.comparison.protocol import Learner, Protocol
 from benchmark.reports.draw import digest_of
 from benchmark.reports.item import measured_files
 from envs import InputError
@@ -33,7 +35,8 @@ SMOKE = load_experiment("compare_deep_smoke")
 
 def with_arms(*names: str) -> Experiment:
     """Returns the miniature with fewer arms, of which there are fewer pairs to compare."""
-    return SMOKE.model_copy(update={"algorithms": {name: SMOKE.algorithms[name] for name in names}})
+    arms = {name: SMOKE.algorithms[name] for name in names}
+    return SMOKE.model_copy(update={"algorithms": arms, "protocol": None})
 
 
 # In miniature
@@ -53,11 +56,13 @@ def test_everything_is_there(miniature: Path) -> None:
     scores = pd.read_csv(miniature / SMOKE.name / "scores.csv")
     assert len(scores) == len(all_specifications(SMOKE))
     assert scores["score"].notna().all()
-    assert scores["stochastic_score"].notna().equals(scores["algorithm"].str.startswith("ppo"))
+    assert scores["stochastic_success"].notna().equals(scores["algorithm"].str.startswith("ppo"))
+    assert (scores["policy"] == "stochastic").equals(scores["algorithm"].str.startswith("ppo"))
+    assert scores["score"].between(0, 1).all()
     readme = (miniature / SMOKE.name / "README.md").read_text(encoding="utf-8")
     numbers = [line.split(".")[0] for line in readme.splitlines() if line[:1].isdecimal()]
-    assert numbers == [str(i) for i in range(1, 12)]
-    assert "it is undecided whether deep RL earns its keep" in readme  # two runs decide nothing
+    assert numbers == [str(i) for i in range(1, 18)]
+    assert "there is no verdict on whether deep RL earns its keep" in readme  # two runs decide nothing
     cost = pd.read_csv(miniature / SMOKE.name / "cost.csv")
     assert cost["peak_memory_mb"].between(50, 700).all()
     manifest = json.loads((miniature / SMOKE.name / "manifest.json").read_text())
@@ -66,10 +71,11 @@ def test_everything_is_there(miniature: Path) -> None:
     assert {name for name, family in families.items() if family == "tabular"} == {
         "q_learning",
         "q_learning_tuned",
+        "q_learning_plain",
     }
     checks = {name: arm["check_of"] for name, arm in manifest["algorithms"].items() if arm["check_of"]}
     assert checks == {name: arm.check_of for name, arm in SMOKE.algorithms.items() if arm.check_of}
-    assert len(checks) == 5
+    assert len(checks) == 6
 
 
 def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
@@ -85,10 +91,10 @@ def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
     improvement = pd.read_csv(folder / "improvement.csv")
     n_checks, n = len(learners) - len(compared), len(compared)
     assert len(improvement) == n * (n - 1) + 2 * n_checks
-    pairs = improvement[improvement["x"].str.contains("_sb3")]
-    assert (pairs["x"].str.replace("_sb3", "") == pairs["y"]).all()
+    pairs = improvement[improvement["x"].str.contains("_sb3|_plain")]
     assert len(pairs) == n_checks
-    legend = "hollow: 2 runs by Stable-Baselines3 itself"
+    assert (pairs["x"].str.replace("_sb3", "").str.replace("_plain", "_tuned") == pairs["y"]).all()
+    legend = "hollow: 2 runs by another implementation"  # one of the checks is a table
     for name in ("curves", "curves_cpu", "disagreements", "aggregate", "threshold", "region"):
         svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
         assert legend in svg
@@ -148,16 +154,6 @@ def test_missing_runs_are_refused_or_marked(miniature: Path, tmp_path: Path) -> 
     assert ("dqn", "one_hot") not in learners  # a single run, which has no spread
 
 
-def test_partial_takes_the_seeds_that_every_scenario_has() -> None:
-    first, second = with_scores(np.array([0.1, 0.2, 0.3])), with_scores(np.array([0.4, 0.5]), "S2")
-    first, second = (
-        Population(p.specification, p.arrays, seeds, p.provenance)
-        for p, seeds in ((first, [0, 1, 2]), (second, [2, 1]))
-    )
-    scores = data_of(a={"S1": first, "S2": second}).scores(Learner("a", "index"))
-    assert scores == pytest.approx(np.array([[0.2, 0.5], [0.3, 0.4]]))
-
-
 def test_partial_leaves_out_learners_without_common_seeds(miniature: Path, tmp_path: Path) -> None:
     lost = {("S1", 0), ("S1", 1), ("S2", 2), ("S2", 3)}
     runs = [
@@ -170,7 +166,7 @@ def test_partial_leaves_out_learners_without_common_seeds(miniature: Path, tmp_p
         data = load(SMOKE, other, None, True)
     assert Learner("q_learning", "index") not in data.learners
     assert data.missing.endswith("; left out: `q_learning, index`")
-    assert len(data.learners) == 15
+    assert len(data.learners) == 16
 
 
 def test_partial_leaves_out_checks_of_learners_that_are_left_out(miniature: Path, tmp_path: Path) -> None:
@@ -237,7 +233,7 @@ def test_divergence_is_recorded_shown_and_not_tried_again(tmp_path: Path) -> Non
     path.write_text(f'extends = "{SMOKE.name}"\ndescription = ""\n[changes]\n{changes}\n')
     experiment = load_experiment(path)
     arms = {name: arm for name, arm in experiment.algorithms.items() if name in ("q_learning", "dqn_linear")}
-    experiment = experiment.model_copy(update={"algorithms": arms})
+    experiment = experiment.model_copy(update={"algorithms": arms, "protocol": None})
     runs = all_specifications(experiment)
     with Store(tmp_path / "runs.db") as store:
         assert run(runs, store, 2) == []
@@ -250,7 +246,7 @@ def test_divergence_is_recorded_shown_and_not_tried_again(tmp_path: Path) -> Non
     nets = summary[summary["algorithm"] == "dqn_linear"]
     assert nets["diverged"].tolist() == [2, 2]
     assert summary["diverged"].sum() == 4
-    assert nets["score_mean"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
+    assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
     scores = comparison.scores(data)
     assert (scores.loc[scores["algorithm"] == "dqn_linear", "diverged_at"] > 0).all()
     maps = comparison.maps(data)
@@ -295,7 +291,8 @@ def test_region_by_hand() -> None:
     q[1, np.flatnonzero(~target)[:8], 4] = 0.1
     row = comparison.region(data_of(a={"S1": compared(n=2, q=q)})).iloc[0]
     assert row["cells_marked"] == (8 + 24) / 2
-    assert row["precision"] == (8 + 16) / (8 + 24)
+    assert row["precision"] == (1 + 16 / 24) / 2
+    assert row["n_marking"] == 2
     assert row["recall"] == (0.5 + 1) / 2
     assert row["overlap"] == pytest.approx((8 / 16 + 16 / 24) / 2)
     none = comparison.region(data_of(a={"S1": compared(n=2)})).iloc[0]
@@ -319,35 +316,88 @@ def random_data(n: int = 10) -> Data:
     )
 
 
+def final(data: Data, name: str, *, clipped: bool = True) -> list[NDArray[np.float64]]:
+    """Returns a learner's final scores by scenario."""
+    field = "clipped" if clipped else "score"
+    learner = Learner(name, "index")
+    return [data.results(learner, scenario, field)[:, -1] for scenario in data.learners[learner]]
+
+
 def test_aggregates_by_a_second_method() -> None:
     data = random_data()
-    frame = comparison.aggregate(data)
-    greedy = frame[(frame["evaluated_from"] == "start") & (frame["policy"] == "greedy")]
+    frame = comparison.aggregate(data).set_index("algorithm")
     for name in ("a", "b"):
-        scores = data.scores(Learner(name, "index"))
-        rows = greedy[greedy["algorithm"] == name].set_index("metric")
-        assert rows["value"]["iqm"] == pytest.approx(stats.trim_mean(scores, 0.25, axis=None))
-        assert rows["value"]["mean"] == pytest.approx(scores.mean())
-        assert rows["value"]["median"] == pytest.approx(np.median(scores.mean(axis=0)))
-        assert rows["value"]["optimality_gap"] == pytest.approx(1 - np.minimum(scores, 1).mean())
-        error = scores.std(axis=0).mean() / np.sqrt(scores.size)  # of the mean, stratified
-        assert rows["high"]["mean"] - rows["low"]["mean"] == pytest.approx(2 * 1.96 * error, rel=0.25)
-    again = comparison.aggregate(data)
-    assert again.equals(frame)  # seeded
+        clipped, unbounded = final(data, name), np.concatenate(final(data, name, clipped=False))
+        row: Any = frame.loc[name]
+        assert row["score"] == pytest.approx(np.mean([np.clip(each, 0, 1).mean() for each in clipped]))
+        assert row["iqm"] == pytest.approx(stats.trim_mean(unbounded, 0.25))
+        assert row["unbounded_score"] == pytest.approx(unbounded.mean())
+        # Of numbers in [0, 1] the exact binomial interval is wider than the normal one.
+        error = np.sqrt(np.mean([each.var() / len(each) for each in clipped]) / 3)
+        assert (
+            row["score_low"] < row["score"] - 1.96 * error < row["score"] + 1.96 * error < row["score_high"]
+        )
+    assert comparison.aggregate(data).equals(comparison.aggregate(data))
 
 
-def test_resampling_leaves_numpys_global_generator_alone() -> None:
-    np.random.seed(3)  # noqa: NPY002
-    expected = np.random.rand()  # noqa: NPY002
-    np.random.seed(3)  # noqa: NPY002
-    comparison.improvement(random_data())
-    assert np.random.rand() == expected  # noqa: NPY002
+def test_a_failure_that_is_far_below_0_counts_as_any_other() -> None:
+    near, far = (with_scores(np.array([1.0] * 29 + [low])) for low in (0.0, -40.0))
+    frame = comparison.aggregate(data_of(a={"S1": near}, b={"S1": far})).set_index("algorithm")
+    assert frame["score"]["a"] == frame["score"]["b"] == pytest.approx(29 / 30)
+    assert frame["unbounded_score"]["b"] < -0.3
+
+
+def test_contrasts_have_verdicts_by_the_protocol() -> None:
+    """A learner that always succeeds, one that does half the time, and one that never does."""
+    populations = {
+        name: {"S1": compared("S1", n, success=np.tile(success[:, None], 5))}
+        for name, n, success in (
+            ("always", 40, np.ones(40)),
+            ("half", 40, np.arange(40) % 2.0),
+            ("never", 40, np.zeros(40)),
+            ("few", 9, np.ones(9)),
+        )
+    }
+    pairs = [("always", "half"), ("never", "half"), ("always", "few")]
+    protocol = Protocol(
+        reference=None,
+        decisive=[],
+        contrasts=[(Learner(x, "index"), Learner(y, "index")) for x, y in pairs],
+        success_margin=0.1,
+        score_margin=0.05,
+        fewest_runs=10,
+        is_declared=True,
+    )
+    data = replace(data_of(**populations), protocol=protocol)
+    frame = comparison.contrasts(data)
+    assert frame is not None
+    assert frame["success_verdict"].tolist() == ["better", "worse", "no verdict"]
+    assert frame["success_difference"].tolist() == [0.5, -0.5, 0.0]
+    assert frame["n"].tolist() == [40, 40, 9]
+    assert frame["score_verdict"].tolist()[:2] != ["better", "worse"]  # all scores are equal
+    partial = comparison.contrasts(replace(data, missing="1 of 2 runs are missing"))
+    assert partial is not None
+    assert set(partial["success_verdict"]) == {"no verdict"}
+    assert comparison.contrasts(data_of(**populations)) is None
+
+
+def test_policy_that_counts_is_the_declared_one() -> None:
+    """The stochastic policy succeeds three times in four, the greedy one never."""
+    stochastic = {"stochastic_success": np.full((4, 5), 0.75), "stochastic_grid_return": np.zeros((4, 5))}
+    population = compared("S1", 4, **stochastic)
+    data = data_of(a={"S1": population})
+    by_policy = {policy: replace(data, policies={"a": policy}) for policy in ("greedy", "stochastic")}
+    found = {policy: comparison.summary(each).iloc[0] for policy, each in by_policy.items()}
+    assert (found["greedy"]["success"], found["stochastic"]["success"]) == (0.0, 0.75)
+    for row in found.values():
+        assert (row["greedy_success"], row["stochastic_success"]) == (0.0, 0.75)
+    assert comparison.curves(by_policy["stochastic"])["success"].tolist() == [0.75] * 5
 
 
 def test_improvement_is_rliables() -> None:
     data = random_data()
     frame = comparison.improvement(data).set_index(["x", "y"])
-    a, b = (data.scores(Learner(name, "index")) for name in ("a", "b"))
+    a, b = (np.column_stack(final(data, name)) for name in ("a", "b"))
     expected = metrics.probability_of_improvement(a, b)
     assert frame["probability"]["a, index", "b, index"] == pytest.approx(expected)
     assert frame["probability"]["b, index", "a, index"] == pytest.approx(1 - expected)
@@ -373,7 +423,7 @@ def test_a_check_is_compared_with_its_learner_alone() -> None:
         *permutations(["a, index", "b, index"]),
         *permutations(["a, index", "check, index"]),
     }
-    x, y = (data.scores(Learner(name, "index")) for name in ("check", "a"))
+    x, y = (np.column_stack(final(data, name)) for name in ("check", "a"))
     expected = metrics.probability_of_improvement(x, y)
     assert frame["check, index", "a, index"] == pytest.approx(expected)
     assert set(comparison.profile(data)["algorithm"]) == {"a", "b"}
@@ -445,7 +495,7 @@ def test_published_comparison_is_of_the_declared_runs_and_its_tables_are_what_th
     assert manifest["runs"] == len(runs)
     assert manifest["digest"] == digest_of([each.digest for each in runs])
     tabular = {name: arm for name, arm in full.algorithms.items() if arm.algorithm == "q_learning"}
-    tables = full.model_copy(update={"algorithms": tabular})
+    tables = full.model_copy(update={"algorithms": tabular, "protocol": None})
     with Store(tmp_path / "runs.db") as store:
         assert run(all_specifications(tables), store, 2) == []
         made = comparison.scores(load(tables, store, None, False))
@@ -464,12 +514,28 @@ def test_published_comparison_is_of_the_declared_runs_and_its_tables_are_what_th
 def test_published_aggregates_follow_from_published_scores() -> None:
     folder = ROOT / "results" / "compare_deep"
     scores = pd.read_csv(folder / "scores.csv")
-    aggregate = pd.read_csv(folder / "aggregate.csv")
-    for name, prefix in (("start", ""), ("every_cell", "every_cell_")):
-        shown = aggregate.query(f"policy == 'greedy' and evaluated_from == '{name}'")
-        for (algorithm, observation), rows_of in scores.groupby(["algorithm", "observation"]):
-            rows = shown[(shown["algorithm"] == algorithm) & (shown["observation"] == observation)]
-            value = rows.set_index("metric")["value"]
-            assert value["mean"] == pytest.approx(rows_of[f"{prefix}score"].mean(), abs=1e-5)
-            trimmed = stats.trim_mean(rows_of[f"{prefix}score"], 0.25)
-            assert value["iqm"] == pytest.approx(trimmed, abs=1e-5)
+    aggregate = pd.read_csv(folder / "aggregate.csv").set_index(["algorithm", "observation"])
+    for learner, rows in scores.groupby(["algorithm", "observation"]):
+        by_scenario: Any = rows.groupby("scenario")
+        row: Any = aggregate.loc[learner]
+        assert row["runs"] == len(rows)
+        for name in ("success", "score", "every_cell_success", "every_cell_score", "unbounded_score"):
+            assert row[name] == pytest.approx(by_scenario[name].mean().mean(), abs=1e-5), (learner, name)
+        assert row["iqm"] == pytest.approx(stats.trim_mean(rows["unbounded_score"], 0.25), abs=1e-5)
+
+
+def test_published_contrasts_follow_from_published_scores() -> None:
+    folder = ROOT / "results" / "compare_deep"
+    scores = pd.read_csv(folder / "scores.csv")
+    scores["learner"] = scores["algorithm"] + ", " + scores["observation"]
+    means: Any = (
+        scores.groupby(["learner", "scenario"])[["success", "score"]].mean().groupby("learner").mean()
+    )
+    contrasts = pd.read_csv(folder / "contrasts.csv")
+    declared = load_experiment("compare_deep").protocol
+    assert declared is not None
+    assert list(zip(contrasts["x"], contrasts["y"], strict=True)) == list(declared.contrasts)
+    for row in contrasts.itertuples():
+        for name in ("success", "score"):
+            expected = means[name][row.x] - means[name][row.y]
+            assert getattr(row, f"{name}_difference") == pytest.approx(expected, abs=1e-5)

@@ -1,0 +1,132 @@
+"""Contrasts: by hand, and by simulation of how rare wrong verdicts are."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmark.analysis.contrasts import (
+    BETTER,
+    EQUIVALENT,
+    NO_VERDICT,
+    UNDECIDED,
+    WORSE,
+    Side,
+    contrast,
+    decide,
+    deciding_runs,
+    holm,
+    verdict,
+)
+
+
+def test_holm_by_hand() -> None:
+    """Sorted, p-values are multiplied by 4, 3, 2, 1, never fall, and never exceed 1."""
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.5, 0.9]) == [1.0, 1.0]
+    assert holm([0.04]) == [0.04]
+    assert holm([]) == []
+
+
+@pytest.mark.parametrize(
+    ("difference", "p_different", "p_equivalent", "expected"),
+    [
+        (0.2, 0.01, 0.9, BETTER),
+        (-0.2, 0.01, 0.9, WORSE),
+        (0.2, 0.06, 0.9, UNDECIDED),
+        (0.0, 1.0, 0.05, EQUIVALENT),
+        (0.03, 0.001, 0.001, EQUIVALENT),  # shown, but shown to be small
+    ],
+)
+def test_verdicts(difference: float, p_different: float, p_equivalent: float, expected: str) -> None:
+    assert verdict(difference, p_different, p_equivalent) == expected
+
+
+def test_contrast_agrees_with_its_intervals() -> None:
+    found = contrast(Side([1.0, 0.92, 0.99], [100] * 3), Side([1.0, 0.99, 1.0], [100] * 3), 0.1)
+    assert found.difference == pytest.approx(-0.08 / 3)
+    assert found.low < found.low_90 < found.difference < found.high_90 < found.high
+    assert (found.p_different < 0.05) == (found.high < 0)
+    assert found.p_equivalent < 0.05
+    assert found.low_90 > -0.1
+    mirrored = contrast(Side([1.0, 0.99, 1.0], [100] * 3), Side([1.0, 0.92, 0.99], [100] * 3), 0.1)
+    assert mirrored.p_different == pytest.approx(found.p_different)
+    assert mirrored.p_equivalent == pytest.approx(found.p_equivalent)
+    assert (mirrored.low, mirrored.high) == pytest.approx((-found.high, -found.low))
+
+
+shares = st.lists(st.integers(0, 20), min_size=2, max_size=2).map(
+    lambda counts: [count / 20 for count in counts]
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(shares, shares, st.sampled_from([5, 20, 200]))
+def test_tests_and_intervals_never_contradict_each_other(x: list[float], y: list[float], n: int) -> None:
+    found = contrast(Side(x, [n, n]), Side(y, [n, n]), 0.1)
+    assert (found.p_different < 0.05 - 1e-6) <= (found.low > 0 or found.high < 0)
+    assert (found.p_different > 0.05 + 1e-6) <= (found.low <= 0 <= found.high)
+    assert (found.p_equivalent < 0.05 - 1e-6) <= (found.low_90 > -0.1 and found.high_90 < 0.1)
+    assert (found.p_equivalent > 0.05 + 1e-6) <= (found.low_90 <= -0.1 or found.high_90 >= 0.1)
+
+
+def test_success_zero_never_wins() -> None:
+    for n in (2, 10, 1000):
+        found = contrast(Side([0.0, 0.0], [n, n]), Side([0.0, 0.0], [n, n]), 0.1)
+        assert found.p_different == 1
+        found = contrast(Side([0.0], [n]), Side([0.5], [n]), 0.1)
+        (outcome,) = decide([found], is_allowed=[True])
+        assert outcome["verdict"] in (WORSE, UNDECIDED)
+
+
+def test_few_runs_have_no_verdict_but_count_in_the_adjustment() -> None:
+    sure = contrast(Side([1.0], [50]), Side([0.0], [50]), 0.1)
+    close = contrast(Side([0.9], [50]), Side([0.7], [50]), 0.1)
+    alone = decide([close], is_allowed=[True])[0]
+    both = decide([sure, close], is_allowed=[False, True])
+    assert both[0]["verdict"] == NO_VERDICT
+    assert both[1]["p_different"] == alone["p_different"]  # the smaller p-value came first
+    assert decide([close, close], is_allowed=[True, True])[0]["p_different"] == pytest.approx(
+        2 * close.p_different
+    )
+
+
+@pytest.mark.parametrize("n", [10, 100])
+def test_wrong_verdicts_are_rare(n: int) -> None:
+    """Eight contrasts without a difference, and eight with one as large as the margin, many times over."""
+    rng = np.random.default_rng(n)
+    truth = np.array([0.95, 0.5])
+    wrongly_different = wrongly_equivalent = 0
+    for _ in range(60):
+        sides = [Side(rng.binomial(n, truth) / n, [n, n]) for _ in range(16)]
+        equal = [contrast(*pair, 0.1) for pair in zip(sides[:8], sides[8:], strict=True)]
+        wrongly_different += any(
+            o["verdict"] in (BETTER, WORSE) for o in decide(equal, is_allowed=[True] * 8)
+        )
+        shifted = [Side(rng.binomial(n, truth - 0.1) / n, [n, n]) for _ in range(8)]
+        apart = [contrast(*pair, 0.1) for pair in zip(sides[:8], shifted, strict=True)]
+        wrongly_equivalent += any(o["verdict"] == EQUIVALENT for o in decide(apart, is_allowed=[True] * 8))
+    # With a probability of 5 % each, more than 8 of 60 would come up one time in 300.
+    assert wrongly_different <= 8
+    assert wrongly_equivalent <= 8
+
+
+def test_deciding_runs_decide() -> None:
+    x, y = [0.9, 0.9], [0.8, 0.8]
+    for margin, expected in ((0.05, BETTER), (0.4, EQUIVALENT)):
+        n = round(deciding_runs(Side(x, [50, 50]), Side(y, [50, 50]), margin, 1))
+        (outcome,) = decide([contrast(Side(x, [n, n]), Side(y, [n, n]), margin)], is_allowed=[True])
+        assert outcome["verdict"] == expected
+        fewer = n // 3
+        (outcome,) = decide([contrast(Side(x, [fewer] * 2), Side(y, [fewer] * 2), margin)], is_allowed=[True])
+        assert outcome["verdict"] == UNDECIDED
+
+
+def test_deciding_runs_by_hand() -> None:
+    """Normal approximation: variance 2 x 0.25, two-sided 5 %, 80 % power, difference 0.1: about 392 runs."""
+    n = deciding_runs(Side([0.55], [10**6]), Side([0.45], [10**6]), 0.01, 1)
+    assert n == pytest.approx((0.55 * 0.45 * 2) * ((1.96 + 0.8416) / 0.1) ** 2, rel=0.03)
+    assert deciding_runs(Side([0.5], [10**6]), Side([0.4], [10**6]), 0.1, 1) < math.inf
+    assert deciding_runs(Side([0.5001], [10**6]), Side([0.5], [10**6]), 1e-4, 1) == math.inf
