@@ -129,7 +129,8 @@ class Findings:
         budget = f"With {budgets.pop()} of training" if len(budgets) == 1 else "With these budgets"
         if reference is None:
             n = link(str(len(self._contrasts)), _TABLE, self._contrasts)
-            return f"{budget}, of {n} contrasts, {counted(self._contrasts)}."
+            one = len(self._contrasts) == 1
+            return f"{budget}, of {n} contrast{'' if one else 's'}, {counted(self._contrasts)}."
         rows = decisive_rows(self.protocol, self._contrasts)
         margin = self.protocol.success_margin
         match outcome(self.protocol, self._contrasts):

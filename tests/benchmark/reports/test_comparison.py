@@ -383,7 +383,11 @@ def test_contrasts_have_verdicts_by_the_protocol() -> None:
 
 def test_policy_that_counts_is_the_declared_one() -> None:
     """The stochastic policy succeeds three times in four, the greedy one never."""
-    stochastic = {"stochastic_success": np.full((4, 5), 0.75), "stochastic_grid_return": np.zeros((4, 5))}
+    stochastic: dict[str, NDArray[np.float64]] = {}
+    for prefix in ("stochastic_", "stochastic_every_cell_"):
+        for field in ("grid_return", "steps", "wrong_pings"):
+            stochastic[f"{prefix}{field}"] = np.zeros((4, 5))
+        stochastic |= {f"{prefix}success": np.full((4, 5), 0.75), f"{prefix}zone_steps": np.zeros((4, 5, 4))}
     population = compared("S1", 4, **stochastic)
     data = data_of(a={"S1": population})
     by_policy = {policy: replace(data, policies={"a": policy}) for policy in ("greedy", "stochastic")}
