@@ -51,6 +51,10 @@ def _scores(data: Data, _: Frames) -> pd.DataFrame:
     return comparison.scores(data)
 
 
+def _scores_stochastic(data: Data, _: Frames) -> pd.DataFrame | None:
+    return comparison.scores_stochastic(data)
+
+
 def _summary(data: Data, _: Frames) -> pd.DataFrame:
     return comparison.summary(data)
 
@@ -69,6 +73,10 @@ def _profile(data: Data, _: Frames) -> pd.DataFrame:
 
 def _curves(data: Data, _: Frames) -> pd.DataFrame:
     return comparison.curves(data)
+
+
+def _curves_stochastic(data: Data, _: Frames) -> pd.DataFrame | None:
+    return comparison.curves_stochastic(data)
 
 
 def _curves_cpu(data: Data, frames: Frames) -> pd.DataFrame:
@@ -314,6 +322,11 @@ ITEMS: Final = (
         caption="Mean score of the greedy policy over training, with its 95 % interval.",
     ),
     Item(
+        name="curves_stochastic",
+        description="score over training of the learners that learn a stochastic policy, by that policy",
+        compute=_curves_stochastic,
+    ),
+    Item(
         name="summary",
         description="each scenario and learner: runs, score, success, steps, wrong PINGs",
         compute=_summary,
@@ -337,8 +350,13 @@ ITEMS: Final = (
     ),
     Item(
         name="scores",
-        description="every run at the end of training, by its greedy and its stochastic policy",
+        description="every run at the end of training, by its greedy policy",
         compute=_scores,
+    ),
+    Item(
+        name="scores_stochastic",
+        description="every run that learned a stochastic policy at the end of training, by that policy",
+        compute=_scores_stochastic,
     ),
     Item(
         name="threshold",
@@ -493,8 +511,8 @@ def _words(published: Published) -> Sequence[tuple[str, str]]:
         (
             "greedy, stochastic",
             "tables and DQN act by their best action. PPO is evaluated by its likeliest action and, in "
-            "columns that start with `stochastic_`, by its action probabilities. Unless stated otherwise, "
-            "results are for the greedy policy after training.",
+            "files and columns with `stochastic` in their name, by its action probabilities. Unless stated "
+            "otherwise, results are for the greedy policy after training.",
         ),
         ("every_cell", "episodes start in a random cell (any but the issuer's) instead of the start cell."),
         (

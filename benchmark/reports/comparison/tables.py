@@ -28,32 +28,50 @@ METRICS: Final = ("iqm", "median", "mean", "optimality_gap")
 def scores(data: Data) -> pd.DataFrame:
     """Tabulates every run at the end of training.
 
-    `uncomfortable_steps` and `steps` are expectations under the greedy policy from the start. `every_cell_`
-    marks those of episodes that start in any cell, `stochastic_` those of a stochastic policy.
+    `uncomfortable_steps` and `steps` are expectations under the greedy policy from the start; `every_cell_`
+    marks those of episodes that start in any cell. `diverged_at` is infinite if a run did not diverge.
     """
     frames = []
     for learner, scenario, population in data.populations:
-        n = len(population.seeds)
-        columns: dict[str, Any] = _named(learner, scenario) | {"seed": population.seeds}
-        for policy in ("greedy", "stochastic"):
-            for start in population.specification["evaluated_from"]:
-                values = {"score": population.scores_of(policy, start)}
-                for name in ("success", "steps", "wrong_pings"):
-                    values[name] = population.arrays[evaluated(name, policy, start)]
-                zones = population.arrays[evaluated("zone_steps", policy, start)]
-                values["uncomfortable_steps"] = zones[..., ZONES.index("uncomfortable")]
-                for name, over_training in values.items():
-                    last = over_training[:, -1] if over_training.shape[1] else np.full(n, np.nan)
-                    columns[evaluated(name, policy, start)] = last
+        columns = _final(learner, scenario, population, "greedy")
         right, marked = _right_and_marked(population)
         columns["target_cells_marked"] = right
         columns["cells_marked"] = marked
         columns["region_overlap"] = overlap(population.values_ping, population.in_target)
         columns["disagreements"] = population.arrays["disagreements"][:, -1]
         diverged_at = population.arrays["diverged_at"]
-        columns["diverged_at"] = np.where(diverged_at < 0, np.nan, diverged_at)
+        columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
+
+
+def scores_stochastic(data: Data) -> pd.DataFrame | None:
+    """Tabulates every run that learned a stochastic policy at the end of training, by that policy."""
+    frames = [
+        pd.DataFrame(_final(learner, scenario, population, "stochastic"))
+        for learner, scenario, population in data.populations
+        if _has_stochastic(population)
+    ]
+    return pd.concat(frames, ignore_index=True) if frames else None
+
+
+def _has_stochastic(population: Population) -> bool:
+    """Returns whether the learner learns a stochastic policy."""
+    return population.scores_of("stochastic", "start").shape[1] > 0
+
+
+def _final(learner: Learner, scenario: str, population: Population, policy: str) -> dict[str, Any]:
+    """Returns how good a policy is at the end of training, with the same names for every policy."""
+    columns: dict[str, Any] = _named(learner, scenario) | {"seed": population.seeds}
+    for start in population.specification["evaluated_from"]:
+        values = {"score": population.scores_of(policy, start)}
+        for name in ("success", "steps", "wrong_pings"):
+            values[name] = population.arrays[evaluated(name, policy, start)]
+        zones = population.arrays[evaluated("zone_steps", policy, start)]
+        values["uncomfortable_steps"] = zones[..., ZONES.index("uncomfortable")]
+        for name, over_training in values.items():
+            columns[evaluated(name, "greedy", start)] = over_training[:, -1]
+    return columns
 
 
 def summary(data: Data) -> pd.DataFrame:
@@ -165,16 +183,29 @@ def curves(data: Data) -> pd.DataFrame:
         columns |= interquartile_mean("score_iqm", population.scores)
         columns |= _mean("score_mean", population, population.scores)
         columns |= _mean("success", population, population.arrays["success"])
-        for policy in ("greedy", "stochastic"):
-            for start in population.specification["evaluated_from"]:
-                values = population.scores_of(policy, start)
-                if (policy, start) != ("greedy", "start") and values.shape[1]:
-                    columns |= interquartile_mean(evaluated("score_iqm", policy, start), values)
+        for start in population.specification["evaluated_from"]:
+            if start != "start":
+                name = evaluated("score_iqm", "greedy", start)
+                columns |= interquartile_mean(name, population.scores_of("greedy", start))
         rate = np.diff(population.arrays["disagreements"], axis=1) / np.diff(steps) * 1000
         rate = np.column_stack([np.full(len(rate), np.nan), rate])  # nothing before the first step
         columns |= _mean("disagreements", population, rate)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
+
+
+def curves_stochastic(data: Data) -> pd.DataFrame | None:
+    """Tabulates learning by the stochastic policy, of learners that have one: a row per evaluation step."""
+    frames = []
+    for learner, scenario, population in data.populations:
+        if not _has_stochastic(population):
+            continue
+        columns: dict[str, Any] = _named(learner, scenario) | {"step": population.evaluation_steps}
+        for start in population.specification["evaluated_from"]:
+            name = evaluated("score_iqm", "greedy", start)  # as in `curves`
+            columns |= interquartile_mean(name, population.scores_of("stochastic", start))
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True) if frames else None
 
 
 def curves_cpu(data: Data, learning: pd.DataFrame) -> pd.DataFrame:
