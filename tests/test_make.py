@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from tests.support import ROOT, make
+from tests.support import ROOT, make, mistyped_columns
 
 
 def run_make(target: str, tmp_path: Path) -> str:
@@ -47,6 +47,7 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
     if target == "help":
         assert all(f"make {name}" in output for name in TARGETS)
     if target == "speed":
+        assert mistyped_columns(tmp_path / "speed_smoke" / "speed.csv") == []
         speed = pd.read_csv(tmp_path / "speed_smoke" / "speed.csv")
         assert list(speed)[:4] == ["name", "per_second", "baseline", "ratio"]
         assert {

@@ -15,7 +15,7 @@ from benchmark.__main__ import main
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.reports import draw
-from tests.support import ROOT, command, make
+from tests.support import ROOT, command, make, mistyped_columns
 
 
 def contents(directory: Path, *, manifest: bool = False) -> dict[str, bytes]:
@@ -66,6 +66,8 @@ def test_csv_files_have_the_published_form(results: Path) -> None:
     ]  # fmt: skip
     sensitivity = pd.read_csv(folder / "sensitivity.csv")
     assert len(sensitivity) == 9 * 9
+    for path in folder.glob("*.csv"):
+        assert mistyped_columns(path) == [], path.name
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["runs"] == 138
     assert manifest["versions"][0]["numpy"]

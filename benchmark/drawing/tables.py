@@ -12,6 +12,12 @@ LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text,
 _DIGITS: Final = 6  # significant digits in CSV files: few enough to hide rounding
 _SHOWN_DIGITS: Final = 3
 _ROWS_PER_PAGE: Final = 70  # of a LaTeX table that is scaled to a page
+# A longer one breaks across pages and cannot be scaled. If it is too wide, it reaches into both margins.
+_LONG: Final = r"""\footnotesize
+\setlength{\tabcolsep}{3pt}
+\setlength{\LTleft}{0pt plus 1fill minus 1fill}
+\setlength{\LTright}{\LTleft}
+"""
 _ESCAPED: Final = str.maketrans(
     {character: f"\\{character}" for character in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
@@ -76,14 +82,14 @@ def _format(frame: pd.DataFrame, form: str) -> str:
 
 
 def _to_latex(frame: pd.DataFrame, note: str) -> str:
-    """Returns a LaTeX table that fits the page, with a note above it; long ones break across pages."""
+    """Returns a LaTeX table that fits the page, with a note above it."""
     above = f"\\textbf{{{note.translate(_ESCAPED)}}}\\par\n" if note else ""
     if len(frame) > _ROWS_PER_PAGE:
         table = _format(frame, "latex_longtable")
-        return f"% Needs \\usepackage{{longtable}}\n{above}{{\\footnotesize\n{table}}}\n"
-    size = r"max width=\textwidth, max totalheight=\textheight"
-    table = f"\\begin{{adjustbox}}{{{size}}}\n{_format(frame, 'latex_booktabs')}\\end{{adjustbox}}\n"
-    return f"% Needs \\usepackage{{booktabs,adjustbox}}\n{above}{table}"
+        return f"% Needs \\usepackage{{longtable}}\n{above}{{{_LONG}{table}}}\n"
+    limits = r"max width=\textwidth, max totalheight=\textheight"
+    table = f"\\begin{{adjustbox}}{{{limits}}}\n{_format(frame, 'latex_booktabs')}\\end{{adjustbox}}%\n"
+    return f"% Needs \\usepackage{{booktabs,adjustbox}}\n{above}\\noindent\n{table}"
 
 
 def show(value: object) -> str:

@@ -26,7 +26,7 @@ from benchmark.reports.draw import digest_of
 from benchmark.reports.item import measured_files
 from envs import InputError
 from tests.benchmark.reports.made import compared, data_of, with_scores
-from tests.support import ROOT, command
+from tests.support import ROOT, command, mistyped_columns
 
 SMOKE = load_experiment("compare_deep_smoke")
 
@@ -73,6 +73,11 @@ def test_everything_is_there(miniature: Path) -> None:
     checks = {name: arm["check_of"] for name, arm in manifest["algorithms"].items() if arm["check_of"]}
     assert checks == {name: arm.check_of for name, arm in SMOKE.algorithms.items() if arm.check_of}
     assert len(checks) == 5
+
+
+def test_readers_infer_the_types_of_all_columns(miniature: Path) -> None:
+    for path in (miniature / SMOKE.name).glob("*.csv"):
+        assert mistyped_columns(path) == [], path.name
 
 
 def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
