@@ -18,9 +18,13 @@ def run_make(target: str, tmp_path: Path) -> str:
         shutil.copytree(ROOT, tmp_path / "copy", ignore=ignored)
         (tmp_path / "copy" / "envs" / "__pycache__").mkdir()
         (tmp_path / "copy" / "results" / "runs.db").touch()
+        own = [tmp_path / "copy" / "results" / f"mine_{end}" for end in ("smoke", "partial", "seeds_0-9")]
+        for folder in own:
+            folder.mkdir()
         done = make("clean", cwd=tmp_path / "copy")
         assert not (tmp_path / "copy" / "envs" / "__pycache__").exists()
         assert not (tmp_path / "copy" / "results" / "runs.db").exists()
+        assert not any(folder.exists() for folder in own)
         assert (tmp_path / "copy" / "results" / "reproduce" / "claims.csv").exists()
     else:
         if target == "report":

@@ -98,6 +98,20 @@ def test_report_of_fewer_seeds(results: Path, tmp_path: Path) -> None:
     assert "**Partial: 2 of the 6 agents" in (tmp_path / "fewer" / "README.md").read_text()
 
 
+def test_other_seeds_do_not_overwrite_the_declared_ones(results: Path, tmp_path: Path) -> None:
+    shutil.copy(results / "runs.db", tmp_path)
+    for seeds in ("0-5", "0-1"):
+        assert main(["report", "reproduce_smoke", "--seeds", seeds, "--results", str(tmp_path)]) == 0
+    made = contents(tmp_path / "reproduce_smoke", manifest=True)
+    assert made == contents(results / "reproduce_smoke", manifest=True)  # 0 to 5 are the declared ones
+    other = tmp_path / "reproduce_smoke_seeds_0-1"
+    assert pd.read_csv(other / "optimal.csv")["agents"].tolist() == [2, 2, 2]
+    assert "2 of the 6 agents" in (other / "index.html").read_text(encoding="utf-8")
+    declared = json.loads((other / "manifest.json").read_text(encoding="utf-8"))["command"]
+    assert declared == "python -m benchmark run reproduce_smoke --seeds 0-1 --report"
+    assert "_seeds_" not in (tmp_path / "README.md").read_text(encoding="utf-8")
+
+
 def test_results_of_shipped_experiments_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "reproduce.toml").write_text("")
     done = command("run", tmp_path / "reproduce.toml", "--results", tmp_path)

@@ -378,8 +378,11 @@ class _Painter:
 
     def _square(self, cell: int) -> None:
         """Paints the start."""
-        (x, y), side = self._at(cell), 0.34 * self.unit
-        self.draw.rectangle((x - side, y - side, x + side, y + side), outline=_WHITE, width=self.unit // 14)
+        (x, y), side, width = self._at(cell), 0.34 * self.unit, self.unit // 14
+        for edge, colour in ((width // 2, _BLACK), (0, _WHITE)):
+            half = side + edge
+            corners = (x - half, y - half, x + half, y + half)
+            self.draw.rectangle(corners, outline=colour, width=width + 2 * edge)
 
     def _path(self, cells: Sequence[int]) -> None:
         """Paints the walk and the agent at its end."""

@@ -57,7 +57,7 @@ def scores_stochastic(data: Data) -> pd.DataFrame | None:
 
 def _has_stochastic(population: Population) -> bool:
     """Returns whether the learner learns a stochastic policy."""
-    return population.scores_of("stochastic", "start").shape[1] > 0
+    return bool(population.scores_of("stochastic", "start").shape[1])
 
 
 def _final(learner: Learner, scenario: str, population: Population, policy: str) -> dict[str, Any]:
