@@ -28,17 +28,6 @@ class Shown(NamedTuple):
     population: Population
 
 
-def typical_agent(population: Population) -> int:
-    """Returns the index of a typical agent: the one with the median mean score over training.
-
-    Scores count as 0 to 1. Of an even number of agents, it is the lower median; of agents with the same mean,
-    the one with the lowest seed.
-    """
-    means = np.clip(population.scores, 0, 1).mean(axis=1).round(9)
-    median = np.sort(means)[(len(means) - 1) // 2]
-    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
-
-
 def agents(shown: Iterable[Shown]) -> pd.DataFrame:
     """Tabulates how good each agent's greedy policy is, a row per map.
 
@@ -103,6 +92,17 @@ def optimum(shown: Iterable[Shown]) -> pd.DataFrame:
         }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
+
+
+def typical_agent(population: Population) -> int:
+    """Returns the index of a typical agent: the one with the median mean score over training.
+
+    Scores count as 0 to 1. Of an even number of agents, it is the lower median; of agents with the same mean,
+    the one with the lowest seed.
+    """
+    means = np.clip(population.scores, 0, 1).mean(axis=1).round(9)
+    median = np.sort(means)[(len(means) - 1) // 2]
+    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
 
 
 def _cells(model: Model, n_maps: int) -> dict[str, NDArray[np.int_]]:

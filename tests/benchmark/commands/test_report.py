@@ -6,7 +6,9 @@ from benchmark.commands import parse_seeds
 from benchmark.commands.report import folder_name, other_seeds
 from benchmark.experiments import load_experiment
 
-REPRODUCE = load_experiment("reproduce")  # one arm, with seeds 0 to 99
+DECLARED = load_experiment("reproduce")
+(ARM,) = (arm.model_copy(update={"seeds": 100, "first_seed": 0}) for arm in DECLARED.algorithms.values())
+REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": ARM}})
 
 
 @pytest.mark.parametrize(
@@ -29,9 +31,8 @@ def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
 
 
 def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_arm() -> None:
-    (arm,) = REPRODUCE.algorithms.values()
-    later = arm.model_copy(update={"first_seed": 100})
-    for arms, declared in (([later], "100-199"), ([arm, arm], "0-99"), ([arm, later], None)):
+    later = ARM.model_copy(update={"first_seed": 100})
+    for arms, declared in (([later], "100-199"), ([ARM, ARM], "0-99"), ([ARM, later], None)):
         algorithms = {str(i): each for i, each in enumerate(arms)}
         experiment = REPRODUCE.model_copy(update={"algorithms": algorithms})
         for text in ("0-99", "100-199", "0-199"):
