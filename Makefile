@@ -14,7 +14,8 @@ BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
-# SEEDS=10 runs seeds 0 to 9 of every arm; by default each arm has the seeds that its experiment declares.
+# SEEDS=10 runs seeds 0 to 9 of every arm, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. By default
+# each arm has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
@@ -26,7 +27,7 @@ help: ## list these commands
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
 
-compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=10: with 10 seeds each)
+compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
@@ -46,7 +47,7 @@ speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, i
 
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/.*-* $(RESULTS)/*/.stamp $(RESULTS)/*/.page-stamp
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/*_seeds_* $(RESULTS)/.*-* $(RESULTS)/*/.stamp $(RESULTS)/*/.page-stamp
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.base: pyproject.toml constraints.txt

@@ -15,6 +15,7 @@ examples:
   python -m benchmark run reproduce                execute missing runs, on all cores
   python -m benchmark run reproduce --report       the same, then draw results/reproduce
   python -m benchmark run reproduce --seeds 0-9    only ten agents per scenario
+  python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run compare_deep --report    tables against DQN and PPO, about an hour
   python -m benchmark report reproduce             draw results/reproduce from stored runs
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
@@ -96,7 +97,8 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument(
         "--partial",
         action="store_true",
-        help="draw a comparison even if runs are missing, into EXPERIMENT_partial",
+        help="draw a comparison even if runs are missing, into EXPERIMENT_partial "
+        "(with --seeds: EXPERIMENT_seeds_A-B_partial)",
     )
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
@@ -147,7 +149,8 @@ def _add_experiment(command: argparse.ArgumentParser, if_missing: str = "") -> N
     command.add_argument(
         "--seeds",
         metavar="A-B",
-        help="seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)",
+        help="seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares); "
+        "tables and figures of other seeds go into EXPERIMENT_seeds_A-B",
     )
 
 

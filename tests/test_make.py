@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from tests.support import ROOT, make
+from tests.support import ROOT, make, mistyped_columns
 
 
 def run_make(target: str, tmp_path: Path) -> str:
@@ -18,9 +18,13 @@ def run_make(target: str, tmp_path: Path) -> str:
         shutil.copytree(ROOT, tmp_path / "copy", ignore=ignored)
         (tmp_path / "copy" / "envs" / "__pycache__").mkdir()
         (tmp_path / "copy" / "results" / "runs.db").touch()
+        own = [tmp_path / "copy" / "results" / f"mine_{end}" for end in ("smoke", "partial", "seeds_0-9")]
+        for folder in own:
+            folder.mkdir()
         done = make("clean", cwd=tmp_path / "copy")
         assert not (tmp_path / "copy" / "envs" / "__pycache__").exists()
         assert not (tmp_path / "copy" / "results" / "runs.db").exists()
+        assert not any(folder.exists() for folder in own)
         assert (tmp_path / "copy" / "results" / "reproduce" / "claims.csv").exists()
     else:
         if target == "report":
@@ -47,6 +51,7 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
     if target == "help":
         assert all(f"make {name}" in output for name in TARGETS)
     if target == "speed":
+        assert mistyped_columns(tmp_path / "speed_smoke" / "speed.csv") == []
         speed = pd.read_csv(tmp_path / "speed_smoke" / "speed.csv")
         assert list(speed)[:4] == ["name", "per_second", "baseline", "ratio"]
         assert {

@@ -15,7 +15,7 @@ from benchmark.__main__ import main
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.reports import draw
-from tests.support import ROOT, command, make
+from tests.support import ROOT, command, make, mistyped_columns
 
 
 def contents(directory: Path, *, manifest: bool = False) -> dict[str, bytes]:
@@ -94,6 +94,26 @@ def test_report_of_fewer_seeds(results: Path, tmp_path: Path) -> None:
         draw.draw(load_experiment("reproduce_smoke"), store, tmp_path / "fewer", range(2))
     assert pd.read_csv(tmp_path / "fewer" / "optimal.csv")["agents"].tolist() == [2, 2, 2]
     assert "**Partial: 2 of the 6 agents" in (tmp_path / "fewer" / "README.md").read_text()
+
+
+def test_readers_infer_the_types_of_all_columns(results: Path) -> None:
+    for path in (results / "reproduce_smoke").glob("*.csv"):
+        assert mistyped_columns(path) == [], path.name
+
+
+def test_other_seeds_do_not_overwrite_the_declared_ones(results: Path, tmp_path: Path) -> None:
+    shutil.copy(results / "runs.db", tmp_path)
+    (arm,) = load_experiment("reproduce_smoke").algorithms.values()
+    for seeds in (f"0-{arm.seeds - 1}", "0-1"):
+        assert main(["report", "reproduce_smoke", "--seeds", seeds, "--results", str(tmp_path)]) == 0
+    made = contents(tmp_path / "reproduce_smoke", manifest=True)
+    assert made == contents(results / "reproduce_smoke", manifest=True)  # of the declared seeds
+    other = tmp_path / "reproduce_smoke_seeds_0-1"
+    assert set(pd.read_csv(other / "optimal.csv")["agents"]) == {2}
+    assert f"2 of the {arm.seeds} agents" in (other / "index.html").read_text(encoding="utf-8")
+    manifest = json.loads((other / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["command"] == "python -m benchmark run reproduce_smoke --seeds 0-1 --report"
+    assert "_seeds_" not in (tmp_path / "README.md").read_text(encoding="utf-8")
 
 
 def test_results_of_shipped_experiments_are_not_overwritten(tmp_path: Path) -> None:

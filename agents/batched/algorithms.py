@@ -55,7 +55,7 @@ class BatchedAlgorithm:
         except ModuleNotFoundError as error:
             raise InputError(
                 f"{self.module}: needs the package {error.name}, which is not installed; "
-                "make compare-deep installs it."
+                "make .venv/.deep installs it."
             ) from error
         if len(seeds) == 1:
             rows = {field.name: getattr(trained, field.name)[:1] for field in fields(trained)}

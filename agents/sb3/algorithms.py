@@ -54,7 +54,7 @@ class Sb3Algorithm:
         except ModuleNotFoundError as error:
             raise InputError(
                 f"{self.method.path}: needs the package {error.name}, which is not installed; "
-                "make compare-deep installs it."
+                "make .venv/.deep installs it."
             ) from error
         return training.train(self.method, model, settings, observation, seeds, schedule, logs)
 

@@ -94,6 +94,17 @@ def optimum(shown: Iterable[Shown]) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
+def typical_agent(population: Population) -> int:
+    """Returns the index of a typical agent: the one with the median mean score over training.
+
+    Scores count as 0 to 1. Of an even number of agents, it is the lower median; of agents with the same mean,
+    the one with the lowest seed.
+    """
+    means = np.clip(population.scores, 0, 1).mean(axis=1).round(9)
+    median = np.sort(means)[(len(means) - 1) // 2]
+    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
+
+
 def _cells(model: Model, n_maps: int) -> dict[str, NDArray[np.int_]]:
     """Returns the row and column of every cell, once per map."""
     row, column = np.tile(model.position, (n_maps, 1)).T

@@ -25,3 +25,12 @@ def parse_seeds(text: str | None) -> range | None:
     if seeds.stop > MOST_SEEDS or len(seeds) > 100_000:
         raise InputError(f"--seeds {text}: accepted: seeds below {MOST_SEEDS:,}, at most 100,000 of them.")
     return seeds
+
+
+def seeds_text(seeds: range) -> str:
+    """Returns seeds as `--seeds` takes them.
+
+    >>> seeds_text(range(7, 10)), seeds_text(range(7, 8))
+    ('7-9', '7')
+    """
+    return str(seeds[0]) if len(seeds) == 1 else f"{seeds[0]}-{seeds[-1]}"

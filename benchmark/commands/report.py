@@ -3,7 +3,7 @@
 import argparse
 import os
 
-from benchmark.commands import parse_seeds
+from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
@@ -20,8 +20,8 @@ def main(options: argparse.Namespace) -> int:
         return 0
     experiment = load_experiment(options.experiment)
     check(experiment, is_required=True)
-    seeds = parse_seeds(options.seeds)
-    directory = options.results / (f"{experiment.name}_partial" if options.partial else experiment.name)
+    seeds = other_seeds(experiment, parse_seeds(options.seeds))
+    directory = options.results / folder_name(experiment, seeds, partial=options.partial)
     with Store(options.results / "runs.db", read_only=True) as store:
         made = draw.draw(
             experiment,
@@ -38,6 +38,24 @@ def main(options: argparse.Namespace) -> int:
     if made.certificate is not None:
         print(made.certificate)
     return 0
+
+
+def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
+    """Returns the given seeds; None if every arm declares just these."""
+    declared = {arm.declared_seeds for arm in experiment.algorithms.values()}
+    return None if declared == {seeds} else seeds
+
+
+def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -> str:
+    """Returns the name of the folder that a report is drawn into.
+
+    Args:
+      experiment: As loaded.
+      seeds: Other seeds than the declared ones; they have a folder of their own.
+      partial: Whether runs may be missing; such a report has a folder of its own, too.
+    """
+    chosen = f"_seeds_{seeds_text(seeds)}" if seeds is not None else ""
+    return f"{experiment.name}{chosen}{'_partial' if partial else ''}"
 
 
 def check(experiment: Experiment, *, is_required: bool) -> None:

@@ -1,12 +1,14 @@
 """Paints with Pillow what an agent values, does and where it walks: one image per moment of its training.
 
 The maps resemble matplotlib's, but are drawn fast enough to be played. A cell's four triangles are its moves,
-the disc in its middle is PING, and the line is the greedy policy's walk from the start.
+the disc in its middle is PING, and the line is the greedy policy's walk from the start. A hatched cell is one
+of which the agent has learned nothing: all its actions are equally good.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,11 +61,18 @@ class Film:
     greedy: NDArray[np.uint8]  # (V, O) masks
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
+    scale: tuple[float, float] | None = None  # the ends of a colour scale that films share
 
     @cached_property
     def limits(self) -> tuple[float, float]:
         """The ends of the colour scale, the same for all maps."""
-        return colour_limits(self.values)
+        return self.scale or colour_limits(self.values)
+
+    def is_unvisited(self, place: int) -> NDArray[np.bool_]:
+        """Returns in which cells, (O,), all actions are equally good: the agent has never been there."""
+        values = self.values[place]
+        # Values are rounded, greedy actions were chosen before.
+        return np.asarray((values == values[:, :1]).all(axis=1) & contains(self.greedy[place]).all(axis=1))
 
     def place_at(self, step: int) -> int:
         """Returns the place of the last map that is not later than a step."""
@@ -142,20 +151,24 @@ def learning(films: Sequence[Sequence[Film]], cell_pixels: int = 21) -> list[Ima
     """Draws several agents side by side, at every step at which one of them has a map.
 
     Args:
-      films: Rows of columns.
+      films: Rows of columns; the films of a row share a colour scale, which is drawn below them.
       cell_pixels: Side of a cell; less in large rooms.
     """
     columns = max(sum(film.scene.columns for film in row) for row in films)
     rows = sum(max(film.scene.rows for film in row) for row in films)
     cell_pixels = _fitting(cell_pixels, rows, columns)
-    frames = []
-    for step in sorted({step for row in films for film in row for step in film.steps}):
-        panels = [
+    films = [_on_one_scale(row) for row in films]
+    shown = [
+        [
             [picture(film, end_of(film, film.place_at(step)), cell_pixels, has_marks=False) for film in row]
             for row in films
         ]
-        frames.append(_beside(panels, cell_pixels // 2))
-    return frames
+        for step in sorted({step for row in films for film in row for step in film.steps})
+    ]
+    widths = [max(panel.width for panel in column if panel) for column in zip_longest(*shown[0])]
+    gap = cell_pixels // 2
+    bars = [_colour_bar(row, sum(widths) + gap * (len(widths) - 1), cell_pixels) for row in films]
+    return [_beside(panels, bars, widths, gap) for panels in shown]
 
 
 def write(frames: Sequence[Image.Image], path: Path, frame_ms: int = 350, last_ms: int = 2500) -> None:
@@ -180,16 +193,71 @@ def _fitting(cell_pixels: int, rows: int, columns: int) -> int:
     return max(min(cell_pixels, _LONGEST_SIDE // max(rows, columns), largest), 1)
 
 
-def _beside(panels: Sequence[Sequence[Image.Image]], gap: int) -> Image.Image:
-    """Joins rows of images; each column is as wide as its widest image."""
-    widths = [max(row[j].width for row in panels if j < len(row)) for j in range(max(map(len, panels)))]
+def _on_one_scale(films: Sequence[Film]) -> list[Film]:
+    """Returns films with one colour scale."""
+    scale = colour_limits(np.concatenate([film.values.ravel() for film in films]))
+    return [replace(film, scale=scale) for film in films]
+
+
+def _beside(
+    panels: Sequence[Sequence[Image.Image]], bars: Sequence[Image.Image], widths: Sequence[int], gap: int
+) -> Image.Image:
+    """Joins rows of images, with a bar below each row.
+
+    Args:
+      panels: Rows of columns.
+      bars: One per row; as wide as all columns together.
+      widths: Of the columns.
+      gap: Between the columns.
+    """
     heights = [max(panel.height for panel in row) for row in panels]
-    size = sum(widths) + gap * (len(widths) - 1), sum(heights) + gap * (len(heights) - 1)
+    size = bars[0].width, sum(heights) + sum(bar.height for bar in bars)
     joined = Image.new("RGB", size, COLOURS["outside"])
-    for i, row in enumerate(panels):
+    top = 0
+    for row, height, bar in zip(panels, heights, bars, strict=True):
         for j, panel in enumerate(row):
-            joined.paste(panel, (sum(widths[:j]) + j * gap, sum(heights[:i]) + i * gap))
+            joined.paste(panel, (sum(widths[:j]) + j * gap, top))
+        joined.paste(bar, (0, top + height))
+        top += height + bar.height
     return joined
+
+
+def _colour_bar(films: Sequence[Film], width: int, cell_pixels: int) -> Image.Image:
+    """Draws the colour scale of a row of films, with its ends and zero below it.
+
+    An end has the sign of an inequality if there are values beyond it.
+    """
+    low, high = films[0].limits
+    values = np.concatenate([film.values.ravel() for film in films])
+    line = int(0.7 * cell_pixels * _SCALE)
+    font, gap = _font(int(0.75 * line)), line // 3
+    image = Image.new("RGB", (width * _SCALE, 3 * line), COLOURS["outside"])
+    draw = ImageDraw.Draw(image)
+    long = image.width // 2
+    left, upper, lower = (image.width - long) // 2, gap, gap + 2 * line // 3
+    colours = films[0].colours(np.linspace(low, high, long))
+    image.paste(Image.fromarray(np.repeat(colours[None], lower - upper, axis=0)), (left, upper))
+    draw.text((left - gap, (upper + lower) // 2), "value", COLOURS["ink"], font=font, anchor="rm")
+    ends = {
+        low: ("≤ " if np.nanmin(values, initial=low) < low else "") + _number(low),
+        high: ("≥ " if np.nanmax(values, initial=high) > high else "") + _number(high),
+    }
+    margin = (font.getlength(max(ends.values(), key=len)) / 2 + line) / long
+    zero = -low / (high - low)
+    marks = ends | ({0.0: "0"} if margin < zero < 1 - margin else {})
+    for value, text in marks.items():
+        x = left + int((value - low) / (high - low) * (long - 1))
+        draw.line((x, lower, x, lower + gap), COLOURS["ink"], width=_SCALE)
+        draw.text((x, lower + gap), text, COLOURS["ink"], font=font, anchor="ma")
+    if 0.0 in marks:
+        x = left + int(zero * (long - 1))
+        draw.line((x, upper, x, lower), _WHITE, width=_SCALE)
+    return image.resize((width, image.height // _SCALE), Image.Resampling.LANCZOS)
+
+
+def _number(value: float) -> str:
+    """Returns a number with two digits and a proper minus sign."""
+    return f"{value:.2g}".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -205,7 +273,11 @@ class _Painter:
         """Paints a moment of a film."""
         colours = [[tuple(c) for c in row] for row in film.colours(film.values[moment.place]).tolist()]
         greedy = contains(film.greedy[moment.place])
+        unvisited = film.is_unvisited(moment.place)
         for cell in range(self.scene.n_cells):
+            if unvisited[cell] and not self.scene.is_over[cell]:
+                self._hatching(cell)
+                continue
             self._values(cell, colours[cell], has_marks=has_marks)
             # All actions are greedy mostly where the agent has never been; marks would say nothing.
             if not (self.scene.is_over[cell] or greedy[cell].all()):
@@ -238,6 +310,14 @@ class _Painter:
         if has_marks:
             width = max(self.unit // 30, 1)
             self.draw.circle((x, y), 0.2 * self.unit, colours[PING], COLOURS["line"], width=width)
+
+    def _hatching(self, cell: int) -> None:
+        """Paints a cell of which the agent has learned nothing."""
+        (x, y), half = self._at(cell), self.unit / 2
+        self.draw.rectangle((x - half, y - half, x + half, y + half), COLOURS["no value"])
+        for along in (-half / 2, half / 2):  # two strokes, from the lower left to the upper right
+            ends = (x + along - half / 2, y + along + half / 2, x + along + half / 2, y + along - half / 2)
+            self.draw.line(ends, COLOURS["line"], width=max(self.unit // 20, 1))
 
     def _marks(self, cell: int, actions: Sequence[int], *, has_marks: bool) -> None:
         """Marks the greedy actions of a cell."""
@@ -298,8 +378,11 @@ class _Painter:
 
     def _square(self, cell: int) -> None:
         """Paints the start."""
-        (x, y), side = self._at(cell), 0.34 * self.unit
-        self.draw.rectangle((x - side, y - side, x + side, y + side), outline=_WHITE, width=self.unit // 14)
+        (x, y), side, width = self._at(cell), 0.34 * self.unit, self.unit // 14
+        for edge, colour in ((width // 2, _BLACK), (0, _WHITE)):
+            half = side + edge
+            corners = (x - half, y - half, x + half, y + half)
+            self.draw.rectangle(corners, outline=colour, width=width + 2 * edge)
 
     def _path(self, cells: Sequence[int]) -> None:
         """Paints the walk and the agent at its end."""

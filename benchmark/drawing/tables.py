@@ -11,13 +11,28 @@ from tabulate import tabulate
 LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text, file, rows
 _DIGITS: Final = 6  # significant digits in CSV files: few enough to hide rounding
 _SHOWN_DIGITS: Final = 3
-_ROWS_PER_PAGE: Final = 40
+_ROWS_PER_PAGE: Final = 70  # of a LaTeX table that is scaled to a page
+# A longer one breaks across pages and cannot be scaled. If it is too wide, it reaches into both margins.
+_LONG: Final = r"""\footnotesize
+\setlength{\tabcolsep}{3pt}
+\setlength{\LTleft}{0pt plus 1fill minus 1fill}
+\setlength{\LTright}{\LTleft}
+"""
+_ESCAPED: Final = str.maketrans(
+    {character: f"\\{character}" for character in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+)
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """Writes a frame with six significant digits."""
-    frame = frame.map(_clean)
-    frame.to_csv(path, index=False, float_format=f"%.{_DIGITS}g", lineterminator="\n")
+    """Writes a frame so that readers infer the types of its columns from any of its rows.
+
+    Floats have six significant digits, and a point or an exponent even if they are whole numbers. A missing
+    value is empty, and a column that has no value in any row is left out.
+    """
+    texts = {name: _column_texts(frame[name]) for name in frame}
+    filled = {name: column for name, column in texts.items() if any(column) or not len(frame)}
+    pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n")
 
 
 def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = None, note: str = "") -> None:
@@ -33,9 +48,7 @@ def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = No
     shown = frame if shown is None else shown
     markdown = f"{note}\n\n{to_markdown(shown)}" if note else to_markdown(shown)
     stem.with_suffix(".md").write_text(markdown, encoding="utf-8")
-    form = "latex_booktabs" if len(shown) <= _ROWS_PER_PAGE else "latex_longtable"
-    latex = f"\\textbf{{{_escape(note)}}}\\par\n{_format(shown, form)}" if note else _format(shown, form)
-    stem.with_suffix(".tex").write_text(latex, encoding="utf-8")
+    stem.with_suffix(".tex").write_text(_to_latex(shown, note), encoding="utf-8")
 
 
 def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:
@@ -68,9 +81,15 @@ def _format(frame: pd.DataFrame, form: str) -> str:
     return tabulate(texts, list(frame.columns), tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
 
 
-def _escape(text: str) -> str:
-    """Escapes text for LaTeX."""
-    return text.replace("_", r"\_").replace("%", r"\%")
+def _to_latex(frame: pd.DataFrame, note: str) -> str:
+    """Returns a LaTeX table that fits the page, with a note above it."""
+    above = f"\\textbf{{{note.translate(_ESCAPED)}}}\\par\n" if note else ""
+    if len(frame) > _ROWS_PER_PAGE:
+        table = _format(frame, "latex_longtable")
+        return f"% Needs \\usepackage{{longtable}}\n{above}{{{_LONG}{table}}}\n"
+    limits = r"max width=\textwidth, max totalheight=\textheight"
+    table = f"\\begin{{adjustbox}}{{{limits}}}\n{_format(frame, 'latex_booktabs')}\\end{{adjustbox}}%\n"
+    return f"% Needs \\usepackage{{booktabs,adjustbox}}\n{above}\\noindent\n{table}"
 
 
 def show(value: object) -> str:
@@ -86,6 +105,32 @@ def show(value: object) -> str:
         return "-"
     shown = f"{value:.{_SHOWN_DIGITS}g}"
     return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
+
+
+def _column_texts(column: pd.Series) -> list[str]:
+    """Returns the values of a column as a CSV file has them; integers beside floats are floats, too."""
+    values = column.tolist()
+    is_missing = column.isna().tolist()
+    has_floats = any(isinstance(value, float) for value in values)
+    texts = []
+    for value, missing in zip(values, is_missing, strict=True):
+        if missing:
+            texts.append("")
+        elif has_floats and isinstance(value, int | float) and not isinstance(value, bool):
+            texts.append(_float_text(float(value)))
+        else:
+            texts.append(str(value))
+    return texts
+
+
+def _float_text(value: float) -> str:
+    """Returns a float that is read back as a float.
+
+    >>> [_float_text(value) for value in (1.0, 0.5, 1e-7, 2 / 3, 1234567.0, -1e-16, math.inf)]
+    ['1.0', '0.5', '1e-07', '0.666667', '1.23457e+06', '0.0', 'inf']
+    """
+    text = f"{_clean(value):.{_DIGITS}g}"
+    return text if not math.isfinite(value) or "." in text or "e" in text else f"{text}.0"
 
 
 def _clean(value: object) -> object:

@@ -25,7 +25,8 @@ _LEGEND: Final = f"""\
 def to_text(film: Film, moment: Moment) -> Text:
     """Returns a moment as text: a cell's greedy actions, on the colour of its best value."""
     scene, values, place = film.scene, film.values[moment.place], moment.place
-    colours = film.colours(values.max(axis=1)).tolist()  # of an agent that diverged, the maximum is NaN
+    best = np.where(film.is_unvisited(place), np.nan, values.max(axis=1))  # NaN, too, if the agent diverged
+    colours = film.colours(best).tolist()
     greedy = contains(film.greedy[place])
     agent = moment.cells[-1]
     text = Text(f"{film.title}\n")

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from agents import load_algorithm
+from agents import ALGORITHMS, load_algorithm
 from envs import InputError
 
 _PACKAGES: Final = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
@@ -47,9 +47,9 @@ def versions(algorithm: str) -> dict[str, str]:
         try:
             found[package] = version(package)
         except PackageNotFoundError:
+            installer = "make .venv/.deep" if algorithm in ALGORITHMS else f"pip install {package}"
             raise InputError(
-                f"{package} is not installed, but {algorithm} needs it; pip installs it, and make "
-                "compare-deep installs all that this project's own algorithms need."
+                f"{package} is not installed, but {algorithm} needs it; {installer} installs it."
             ) from None
     return found
 

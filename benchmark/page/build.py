@@ -326,7 +326,7 @@ def _index(results: Path) -> str:
     """Returns the page that lists all folders of results."""
     lines = []
     for path in sorted(results.iterdir()):
-        if path.name.startswith(".") or path.name.endswith(("_smoke", "_partial")):
+        if any(map(path.match, (".*", "*_smoke", "*_partial", "*_seeds_*"))):
             continue
         if not (path / "README.md").exists():
             continue

@@ -142,7 +142,7 @@ def check_packages(report: Report, source: str) -> None:
         if find_spec(package) is None:
             raise InputError(
                 f"{source}: its report needs the package {package}, which is not installed; "
-                "make compare-deep installs it."
+                "make .venv/.deep installs it."
             )
 
 

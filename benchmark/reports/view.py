@@ -84,9 +84,6 @@ class Columns:
     numbers: Mapping[str, str]  # columns of numbers with their labels; those that the file lacks are left out
     where: Callable[[pd.DataFrame], pd.DataFrame] | None = None  # the rows that are shown; by default all
     ends: tuple[str, str] | None = None  # of the intervals, see `number_cell`
-    # A column whose values become columns: `numbers` then labels these values, and `value` is what they show.
-    spread: str = ""
-    value: str = "value"
     labels: Mapping[str, str] = field(default_factory=dict)  # of keys, where their names do not do
 
     def __call__(self, published: Published) -> Table:
@@ -94,22 +91,13 @@ class Columns:
         frame = published.frame(self.file.removesuffix(".csv"))
         if self.where is not None:
             frame = self.where(frame)
-        rows: list[list[Entry]]
-        if self.spread:
-            shown = dict(self.numbers)
-            rows = []
-            for key, group in frame.groupby(list(self.keys), sort=False):
-                by_value = {row[self.spread]: row for _, row in group.iterrows()}
-                cells = [number_cell(self.file, by_value[name], self.value, self.ends) for name in shown]
-                rows.append([*(Entry(str(part)) for part in key), *cells])
-        else:
-            shown = {key: label for key, label in self.numbers.items() if key in frame}
-            rows = [
-                [
-                    *(Entry(str(row[key])) for key in self.keys),
-                    *(number_cell(self.file, row, key, self.ends) for key in shown),
-                ]
-                for _, row in frame.iterrows()
+        shown = {key: label for key, label in self.numbers.items() if key in frame}
+        rows = [
+            [
+                *(Entry(str(row[key])) for key in self.keys),
+                *(number_cell(self.file, row, key, self.ends) for key in shown),
             ]
+            for _, row in frame.iterrows()
+        ]
         columns = [(self.labels.get(key, key.replace("_", " ")), False) for key in self.keys]
         return Table(self.caption, self.file, [*columns, *((label, True) for label in shown.values())], rows)

@@ -1,6 +1,7 @@
 """Q-learning in plain Python: by hand, and against the compiled learner."""
 
 import random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,12 @@ STEPS = (0, 1500, 3000)
 @pytest.mark.parametrize("scenario", ["S1", "S2"])
 def test_it_learns_as_the_compiled_learner_does(scenario: str) -> None:
     model = compile_scenario(load_scenario(scenario))
-    values = {"budget": STEPS[-1], "time_limit": 200, "record_every": STEPS[-1], "epsilon": 0.3}
+    values: dict[str, Any] = {
+        "budget": STEPS[-1],
+        "time_limit": 200,
+        "record_every": STEPS[-1],
+        "epsilon": 0.3,
+    }
     schedule = Schedule(STEPS[-1], STEPS, (0, STEPS[-1]))
     trained = {}
     for name in ("q_learning", "q_learning_plain"):

@@ -219,10 +219,10 @@ class Findings:
         parts = []
         for learner in self._learners:
             rows = self._rows("summary", learner)
-            if "stochastic_success" in rows and rows["stochastic_success"].notna().all():
-                greedy, stochastic = (
-                    link(f"{rows[f'{policy}_success'].mean():.2f}", "summary", rows)
-                    for policy in ("greedy", "stochastic")
+            if (rows["policy"] == "stochastic").all():
+                stochastic, greedy = (
+                    link(f"{rows[column].mean():.2f}", "summary", rows)
+                    for column in ("success", "greedy_success")
                 )
                 parts.append(
                     f"`{learner}` {stochastic} by its stochastic policy and {greedy} by its greedy one"

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 import pandas as pd
 
 from agents import ALGORITHMS
-from benchmark.analysis.population import GOOD_SCORE
-from benchmark.analysis.snapshots import Shown
+from benchmark.analysis.population import GOOD_SCORE, Population
+from benchmark.analysis.snapshots import Shown, typical_agent
 from benchmark.drawing import tables
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.comparison import findings
@@ -101,17 +101,19 @@ def _shown(data: Data) -> list[Shown]:
 
 
 def _write_film(data: Data, _: Frames, directory: "Path") -> None:
-    """Writes an animation of learning: the first table and the first net, in every scenario."""
+    """Writes an animation of learning: typical agents of the first table and net, in every scenario."""
     from benchmark.drawing import film
+
+    def typical(learner: Learner, scenario: str, population: Population) -> film.Film:
+        agent = typical_agent(population)
+        title = f"{scenario}: {learner}, seed {population.seeds[agent]} (median)"
+        return film.film_of(title, population, agent)
 
     families: dict[str, list[Learner]] = {"tabular": [], "deep": []}
     for learner, populations in data.without_checks.learners.items():
         families[next(iter(populations.values())).algorithm.family].append(learner)
     films = [
-        [
-            film.film_of(f"{scenario}: {learner}", population)
-            for scenario, population in data.learners[learner].items()
-        ]
+        [typical(learner, *shown) for shown in data.learners[learner].items()]
         for learners in families.values()
         for learner in learners[:1]
     ]
@@ -378,7 +380,6 @@ ITEMS: Final = (
                 "uncomfortable_steps": "uncomfortable steps",
                 "every_cell_success": "success from any cell",
                 "greedy_success": "success, greedy policy",
-                "stochastic_success": "success, stochastic policy",
             },
         ),
     ),

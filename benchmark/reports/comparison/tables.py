@@ -34,8 +34,9 @@ ENDPOINTS: Final = {
 def scores(data: Data) -> pd.DataFrame:
     """Tabulates every run at the end of training.
 
-    `score` is clipped to [0, 1], `unbounded_score` is not. `greedy_success` and `stochastic_success` are
-    those of either policy, as far as there is one; `every_cell_` marks episodes that start in any cell.
+    `score` is clipped to [0, 1], `unbounded_score` is not. `greedy_success` is that of the greedy policy,
+    whichever counts; `every_cell_` marks episodes that start in any cell. `diverged_at` is infinite if a run
+    did not diverge.
     """
     frames = []
     for learner, scenario, population in data.populations:
@@ -56,17 +57,14 @@ def scores(data: Data) -> pd.DataFrame:
             columns[evaluated("uncomfortable_steps", "greedy", start)] = zones[
                 :, ZONES.index("uncomfortable")
             ]
-        for policy in ("greedy", "stochastic"):
-            by_policy = population.arrays[evaluated("success", policy, "start")]
-            n = len(population.seeds)
-            columns[f"{policy}_success"] = by_policy[:, -1] if by_policy.shape[1] else np.full(n, np.nan)
+        columns["greedy_success"] = population.arrays["success"][:, -1]
         right, marked = _right_and_marked(population)
         columns["target_cells_marked"] = right
         columns["cells_marked"] = marked
         columns["region_overlap"] = overlap(population.values_ping, population.in_target)
         columns["disagreements"] = population.arrays["disagreements"][:, -1]
         diverged_at = population.arrays["diverged_at"]
-        columns["diverged_at"] = np.where(diverged_at < 0, np.nan, diverged_at)
+        columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -84,9 +82,7 @@ def summary(data: Data) -> pd.DataFrame:
             row[name] = data.results(learner, scenario, name)[:, -1].mean()
         zones = data.results(learner, scenario, "zone_steps")[:, -1]
         row["uncomfortable_steps"] = zones[:, ZONES.index("uncomfortable")].mean()
-        for policy in ("greedy", "stochastic"):
-            by_policy = population.arrays[evaluated("success", policy, "start")][:, -1:]
-            row[f"{policy}_success"] = by_policy.mean() if by_policy.size else np.nan
+        row["greedy_success"] = population.arrays["success"][:, -1].mean()
         if "every_cell" in population.specification["evaluated_from"]:
             success = data.results(learner, scenario, "success", "every_cell")[:, -1:]
             row |= _scalars(_proportion("every_cell_success", success))

@@ -100,12 +100,12 @@ def test_wrong_verdicts_are_rare(n: int) -> None:
     truth = np.array([0.95, 0.5])
     wrongly_different = wrongly_equivalent = 0
     for _ in range(60):
-        sides = [Side(rng.binomial(n, truth) / n, [n, n]) for _ in range(16)]
+        sides = [Side((rng.binomial(n, truth) / n).tolist(), [n, n]) for _ in range(16)]
         equal = [contrast(*pair, 0.1) for pair in zip(sides[:8], sides[8:], strict=True)]
         wrongly_different += any(
             o["verdict"] in (BETTER, WORSE) for o in decide(equal, is_allowed=[True] * 8)
         )
-        shifted = [Side(rng.binomial(n, truth - 0.1) / n, [n, n]) for _ in range(8)]
+        shifted = [Side((rng.binomial(n, truth - 0.1) / n).tolist(), [n, n]) for _ in range(8)]
         apart = [contrast(*pair, 0.1) for pair in zip(sides[:8], shifted, strict=True)]
         wrongly_equivalent += any(o["verdict"] == EQUIVALENT for o in decide(apart, is_allowed=[True] * 8))
     # With a probability of 5 % each, more than 8 of 60 would come up one time in 300.

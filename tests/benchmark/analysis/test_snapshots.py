@@ -1,5 +1,6 @@
 """Tables for the explorer, of two learners that are made up number by number."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 
 from benchmark.analysis import snapshots
 from benchmark.analysis.population import Population
-from benchmark.analysis.snapshots import Shown
+from benchmark.analysis.snapshots import Shown, typical_agent
 from envs import ACTIONS, load_scenario
+from tests.benchmark.populations import population as blank
 
 UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
 N_CELLS = 120
@@ -41,6 +43,24 @@ def population(*, is_stochastic: bool) -> Population:
         "horizon": 50,
     }
     return Population(specification=specification, arrays=arrays, seeds=[4, 5], provenance=[{}, {}])
+
+
+@pytest.mark.parametrize(
+    ("scores", "seeds", "typical"),
+    [
+        # Means of 1, 0.5, 0.1 and 0.25, since -5 counts as 0; of an even number, the lower median.
+        ([[1, 1, 1, 1], [-5, 1, 1, 0], [0, 0, 0, 0.4], [0.25, 0.25, 0.25, 0.25]], [0, 1, 2, 3], 3),
+        # Means of 0.5, 0.2, 0.5, 0.9 and 0.5: of those with the median, the lowest seed.
+        ([[0.5] * 4, [0.2] * 4, [0, 0, 1, 1], [0.9] * 4, [1, 0.5, 0.5, 0]], [7, 1, 9, 2, 3], 4),
+        ([[0, 0, 0, 1]], [5], 0),
+    ],
+)
+def test_typical_agent_has_the_median_mean_score(
+    scores: list[list[float]], seeds: list[int], typical: int
+) -> None:
+    random, optimal = blank().anchors["grid_return"]
+    grid_return = random + np.array(scores) * (optimal - random)
+    assert typical_agent(replace(blank(n=len(seeds), grid_return=grid_return), seeds=seeds)) == typical
 
 
 def test_agent_of_the_first_seed_is_shown() -> None:

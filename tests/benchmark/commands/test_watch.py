@@ -28,7 +28,7 @@ def test_the_run_is_that_of_the_experiment_and_is_stored(film: Film, watched: Pa
     with Store(watched / "runs.db", read_only=True) as store:
         (record,) = store.get(list(store.ended()))
         again = watch.load_film(watch.specification(COMPARED, "S1", "q_learning", "index", 0), store)
-    assert record.digest == all_specifications(COMPARED)[0].digest
+    assert record.digest == all_specifications(COMPARED, [0])[0].digest
     assert (again.values == film.values).all()
     assert np.abs(film.values[-1] - record.arrays["q"]).max() <= 0.0005 + 1e-7  # three decimals
     assert film.steps == list(range(0, 10_001, 400))

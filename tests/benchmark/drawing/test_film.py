@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
@@ -71,7 +71,7 @@ def test_agent_issuer_and_greedy_pings_are_marked(film: Film) -> None:
     assert len(only_ping) > 2
     for cell in only_ping:
         assert min(pixel(image, *divmod(int(cell), 12), 0, 0)) > 230
-    unmarked = [cell for cell in others if cell not in (*cells, 6 * 12 + 8)]
+    unmarked = [cell for cell in others if cell not in (*cells, 6 * 12 + 8) and film.greedy[25, cell] != 31]
     assert not any(min(pixel(image, *divmod(int(cell), 12), 0, 0)) > 230 for cell in unmarked)
 
 
@@ -79,7 +79,8 @@ def test_agent_issuer_and_greedy_pings_are_marked(film: Film) -> None:
 def test_borders_of_any_shape_lie_on_the_cells_inside(film: Film, seed: int) -> None:
     inside = np.random.default_rng(seed).random((10, 12)) < 0.6  # with holes, and touching the edges
     border = Outline("target", "", is_dashed=False, loops=outlines(inside))
-    image = picture(replace(film, scene=replace(film.scene, outlines=(border,))), Moment(25, (0,)), 60)
+    scene, greedy = replace(film.scene, outlines=(border,)), np.ones_like(film.greedy)  # visited everywhere
+    image = picture(replace(film, scene=scene, greedy=greedy), Moment(25, (0,)), 60)
     padded = np.pad(inside, 1)
     for row, column in np.ndindex(inside.shape):
         for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
@@ -125,6 +126,66 @@ def test_films_side_by_side_show_every_step_of_any(film: Film) -> None:
     frames = learning([[film, shorter], [shorter]], 10)
     assert len(frames) == 27  # 0, 400, ... 10,000, and 100
     assert len({frame.size for frame in frames}) == 1
+
+
+def test_cells_without_experience_are_hatched(film: Film) -> None:
+    unvisited = film.greedy[25] == 31
+    assert 10 < unvisited.sum() < 110
+    equal = (np.ptp(film.values[25], axis=1) == 0) & unvisited
+    image = picture(film, Moment(25, (0,)))
+    for cell in range(120):
+        row, column = divmod(cell, 12)
+        if not film.scene.is_over[cell] and (row, column) != (0, 0):
+            centre = pixel(image, row, column, 0, 0)
+            assert (centre == (250, 250, 250)) == equal[cell], cell
+    values, greedy = film.values.copy(), film.greedy.copy()
+    values[25, 111], greedy[25, 111] = 0.25, 1  # equal but for rounding: a net has been there
+    image = picture(replace(film, values=values, greedy=greedy), Moment(25, (0,)))
+    assert pixel(image, 9, 3, 0, 0) != (250, 250, 250)
+
+
+def test_films_of_a_row_share_the_colour_scale_below_them(
+    film: Film, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[str] = []
+    write_text = ImageDraw.ImageDraw.text
+
+    def noting(self: ImageDraw.ImageDraw, at: Any, text: str, *rest: Any, **more: Any) -> None:
+        written.append(text)
+        write_text(self, at, text, *rest, **more)
+
+    monkeypatch.setattr(ImageDraw.ImageDraw, "text", noting)
+    row = [
+        Film(
+            "",
+            film.scene,
+            [0],
+            values.reshape(1, 120, 5),
+            film.greedy[25:],
+            film.scores[25:],
+            film.walks[25:],
+        )
+        for values in (np.linspace(-1, 0, 600), np.linspace(0, 3, 600))
+    ]
+    low, high = -0.98, 2.94  # without 12 of 1,200 values at each end
+    (frame,) = learning([row], 40)
+    assert {"value", "≤ −0.98", "0", "≥ 2.9"} < set(written)
+
+    def colour(value: float) -> Any:
+        return pytest.approx(
+            np.array(mpl.colormaps["cividis"]((value - low) / (high - low))[:3]) * 255, abs=4
+        )
+
+    def on_bar(value: float) -> Any:
+        share = (value - low) / (high - low)
+        return frame.getpixel((int(frame.width * (0.25 + share / 2)), frame.height - 65))
+
+    for value in (-0.9, -0.5, 1.0, 2.0, 2.9):
+        assert on_bar(value) == colour(value)
+    assert min(on_bar(0)) > 150  # a white line
+    for row_, column in ((2, 3), (7, 2), (9, 6)):
+        value = row[0].values[0, row_ * 12 + column, 0]
+        assert pixel(frame, row_, column, -0.3, 0.1, side=40) == colour(value)
 
 
 @pytest.mark.parametrize("name", ["film.webp", "film.GIF"])

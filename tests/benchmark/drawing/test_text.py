@@ -27,9 +27,14 @@ def test_text_shows_the_greedy_actions_and_the_agent(film: Film) -> None:
 def test_text_has_the_colours_of_the_largest_values(film: Film) -> None:
     values = np.zeros_like(film.values)
     values[25, :, 2] = np.repeat([0.0, 1.0], 60)
+    values[25, :60, 3] = -1e-9
+    values[25, 7] = 0.5
     values[25, 5] = np.nan
-    text = to_text(replace(film, values=values), Moment(25, (0,)))
+    greedy = film.greedy.copy()
+    greedy[25, 7] = 31  # all alike: the agent has not been there
+    text = to_text(replace(film, values=values, greedy=greedy), Moment(25, (0,)))
     styles = [str(span.style) for span in text.spans][:120]
     assert styles[1].endswith("rgb(255,255,255) on rgb(0,34,77)")  # the ends of cividis
     assert styles[119].endswith("rgb(0,0,0) on rgb(253,231,55)") or styles[119].endswith("on rgb(254,232,56)")
+    assert styles[7].endswith("rgb(0,0,0) on rgb(250,250,250)")
     assert styles[5].endswith("rgb(0,0,0) on rgb(250,250,250)")

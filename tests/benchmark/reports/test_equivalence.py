@@ -21,6 +21,7 @@ from benchmark.reports.equivalence.data import Data, Name, Runs, load
 from benchmark.reports.equivalence.tables import MARGIN, verdict
 from benchmark.reports.published import Published
 from envs import InputError
+from tests.support import mistyped_columns
 
 PUBLISHED = Path(__file__).parents[3] / "results"
 # Two tables, each checked by the same table with random streams of its own.
@@ -315,6 +316,7 @@ def test_everything_is_there(tmp_path: Path, name: str) -> None:
     expected.add("curves.csv")
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == expected
     assert len(pd.read_csv(folder / "scores.csv")) == len(all_specifications(experiment))
+    assert [mistyped_columns(path) for path in folder.glob("*.csv")] == [[]] * 3
     frame = pd.read_csv(folder / "equivalence.csv")
     checked = [
         population for population in experiment.populations if population[1] in set(frame["algorithm"])

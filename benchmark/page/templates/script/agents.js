@@ -83,11 +83,17 @@ function optimumLine(optimum, cell) {
   return asWritten(optimum.columns, record, optimum.values, cell);
 }
 
+// A float in a file has six significant digits, and a point or an exponent of two digits: 1.0, 2.5e+06.
 function asWritten(columns, record, values, place) {
+  const text = (value) => {
+    if (Number.isNaN(value)) return "";
+    if (Math.abs(value) >= 1e6) return value.toExponential().replace("e+", "e+0");
+    return Number.isInteger(value) ? `${value}.0` : String(value);
+  };
   const cells = new Map(Object.entries(record));
   explorer.actions.forEach((action, a) => {
-    const value = values[place * explorer.actions.length + a];
-    cells.set(action, Number.isNaN(value) ? "" : +value.toFixed(explorer.decimals));
+    const value = +values[place * explorer.actions.length + a].toFixed(explorer.decimals);
+    cells.set(action, text(+value.toPrecision(6)));
   });
   return [columns, columns.map((name) => String(cells.get(name)))];
 }
