@@ -191,7 +191,7 @@ def specifications(
             evaluated_from=experiment.evaluated_from,
             seed=seed,
         )
-        for seed in (declared.declared_seeds if seeds is None else seeds)
+        for seed in (experiment.declared_seeds(arm, condition) if seeds is None else seeds)
     ]
 
 
