@@ -64,10 +64,11 @@ class Data:
         starts = range(0, total - size + 1, size)
         if len(starts) < 2:
             return []
-        return [
+        others = [
             {name: population.subset(start, start + size) for name, population in self.everyone.items()}
-            for start in starts
+            for start in starts[1:]
         ]
+        return [self._papers, *others]
 
     @property
     def _papers(self) -> Mapping[str, Population]:
