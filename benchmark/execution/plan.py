@@ -43,6 +43,4 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
 def _blocks(population: Job, size: int) -> list[Job]:
     """Returns the whole blocks of seeds that contain a population's wanted runs."""
     first_seeds = dict.fromkeys(run.seed // size * size for run in population)
-    return [
-        [population[0].with_seed(seed) for seed in range(first, first + size)] for first in first_seeds
-    ]
+    return [[population[0].with_seed(seed) for seed in range(first, first + size)] for first in first_seeds]

@@ -38,6 +38,7 @@ VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
 STATES: Final = ("passes", "undecided", "fails")  # of a part
 LEVEL: Final = 0.95  # of confidence, of every interval
 POWER: Final = 0.8  # probability that a part is decided with `agents_needed`
+_LEAST_DEVIATION: Final = 1e-6  # a smaller standard deviation over agents counts as none
 _REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(POWER))  # 1.96 + 0.84
 
 
@@ -66,10 +67,10 @@ class Part:
     def effect(self, right_side: str, threshold: float, n_agents: int) -> float:
         """Its distance from the threshold, in standard deviations of a single agent; positive if right.
 
-        NaN if there is no standard deviation, or if it is 0.
+        NaN if there is no standard deviation, or if it is 0 but for rounding.
         """
         deviation = math.sqrt(n_agents) * self.standard_error
-        if not deviation > 0:  # NaN, too
+        if not deviation > _LEAST_DEVIATION:  # NaN, too
             return math.nan
         distance = self.value - threshold
         return (distance if right_side == ">" else -distance) / deviation
@@ -96,8 +97,8 @@ def judge(populations: Populations, curve: str) -> pd.DataFrame:
       curve: Which maximum Q the claims on curves are about, `"visited"` or `"table"`.
 
     Returns:
-      One row per part of a claim: claim, part, agents (per scenario), value, low, high, right_side, threshold,
-      state (of the part), verdict (on the claim), effect, agents_needed, note.
+      One row per part of a claim: claim, part, agents (per scenario), value, low, high, right_side,
+      threshold, state (of the part), verdict (on the claim), effect, agents_needed, note.
     """
     paper = {name: populations[name] for name in SCENARIOS}
     return pd.DataFrame([row for claim in CLAIMS for row in judge_claim(claim, paper, curve)])
@@ -243,9 +244,8 @@ def _signs(population: Population, level: float) -> _Signs:
 def _map_overlap(population: Population, level: float) -> tuple[float, float, float]:
     """Returns how the mean map overlaps with the target region: measured, least and greatest.
 
-    Of the least overlap, the cells of the target region are those that surely are above zero, and the others
-    those that possibly are: with T target cells it is (sure inside) / (T + possible outside), and the greatest
-    is (possible inside) / (T + sure outside).
+    With T target cells it is at least (sure inside) / (T + possible outside), and at most (possible inside) /
+    (T + sure outside), where possible cells include the sure ones.
     """
     signs, in_target = _signs(population, level), population.in_target
     least = np.where(in_target, signs.surely, signs.possibly)
@@ -408,7 +408,8 @@ CLAIMS: Final = (
         ">",
         0.95,
         "0.95 is the least number that one decimal writes as 1.0; 1 % of 10,000 steps are several. In S3 no "
-        "PING pays more than 1 - 2/14 = 0.857, so there the part can only fail; its note says how near it comes.",
+        "PING pays more than 1 - 2/14 = 0.857, so the part about S3 can only fail; its note says how near it "
+        "comes to that.",
         _near_one,
     ),
     Claim(
@@ -433,7 +434,8 @@ CLAIMS: Final = (
     Claim(
         "ping-S3",
         "In S3 only cells of the target region have a mean PING Q-value above zero.",
-        "cells outside the target region with a mean PING Q-value above zero, S3",
+        "cells outside the target region with a mean PING Q-value above zero, S3; interval from simultaneous "
+        "intervals of all cells' means",
         "<",
         1.0,
         "A single such cell contradicts 'only'.",
@@ -442,7 +444,8 @@ CLAIMS: Final = (
     Claim(
         "ping-S1",
         "In S1 some cells outside the target region have a mean PING Q-value above zero.",
-        "cells outside the target region with a mean PING Q-value above zero, S1",
+        "cells outside the target region with a mean PING Q-value above zero, S1; interval from simultaneous "
+        "intervals of all cells' means",
         ">",
         0.0,
         "A single such cell is enough for 'some'.",

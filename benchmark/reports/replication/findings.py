@@ -8,7 +8,7 @@ from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.reports import independent
 from benchmark.reports.published import Published
-from benchmark.reports.replication.claims import CLAIMS, STATES, VERDICTS, weakest
+from benchmark.reports.replication.claims import STATES, VERDICTS, weakest
 from benchmark.reports.view import Entry, Table, number_cell, number_text
 
 SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
@@ -29,9 +29,9 @@ def headline(published: Published) -> str:
     claims = published.frame("claims")
     few, many = claims["agents"].min(), claims["agents"].max()
     n_claims = claims["claim"].nunique()
-    text = f"Of the {n_claims} claims of the paper, {_counts(_of(claims, many))} with {many:,} agents"
+    text = f"With {many:,} agents per scenario, of the paper's {n_claims} claims {_counts(_of(claims, many))}"
     if few < many:
-        text += f", and {_counts(_of(claims, few))} with {few:,}"
+        text += f"; with {few:,} agents, as many as the paper has, {_counts(_of(claims, few))}"
     return f"{text}."
 
 
@@ -191,7 +191,10 @@ def _by_agents(published: Published) -> list[str]:
         for claim, row in after.iterrows()
         if row["verdict"] != before.at[claim, "verdict"]
     ]
-    text = f"Verdicts that differ: {_listed(changed)}." if changed else "No verdict differs between the two."
+    if changed:
+        text = f"The verdict depends on the number of agents for {_listed(changed)}."
+    else:
+        text = f"No verdict with {many:,} agents differs from that with {few:,}."
     rows = weakest(_of(claims, many))
     every = rows[rows["sets_agreeing"] == rows["sets"]]
     n_sets = rows["sets"].iloc[0]
@@ -199,16 +202,15 @@ def _by_agents(published: Published) -> list[str]:
     names = [f"{first}-{last}" for first, last in seeds.to_numpy()]
     shown = f"{', '.join(names[:2])}, ..., {names[-1]}" if len(names) > 3 else _listed(names)
     some = [
-        f"`{row['claim']}` in {link(str(row['sets_agreeing']), 'claims', row)} "
-        f"[{row['share_low']:.0%}, {row['share_high']:.0%}]"
+        f"`{row['claim']}` in {link(str(row['sets_agreeing']), 'claims', row)} of {n_sets} (a share of "
+        f"{row['share']:.2g} [{row['share_low']:.2g}, {row['share_high']:.2g}])"
         for _, row in rows[rows["sets_agreeing"] < rows["sets"]].iterrows()
     ]
-    verdicts = "verdict" if len(every) == 1 else "verdicts"
     share = (
-        f"The agents fall into {n_sets} disjoint sets of {few:,} (seeds {shown}). "
-        f"{len(every)} of the {len(rows)} {verdicts} with {many:,} agents come out in every set"
+        f"The {many:,} agents are {n_sets} disjoint sets of {few:,}: seeds {shown}. {len(every)} of the "
+        f"{len(rows)} verdicts with {many:,} agents also come out in each of the sets"
     )
-    return [text, f"{share}; {_listed(some)}." if some else f"{share}."]
+    return [text, f"{share}; that on {_listed(some)}." if some else f"{share}."]
 
 
 def _failing_parts(published: Published) -> list[str]:
@@ -230,21 +232,24 @@ def _by_reading(published: Published) -> list[str]:
     default = rows[rows["reading"] == DEFAULT_CONDITION]
     holding = default.loc[default["verdict"] == "holds", "claim"]
     fallen = rows[rows["claim"].isin(holding) & (rows["verdict"] != "holds")]
-    if fallen.empty:
-        return []
     texts = []
-    for reading, other in fallen.groupby("reading", sort=False):
-        names = _listed([f"`{row['claim']}` ({row['verdict']})" for _, row in other.iterrows()])
-        texts.append(f"{link(str(len(other)), 'sensitivity', other)} under `{reading}`: {names}")
-    n_agents = rows["agents"].iloc[0]
-    text = (
-        f"Of the {len(holding)} claims that hold by default with {n_agents:,} agents, these have another verdict: "
-        f"{'; '.join(texts)}."
-    )
+    for reading, others in fallen.groupby("reading", sort=False):
+        parts = []
+        for verdict in VERDICTS[1:]:
+            found = others[others["verdict"] == verdict]
+            names = _listed([f"`{claim}`" for claim in found["claim"]])
+            if len(found):
+                count = link(str(len(found)), "sensitivity", found)
+                parts.append(f"{count} {_VERBS[verdict][len(found) > 1]} ({names})")
+        texts.append(f"under `{reading}`, {_listed(parts)}")
+    if not texts:
+        return []
+    n_agents, n_holding = rows["agents"].iloc[0], len(holding)
+    text = f"Of the {n_holding} claims that hold by default with {n_agents:,} agents, {'; '.join(texts)}."
     if "equal_pay" in set(fallen["reading"]):
         text += (
-            " Under `equal_pay` a right PING pays as little in S1 and S2 as it can in S3. So the data do not "
-            "show whether these claims hold because of the issuer's information or because of the smaller pay."
+            " In the control `equal_pay` a right PING pays as little in S1 and S2 as it can in S3. It cannot "
+            "tell the issuer's information from the pay."
         )
     return [text]
 

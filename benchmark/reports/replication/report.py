@@ -56,9 +56,10 @@ class Data:
 
     @cached_property
     def sets(self) -> Sequence[Mapping[str, Population]]:
-        """All agents under the default reading in disjoint sets of consecutive seeds, as large as the paper's.
+        """Disjoint sets of the agents under the default reading, each as large as the paper's.
 
-        The first is that of the tables and figures. If there is no second one, there are no sets.
+        They are made of consecutive seeds. The first is that of the tables and figures. If there is no second
+        one, there are no sets.
         """
         size, total = (len(next(iter(each.values())).seeds) for each in (self._papers, self.everyone))
         starts = range(0, total - size + 1, size)
@@ -415,8 +416,8 @@ def _words(published: Published) -> list[tuple[str, str]]:
         (
             "score",
             "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
-            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. Means of it are "
-            "over agents' scores clipped to [0, 1]. `unbounded_score` is the mean without clipping: a "
+            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. Means are of "
+            "the agents' scores clipped to [0, 1]. `unbounded_score` is the mean without clipping: a "
             "greedy policy may bump into a wall until the limit, and a few such agents decide the mean. "
             "It has no interval, as no method bounds such a mean if failures are rare. `agent.csv` is not "
             "clipped.",
@@ -444,10 +445,10 @@ def _words(published: Published) -> list[tuple[str, str]]:
         (
             "effect",
             "distance of a part's value from its threshold, in standard deviations of a single agent, "
-            "positive on the right side. It is taken from the interval: (value - threshold) / (standard error "
-            "* sqrt(agents)). `agents_needed` is the number of agents with which the part would be decided "
-            "with a probability of 80 % if its effect is the true one: (2.8 / effect)^2. Parts that have no "
-            "standard error have neither.",
+            "positive on the right side: (value - threshold) / (standard error * sqrt(agents)), with the "
+            "standard error of its interval. Parts on the signs of cells, and parts on which all agents "
+            "agree, have none. `agents_needed` is the number of agents with which the part would be decided "
+            "with a probability of 80 % if its effect is the true one: (2.8 / effect)^2.",
         ),
         ("std", "sample standard deviation over agents."),
         (

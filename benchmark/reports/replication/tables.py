@@ -1,8 +1,7 @@
 """Tables of a replication: final values, the maximum Q, learning, and the distance from the exact optimum.
 
-Means of numbers in [0, 1] have 95 % intervals by Wilson. Means of scores and returns have none: a greedy policy
-may bump into a wall until the horizon, and no method bounds a mean of numbers without a lower bound if its
-failures are rare.
+Means of numbers in [0, 1] have Wilson's 95 % intervals. Means of scores and returns have none: a greedy
+policy may bump into a wall until the horizon, and no method bounds such a mean if failures are rare.
 """
 
 from collections.abc import Sequence
