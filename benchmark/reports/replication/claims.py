@@ -345,8 +345,8 @@ def _valued_outside(scenario: str) -> Callable[[Populations, str], list[Part]]:
         inside = int(signs.measured[in_target].sum())
         if not inside:
             return [Part(scenario, math.nan, math.nan, math.nan, note="no target cell has one")]
-        counts = (float(cells[~in_target].sum()) for cells in signs)
-        return [Part(scenario, *counts, note=f"{inside} of {in_target.sum()} target cells have one")]
+        value, low, high = (float(cells[~in_target].sum()) for cells in signs)
+        return [Part(scenario, value, low, high, note=f"{inside} of {in_target.sum()} target cells have one")]
 
     return parts
 

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
@@ -178,7 +179,7 @@ def claims(frame: pd.DataFrame) -> Figure:
             axis.xaxis.set_major_locator(MaxNLocator(4))
             verdicts = [rows.loc[rows["agents"] == size, "verdict"].iloc[0] for size in sizes]
             axis.set_title(f"{name}  {' '.join(_SIGNS[verdict] for verdict in verdicts)}")
-        handles = [
+        handles: list[Artist] = [
             Line2D([], [], ls="", ms=4.5, label=f"{size:,} agents", **style)
             for size, style in zip(sizes, styles, strict=True)
         ]

@@ -4,6 +4,7 @@ from typing import Final
 
 import pandas as pd
 
+from benchmark.drawing import tables
 from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.reports import independent
@@ -140,14 +141,18 @@ def _verdict_entry(verdict: str) -> Entry:
 def _share_entry(row: pd.Series) -> Entry:
     """Returns in how many sets of agents the verdict is this row's."""
     text = f"{row['sets_agreeing']} [{row['share_low']:.0%}, {row['share_high']:.0%}]"
-    return Entry(text, str(row["share"]), f"claims.csv#row={row.name + 2}", "number")
+    return Entry(text, str(row["share"]), _place(row), "number")
 
 
 def _value_entry(row: pd.Series) -> Entry:
     """Returns a part's value with its interval and the sign of its state."""
     text = number_text(row["value"], row["low"], row["high"])
-    source = f"claims.csv#row={row.name + 2}"
-    return Entry(f"{text} {_STATE_SIGNS[row['state']]}", str(row["value"]), source, "number")
+    return Entry(f"{text} {_STATE_SIGNS[row['state']]}", str(row["value"]), _place(row), "number")
+
+
+def _place(row: pd.Series) -> str:
+    """Returns where a row of `claims.csv` stands."""
+    return f"claims.csv#row={int(str(row.name)) + 2}"
 
 
 def _must_be(row: pd.Series) -> str:
@@ -187,9 +192,9 @@ def _by_agents(published: Published) -> list[str]:
         return []
     before, after = (weakest(_of(claims, size)).set_index("claim", drop=False) for size in (few, many))
     changed = [
-        f"`{claim}` ({before.at[claim, 'verdict']} with {few:,}, {row['verdict']} with {many:,})"
-        for claim, row in after.iterrows()
-        if row["verdict"] != before.at[claim, "verdict"]
+        f"`{row['claim']}` ({before.loc[row['claim'], 'verdict']} with {few:,}, {row['verdict']} with {many:,})"
+        for _, row in after.iterrows()
+        if row["verdict"] != before.loc[row["claim"], "verdict"]
     ]
     if changed:
         text = f"The verdict depends on the number of agents for {_listed(changed)}."
@@ -202,15 +207,17 @@ def _by_agents(published: Published) -> list[str]:
     names = [f"{first}-{last}" for first, last in seeds.to_numpy()]
     shown = f"{', '.join(names[:2])}, ..., {names[-1]}" if len(names) > 3 else _listed(names)
     some = [
-        f"`{row['claim']}` in {link(str(row['sets_agreeing']), 'claims', row)} of {n_sets} (a share of "
+        f"`{row['claim']}` {'has the same verdict ' if i == 0 else ''}in "
+        f"{link(str(row['sets_agreeing']), 'claims', row)} of {n_sets} (a share of "
         f"{row['share']:.2g} [{row['share_low']:.2g}, {row['share_high']:.2g}])"
-        for _, row in rows[rows["sets_agreeing"] < rows["sets"]].iterrows()
+        for i, (_, row) in enumerate(rows[rows["sets_agreeing"] < rows["sets"]].iterrows())
     ]
+    verb = "is" if len(every) == 1 else "are"
     share = (
         f"The {many:,} agents are {n_sets} disjoint sets of {few:,}: seeds {shown}. {len(every)} of the "
-        f"{len(rows)} verdicts with {many:,} agents also come out in each of the sets"
+        f"{len(rows)} verdicts with {many:,} agents {verb} the same in every set"
     )
-    return [text, f"{share}; that on {_listed(some)}." if some else f"{share}."]
+    return [text, f"{share}; {_listed(some)}." if some else f"{share}."]
 
 
 def _failing_parts(published: Published) -> list[str]:
@@ -245,7 +252,7 @@ def _by_reading(published: Published) -> list[str]:
     if not texts:
         return []
     n_agents, n_holding = rows["agents"].iloc[0], len(holding)
-    text = f"Of the {n_holding} claims that hold by default with {n_agents:,} agents, {'; '.join(texts)}."
+    text = f"Of the {n_holding} claims that hold by default with {n_agents:,} agents: {'; '.join(texts)}."
     if "equal_pay" in set(fallen["reading"]):
         text += (
             " In the control `equal_pay` a right PING pays as little in S1 and S2 as it can in S3. It cannot "
@@ -261,9 +268,9 @@ def _success(published: Published) -> list[str]:
     if rows.empty:
         return []
     texts = [
-        f"{link(f'{row.success:.3g}', 'success', success.loc[row.Index])} "
-        f"[{row.success_low:.3g}, {row.success_high:.3g}] with {row.agents:,} agents"
-        for row in rows.itertuples()
+        f"{link(tables.show(row['success']), 'success', row)} "
+        f"[{tables.show(row['success_low'])}, {tables.show(row['success_high'])}] with {row['agents']:,} agents"
+        for _, row in rows.iterrows()
     ]
     text = f"After training the success probability in S2 is {_listed(texts)}."
     (arm,) = published.manifest["algorithms"].values()

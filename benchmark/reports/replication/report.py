@@ -265,7 +265,8 @@ def _display_claims(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _display_sensitivity(frame: pd.DataFrame) -> pd.DataFrame:
     weakest = claims.weakest(frame, "reading")
-    wide = weakest.assign(entry=[f"{tables.show(row.value)}, {row.verdict}" for row in weakest.itertuples()])
+    entries = [f"{tables.show(row['value'])}, {row['verdict']}" for _, row in weakest.iterrows()]
+    wide = weakest.assign(entry=entries)
     wide = wide.pivot(index="claim", columns="reading", values="entry")
     in_order: pd.DataFrame = wide.loc[frame["claim"].unique(), list(frame["reading"].unique())]
     return in_order.reset_index()

@@ -47,14 +47,16 @@ def test_shipped_experiments_are_sound(name: str) -> None:
 
 def test_reproduce_has_a_miniature_with_all_its_readings() -> None:
     full = load_experiment("reproduce")
-    assert SMALL.readings == full.readings
+    assert list(SMALL.readings) == list(full.readings)
+    for name, reading in SMALL.readings.items():
+        assert reading == full.readings[name].model_copy(update={"seeds": reading.seeds})
     assert SMALL.scenarios == full.scenarios
 
 
 def test_reproduce_declares_what_the_paper_says() -> None:
     experiment = load_experiment("reproduce")
     runs = specifications(experiment, "default", "S1", "q_learning", "index")
-    assert len(runs) == 100
+    assert [run.seed for run in runs] == list(range(1000))  # ten times as many as the paper's 100
     settings = runs[0].settings.model_dump()
     defaults = load_algorithm("q_learning").settings().model_dump()
     assert settings | {"record_every": 1} == defaults
@@ -66,7 +68,27 @@ def test_reproduce_declares_what_the_paper_says() -> None:
         "default", "epsilon", "max_q", "ping_discomfort", "budget", "ties", "origin", "time_limit",
         "equal_pay",
     }  # fmt: skip
-    assert len(all_specifications(experiment)) == 7 * 3 * 100 + 2 * 100  # the control changes S1 and S2
+    others = specifications(experiment, "epsilon", "S1", "q_learning", "index")
+    assert [run.seed for run in others] == list(range(100))
+    # max_q measures runs of the default; the control changes S1 and S2.
+    assert len(all_specifications(experiment)) == 3 * 1000 + 6 * 3 * 100 + 2 * 100
+
+
+def test_reading_may_have_seeds_of_its_own() -> None:
+    assert SMALL.declared_seeds("q_learning", "default") == range(12)
+    assert SMALL.declared_seeds("q_learning", "ties") == range(6)
+    runs = specifications(SMALL, "default", "S1", "q_learning", "index")
+    assert [run.seed for run in runs] == list(range(12))
+    assert runs[:6] != specifications(SMALL, "ties", "S1", "q_learning", "index")
+    few = specifications(SMALL, "default", "S1", "q_learning", "index", [3])
+    assert few[0].digest == runs[3].digest  # the seeds asked for go before the declared ones
+
+
+def test_runs_of_a_population_share_its_identity() -> None:
+    first, second = specifications(SMALL, "default", "S1", "q_learning", "index", [7, 8])
+    alone = specifications(SMALL, "default", "S1", "q_learning", "index", [8])[0]
+    assert (second.seed, second.digest, second.population) == (8, alone.digest, first.population)
+    assert json.loads(second.content) == json.loads(second.population) | {"seed": 8}
 
 
 def test_comparison_declares_what_it_should() -> None:
