@@ -190,11 +190,11 @@ def _by_agents(published: Published) -> list[str]:
     few, many = claims["agents"].min(), claims["agents"].max()
     if few == many:
         return []
-    before, after = (weakest(_of(claims, size)).set_index("claim", drop=False) for size in (few, many))
+    before, after = (weakest(_of(claims, size)) for size in (few, many))
     changed = [
-        f"`{row['claim']}` ({before.loc[row['claim'], 'verdict']} with {few:,}, {row['verdict']} with {many:,})"
-        for _, row in after.iterrows()
-        if row["verdict"] != before.loc[row["claim"], "verdict"]
+        f"`{claim}` ({old} with {few:,}, {new} with {many:,})"
+        for claim, old, new in zip(after["claim"], before["verdict"], after["verdict"], strict=True)
+        if old != new
     ]
     if changed:
         text = f"The verdict depends on the number of agents for {_listed(changed)}."
@@ -268,8 +268,8 @@ def _success(published: Published) -> list[str]:
     if rows.empty:
         return []
     texts = [
-        f"{link(tables.show(row['success']), 'success', row)} "
-        f"[{tables.show(row['success_low'])}, {tables.show(row['success_high'])}] with {row['agents']:,} agents"
+        f"{link(tables.show(row['success']), 'success', row)} [{tables.show(row['success_low'])}, "
+        f"{tables.show(row['success_high'])}] with {row['agents']:,} agents"
         for _, row in rows.iterrows()
     ]
     text = f"After training the success probability in S2 is {_listed(texts)}."

@@ -265,8 +265,7 @@ def _display_claims(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _display_sensitivity(frame: pd.DataFrame) -> pd.DataFrame:
     weakest = claims.weakest(frame, "reading")
-    entries = [f"{tables.show(row['value'])}, {row['verdict']}" for _, row in weakest.iterrows()]
-    wide = weakest.assign(entry=entries)
+    wide = weakest.assign(entry=weakest["value"].map(tables.show) + ", " + weakest["verdict"])
     wide = wide.pivot(index="claim", columns="reading", values="entry")
     in_order: pd.DataFrame = wide.loc[frame["claim"].unique(), list(frame["reading"].unique())]
     return in_order.reset_index()

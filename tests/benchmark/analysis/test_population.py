@@ -28,7 +28,7 @@ def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
 
 
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S2", "q_learning", "index")
+    runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(6))
     with Store(tmp_path / "runs.db") as store:
         run(runs[:2] + runs[3:], store, jobs=2)
         with pytest.raises(InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"):

@@ -151,7 +151,7 @@ def test_identity_is_content_and_streams_have_names() -> None:
         words = run.seed_sequence.generate_state(4, np.uint64).tobytes()
         states.setdefault((run.scenario.name, run.seed), set()).add(words)
     assert all(len(words) == 1 for words in states.values())  # readings share streams ...
-    assert len(set.union(*states.values())) == len(states) == 18  # ... scenarios and seeds do not
+    assert len(set.union(*states.values())) == len(states) == 36  # ... scenarios and seeds do not
 
 
 def test_learners_do_not_share_streams() -> None:
@@ -232,8 +232,9 @@ SWEEP = "[readings.default]"  # where a sweep is put before
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("seeds = 100", "seeds = 0", "algorithms.q_learning.seeds = 0: input should be greater than"),
-        ("seeds = 100", "sedes = 6", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
+        ("seeds = 100 ", "seeds = 0 ", "algorithms.q_learning.seeds = 0: input should be greater than"),
+        ("seeds = 1000", "seeds = 1", "readings.default.seeds = 1: input should be greater than"),
+        ("seeds = 100 ", "sedes = 6 ", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
         ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
         ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
         ('"S1", "S2"', '"S1", "S7"', "unknown scenario S7"),

@@ -1,6 +1,7 @@
 """The replication by itself: its tables and claims by hand, and what it says of them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -259,14 +260,14 @@ def test_signs_of_cells_give_intervals_by_hand() -> None:
 def test_count_of_cells_is_covered() -> None:
     """In 95 of 100 simulations or more the interval holds the true number of cells above zero."""
     rng = np.random.default_rng(20210803)
-    one = population()
+    one = population("S1", 100)
     truth = np.where(one.in_target, 0.5, -0.3)
     truth[np.flatnonzero(~one.in_target)[:20]] = np.linspace(-0.05, 0.05, 20)  # 10 of them are above zero
     covered = without_width = 0
     for _ in range(100):
         q = np.zeros((100, 120, 5))
         q[:, :, PING] = truth + rng.normal(scale=0.3, size=(100, 120))
-        (part,) = parts_of("ping-S1", {"S1": population("S1", 100, q=q)})
+        (part,) = parts_of("ping-S1", {"S1": replace(one, arrays={"q": q})})
         covered += part.low <= 10 <= part.high
         without_width += part.low == part.high
     assert covered >= 95
