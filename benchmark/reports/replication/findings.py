@@ -64,7 +64,7 @@ def claims_table(published: Published) -> Table:
                 )
             if few < many:
                 row.append(_share_entry(part) if place == 0 else Entry("", order=str(part["share"])))
-            row += [Entry(part["part"], note=_text(part["note"])), Entry(_must_be(part))]
+            row += [Entry(part["part"]), Entry(_must_be(part))]
             row += [_value_entry(here[size].iloc[place]) for size in sizes]
             row += [
                 number_cell("claims.csv", part, "effect"),
@@ -73,12 +73,13 @@ def claims_table(published: Published) -> Table:
             rows.append(row)
     n_sets = claims["sets"].iloc[0]
     columns = [("claim", False)]
-    columns += [(f"verdict, {size:,} agents", False) for size in sizes]
-    columns += [(f"of {n_sets} sets of {few:,}", True)] if few < many else []
+    columns += [(f"verdict, {size:,}", False) for size in sizes]
+    columns += [(f"of {n_sets} sets", True)] if few < many else []
     columns += [("part", False), ("must be", False)]
-    columns += [(f"value, {size:,} agents", True) for size in sizes]
+    columns += [(f"value, {size:,}", True) for size in sizes]
     columns += [("effect", True), ("agents needed", True)]
-    return Table("The paper's claims, measured", "claims.csv", columns, rows)
+    caption = f"The paper's claims, measured with {' and with '.join(f'{size:,}' for size in sizes)} agents"
+    return Table(caption, "claims.csv", columns, rows)
 
 
 def sensitivity_table(published: Published) -> Table:
@@ -158,11 +159,6 @@ def _place(row: pd.Series) -> str:
 def _must_be(row: pd.Series) -> str:
     """Returns where a part must lie."""
     return f"{row['right_side']} {row['threshold']:g}"
-
-
-def _text(value: object) -> str:
-    """Returns a text of a CSV file, where an empty one is read as NaN."""
-    return value if isinstance(value, str) else ""
 
 
 def _of(claims: pd.DataFrame, n_agents: int) -> pd.DataFrame:

@@ -256,9 +256,9 @@ def _shown(data: Data) -> list[Shown]:
 
 def _display_claims(frame: pd.DataFrame) -> pd.DataFrame:
     shown = tables.with_intervals(frame.rename(columns={"low": "value_low", "high": "value_high"}), ["value"])
-    rows = list(frame.itertuples())
-    shown["must be"] = [f"{row.right_side} {row.threshold:g}" for row in rows]
-    shown["sets"] = [f"{row.sets_agreeing} of {row.sets}" if row.sets else "-" for row in rows]
+    shown["must be"] = frame["right_side"] + " " + frame["threshold"].map("{:g}".format)
+    agreeing = frame["sets_agreeing"].astype(str) + " of " + frame["sets"].astype(str)
+    shown["sets"] = agreeing.where(frame["sets"] > 0, "-")
     columns = ["claim", "agents", "verdict", "sets", "part", "value", "must be", "state", "effect"]
     return shown[columns]
 
@@ -475,8 +475,9 @@ REPORT: Final = Report(
                 "A claim has one or more parts. A part passes if its whole 95 % interval lies on the right "
                 "side of the threshold, fails if it lies on the wrong side, and is undecided otherwise. If "
                 "all parts pass, the claim `holds`; if one fails, it `does not hold`; otherwise it is "
-                "`undecided`. How each claim is measured, and why the threshold is where it is: "
-                "`claims.csv`."
+                "`undecided`. The table also says in how many of the disjoint sets of agents the verdict is that "
+                "of all agents, with the 95 % interval of this share; `effect` and `agents needed` are of all "
+                "agents. How each claim is measured, and why the threshold is where it is: `claims.csv`."
             ),
             terms=findings.readings,
             terms_title="The readings of the paper, and the control",

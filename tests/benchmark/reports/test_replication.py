@@ -402,14 +402,14 @@ def test_every_part_is_shown(tmp_path: Path) -> None:
     labels = [label for label, _ in table.columns]
     assert all(len(row) == len(labels) for row in table.rows)
     shown = dict(zip(labels, (entry.text for entry in table.rows[1]), strict=True))
-    assert shown["verdict, 40 agents"] == "✗ does not hold"
-    assert shown["verdict, 10 agents"] == "? undecided"
-    assert shown["of 4 sets of 10"] == "3 [10%, 90%]"
+    assert shown["verdict, 40"] == "✗ does not hold"
+    assert shown["verdict, 10"] == "? undecided"
+    assert shown["of 4 sets"] == "3 [10%, 90%]"
     second = dict(zip(labels, table.rows[2], strict=True))
     assert second["part"].text == "S3"
-    assert second["value, 40 agents"].text == "1.5 [1, 2] ✗"
-    assert second["value, 40 agents"].row == "claims.csv#row=7"
-    assert second["value, 10 agents"].row == "claims.csv#row=5"
+    assert second["value, 40"].text == "1.5 [1, 2] ✗"
+    assert second["value, 40"].row == "claims.csv#row=7"
+    assert second["value, 10"].row == "claims.csv#row=5"
     readings = findings.sensitivity_table(folder(tmp_path, 10, 40))
     assert [row[1].text for row in readings.rows] == ["✓ holds", "? undecided", "✓ holds"]
     assert readings.rows[0][2].text == "`control`: [does not hold](sensitivity.csv#row=6)"
