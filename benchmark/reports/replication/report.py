@@ -475,9 +475,10 @@ REPORT: Final = Report(
                 "A claim has one or more parts. A part passes if its whole 95 % interval lies on the right "
                 "side of the threshold, fails if it lies on the wrong side, and is undecided otherwise. If "
                 "all parts pass, the claim `holds`; if one fails, it `does not hold`; otherwise it is "
-                "`undecided`. The table also says in how many of the disjoint sets of agents the verdict is that "
-                "of all agents, with the 95 % interval of this share; `effect` and `agents needed` are of all "
-                "agents. How each claim is measured, and why the threshold is where it is: `claims.csv`."
+                "`undecided`. The table also says in how many of the disjoint sets of agents the verdict is "
+                "that of all agents, with the 95 % interval of this share; `effect` and `agents needed` are "
+                "of all agents. How each claim is measured, and why the threshold is where it is: "
+                "`claims.csv`."
             ),
             terms=findings.readings,
             terms_title="The readings of the paper, and the control",
