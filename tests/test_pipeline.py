@@ -17,6 +17,8 @@ from benchmark.experiments import load_experiment
 from benchmark.reports import draw
 from tests.support import ROOT, command, make, mistyped_columns
 
+PARTS = 19  # of the nine claims
+
 
 def contents(directory: Path, *, manifest: bool = False) -> dict[str, bytes]:
     files = {path.name: path.read_bytes() for path in directory.iterdir() if not path.name.startswith(".")}
@@ -32,7 +34,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("results")
     done = make("reproduce", "EXPERIMENT=reproduce_smoke", f"RESULTS={directory}")
     assert done.returncode == 0, done.stderr
-    assert "138 runs done, 0 were done already" in done.stdout
+    assert "156 runs done, 0 were done already" in done.stdout
     return directory
 
 
@@ -42,10 +44,20 @@ def test_everything_is_there(results: Path) -> None:
         f"{t}.{end}" for t in ("claims", "sensitivity", "learning", "optimal") for end in ("csv", "md", "tex")
     }
     figures = {
-        f"{f}.{end}" for f in ("figure", "learning", "optimal", "sensitivity") for end in ("png", "svg")
+        f"{f}.{end}"
+        for f in ("figure", "claims", "learning", "optimal", "sensitivity")
+        for end in ("png", "svg")
     }
     others = {"q_values.csv", "max_q.csv", "optimal_cells.csv", "README.md", "manifest.json", "index.html"}
-    others |= {"agent.csv", "agent_S1.csv", "agent_S2.csv", "agent_S3.csv", "optimum.csv"}
+    others |= {
+        "success.csv",
+        "claim_sets.csv",
+        "agent.csv",
+        "agent_S1.csv",
+        "agent_S2.csv",
+        "agent_S3.csv",
+        "optimum.csv",
+    }
     assert names == tables | figures | others
 
 
@@ -61,13 +73,36 @@ def test_csv_files_have_the_published_form(results: Path) -> None:
     assert max_q[max_q["scenario"] == "S2"]["step"].tolist() == list(range(0, 600, 10))
     claims = pd.read_csv(folder / "claims.csv")
     assert list(claims) == [
-        "claim", "says", "measure", "value", "low", "high", "threshold", "verdict", "parts", "agents",
-        "because",
+        "claim", "part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict",
+        "effect", "agents_needed", "note", "sets", "sets_agreeing", "share", "share_low", "share_high",
+        "says", "measure", "because",
     ]  # fmt: skip
+    assert len(claims) == 2 * PARTS
+    assert claims["agents"].value_counts().to_dict() == {6: PARTS, 12: PARTS}
+    assert set(claims["sets"]) == {2}
     sensitivity = pd.read_csv(folder / "sensitivity.csv")
-    assert len(sensitivity) == 9 * 9
+    assert len(sensitivity) == 9 * PARTS
+    assert set(sensitivity["agents"]) == {6}
+    sets = pd.read_csv(folder / "claim_sets.csv")
+    assert sets.groupby("first_seed")["last_seed"].agg(["size", "max"]).to_dict("index") == {
+        0: {"size": PARTS, "max": 5},
+        6: {"size": PARTS, "max": 11},
+    }
+    # The first set is that of the figures, and of the default reading among the others.
+    same = ["claim", "part", "value", "low", "high", "state", "verdict"]
+    first = sets.loc[sets["first_seed"] == 0, same].reset_index(drop=True)
+    assert first.equals(sensitivity.loc[sensitivity["reading"] == "default", same])
+    assert first.equals(claims.loc[claims["agents"] == 6, same].reset_index(drop=True))
+    agreeing = sets.drop_duplicates(["claim", "first_seed"]).merge(claims, on=["claim", "verdict"])
+    counts = agreeing.drop_duplicates(["claim", "first_seed", "agents"]).groupby(["claim", "agents"]).size()
+    for row in claims.itertuples():
+        assert row.sets_agreeing == counts.get((row.claim, row.agents), 0)
+    success = pd.read_csv(folder / "success.csv")
+    assert success["agents"].tolist() == [6, 6, 6, 12, 12, 12]
+    learning = pd.read_csv(folder / "learning.csv")
+    assert success["success"].tolist()[:3] == learning[learning["step"] == 600]["success"].tolist()
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["runs"] == 138
+    assert manifest["runs"] == 156
     assert manifest["versions"][0]["numpy"]
 
 
@@ -93,7 +128,7 @@ def test_report_of_fewer_seeds(results: Path, tmp_path: Path) -> None:
     with Store(results / "runs.db", read_only=True) as store:
         draw.draw(load_experiment("reproduce_smoke"), store, tmp_path / "fewer", range(2))
     assert pd.read_csv(tmp_path / "fewer" / "optimal.csv")["agents"].tolist() == [2, 2, 2]
-    assert "**Partial: 2 of the 6 agents" in (tmp_path / "fewer" / "README.md").read_text()
+    assert "**Partial: 2 of the 12 agents" in (tmp_path / "fewer" / "README.md").read_text()
 
 
 def test_readers_infer_the_types_of_all_columns(results: Path) -> None:
@@ -126,8 +161,8 @@ def test_results_of_shipped_experiments_are_not_overwritten(tmp_path: Path) -> N
 def test_list_tells_what_is_done(results: Path, tmp_path: Path) -> None:
     done = command("list", "--results", results)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"reproduce_smoke +138 of 138 runs done", done.stdout)
-    assert re.search(r"reproduce +0 of 2300 runs done", done.stdout)
+    assert re.search(r"reproduce_smoke +156 of 156 runs done", done.stdout)
+    assert re.search(r"reproduce +0 of 5000 runs done", done.stdout)
     assert re.search(r"S2 +The issuer gives random feedback", done.stdout)
     assert command("list", "--results", tmp_path / "nowhere").returncode == 0
     assert not (tmp_path / "nowhere").exists()

@@ -14,7 +14,7 @@ import pytest
 
 from tests.support import ROOT, make
 
-RUNS = 2300
+RUNS = 5000
 if not (ROOT / ".git").exists():
     pytest.skip("not a git checkout: there is nothing to clone", allow_module_level=True)
 

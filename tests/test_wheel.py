@@ -84,7 +84,7 @@ def test_wheel_runs_an_experiment_and_reports_it(unpacked: Path, tmp_path: Path)
     subprocess.run([*git, "commit", "--quiet", "--allow-empty", "-m", "Else"], check=True)
     arguments = ["run", "reproduce_smoke", "--report", "--jobs", "1", "--results", "out"]
     output = python(unpacked, "-m", "benchmark", *arguments, cwd=tmp_path)
-    assert "138 runs done, 0 were done already" in output
+    assert "156 runs done, 0 were done already" in output
     folder = tmp_path / "out" / "reproduce_smoke"
     names = {path.name for path in folder.iterdir()}
     assert {"README.md", "figure.svg", "claims.csv", "manifest.json", "index.html"} <= names

@@ -166,3 +166,26 @@ def better_probability(p: float, n_x: int, n_y: int) -> tuple[float, float]:
     low = optimize.brentq(distance, 0.0, min(p, 1 - _NONE)) if p > 0 else 0.0
     high = optimize.brentq(distance, max(p, _NONE), 1.0) if p < 1 else 1.0
     return float(low), float(high)
+
+
+def simultaneous(
+    values: NDArray[np.float64], level: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the ends of intervals of several means that hold the true means all at once.
+
+    By Student's t with Bonferroni's correction, so it does not matter how the values of an agent depend on
+    each other. If all values of a column are equal, the interval has no width.
+
+    Args:
+      values: (N, M), of N agents.
+      level: Of confidence in all M intervals together, such as 0.95.
+
+    Returns:
+      Lower and upper ends, (M,) each.
+    """
+    n_agents, n_means = values.shape
+    t = stats.t.ppf(1 - (1 - level) / (2 * n_means), n_agents - 1)
+    mean = values.mean(axis=0)
+    is_constant = np.ptp(values, axis=0) == 0  # rounding would give it a width
+    reach = np.where(is_constant, 0.0, t * values.std(axis=0, ddof=1) / np.sqrt(n_agents))
+    return mean - reach, mean + reach

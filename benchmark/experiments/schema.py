@@ -48,11 +48,6 @@ class Arm(Table):
     settings: dict[str, Any] = Field(default_factory=dict)
     check_of: str = ""  # the arm that this one checks
 
-    @property
-    def declared_seeds(self) -> range:
-        """The seeds of its runs."""
-        return range(self.first_seed, self.first_seed + self.seeds)
-
 
 class Condition(Table):
     """Changes of scenarios and settings, as dotted keys. All conditions have the same random streams."""
@@ -68,6 +63,8 @@ class Reading(Condition):
     question: Annotated[str, Field(min_length=1)]
     answer: Annotated[str, Field(min_length=1)]
     curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
+    # Runs per scenario and learner, if that is another number than the arm's.
+    seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
 
 
 class Protocol(Table):
@@ -150,6 +147,13 @@ class Experiment(Table):
             for name, arm in self.algorithms.items()
             for observation in arm.observations
         ]
+
+    def declared_seeds(self, arm: str, condition: str) -> range:
+        """Returns the seeds of an arm's runs under a condition."""
+        declared = self.algorithms[arm]
+        reading = self.readings[condition.split("/")[0]]
+        n_seeds = declared.seeds if reading.seeds is None else reading.seeds
+        return range(declared.first_seed, declared.first_seed + n_seeds)
 
     @property
     def conditions(self) -> dict[str, Mapping[str, Condition]]:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -54,6 +54,12 @@ class RunSpecification:
             "evaluated_from": list(self.evaluated_from),
         }
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
+
+    def with_seed(self, seed: int) -> "RunSpecification":
+        """Returns another run of the same population."""
+        run = replace(self, seed=seed)
+        run.__dict__["population"] = self.population  # has no seed, and takes long to write for every run
+        return run
 
     @cached_property
     def content(self) -> str:
@@ -175,24 +181,24 @@ def specifications(
         "evaluation": dynamic_programming.VERSION,
         "model": model.VERSION,
     }
-    return [
-        RunSpecification(
-            stream=experiment.stream or experiment.name,
-            condition=condition,
-            scenario=loaded,
-            arm=arm,
-            algorithm=declared.algorithm,
-            versions=versions,
-            observation=observation,
-            settings=settings,
-            horizon=experiment.horizon,
-            evaluation_every=experiment.evaluation_every,
-            map_every=experiment.map_every,
-            evaluated_from=experiment.evaluated_from,
-            seed=seed,
-        )
-        for seed in (declared.declared_seeds if seeds is None else seeds)
-    ]
+    if seeds is None:
+        seeds = experiment.declared_seeds(arm, condition)
+    first = RunSpecification(
+        stream=experiment.stream or experiment.name,
+        condition=condition,
+        scenario=loaded,
+        arm=arm,
+        algorithm=declared.algorithm,
+        versions=versions,
+        observation=observation,
+        settings=settings,
+        horizon=experiment.horizon,
+        evaluation_every=experiment.evaluation_every,
+        map_every=experiment.map_every,
+        evaluated_from=experiment.evaluated_from,
+        seed=seeds[0],
+    )
+    return [first.with_seed(seed) for seed in seeds]
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:

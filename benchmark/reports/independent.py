@@ -9,25 +9,24 @@ from typing import Any, Final
 # A table with these settings, greedy after training, in scenario S2: an implementation written from the
 # paper alone, 2,000 agents.
 _PAPERS_SETTINGS: Final = {"learning_rate": 0.6, "epsilon": 0.6, "discount": 0.9, "budget": 10_000}
-_PAPERS_SUCCESS: Final = 0.515
-_PAPERS_AGENTS: Final = 2000
-# How often claim `variability-S2` held, in sets of 100 agents of fresh seeds.
-VARIABILITY_S2: Final = (
-    "With other seeds it holds in 16 of 30 sets of 100 agents, so 100 agents are too few to decide it. With "
-    "3,000 agents the ratio is 1.012."
-)
+PAPERS_SUCCESS: Final = 0.515
+PAPERS_AGENTS: Final = 2000
 # How many times slower than the compiled table a table in plain Python is: the fastest and the slowest.
 _PLAIN_PYTHON: Final = (125.0, 480.0)
 
 
+def has_papers_settings(settings: Mapping[str, Any]) -> bool:
+    """Returns whether a table has the settings that `PAPERS_SUCCESS` is about."""
+    return all(settings.get(key) == value for key, value in _PAPERS_SETTINGS.items())
+
+
 def of_papers_table(settings: Mapping[str, Any]) -> str:
     """Says how often the paper's table succeeds in S2; empty for a table with other settings."""
-    if any(settings.get(key) != value for key, value in _PAPERS_SETTINGS.items()):
+    if not has_papers_settings(settings):
         return ""
     return (
-        f"With {_PAPERS_AGENTS:,} agents of an independent implementation the success probability of the "
-        f"paper's table in S2 is {_PAPERS_SUCCESS:g}. The published values of the replication and of the "
-        "comparison, of 100 agents each, are two draws around one half."
+        f"With {PAPERS_AGENTS:,} agents of an independent implementation the success probability of the "
+        f"paper's table in S2 is {PAPERS_SUCCESS:g}."
     )
 
 

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
@@ -12,11 +13,14 @@ from matplotlib.ticker import MaxNLocator
 
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
-from benchmark.reports.replication.claims import VERDICTS
+from benchmark.reports.replication.claims import VERDICTS, weakest
 from envs import Model
 from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
+# Of verdicts: colours that differ in brightness, too.
+_COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))
+_SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 
 
 def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
@@ -72,15 +76,15 @@ def replication(curves: pd.DataFrame, values: pd.DataFrame, models: Mapping[str,
 
 
 def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
-    """Draws the greedy policy's exact score, and the share of optimal agents, over training.
+    """Draws success and score of the greedy policy, and the share of optimal agents, over training.
 
     Args:
       frame: `benchmark.reports.replication.tables.learning`.
       models: Scenario to compiled scenario, one line per scenario.
     """
     panels = (
-        ("score", "score, mean"),
-        ("score_iqm", "score, interquartile mean"),
+        ("success", "success probability"),
+        ("score", "mean score, clipped to [0, 1]"),
         ("optimal_share", "share of agents that are optimal"),
     )
     with figure_of(1, len(panels), (11.0, 3.6)) as (figure, axes):
@@ -93,16 +97,12 @@ def learning(frame: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
                     rows["step"], rows[f"{key}_low"], rows[f"{key}_high"], color=COLOURS[i], alpha=0.25, lw=0
                 )
             axis.set(xlabel="environment step", title=label, xlim=(0, max(frame["step"].max(), 1)))
+            axis.set(ylim=(-0.03, 1.03))
             axis.xaxis.set_major_locator(MaxNLocator(4))
-            if key != "optimal_share":
-                axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
-                axis.axhline(0.0, color="0.35", lw=0.8, ls=":")
-                axis.set(ylabel="0 random policy, 1 optimal policy")
-        axes[0, 2].set(ylim=(-0.03, 1.03))
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(
             handles, labels, loc="outside lower center", ncols=len(models), frameon=False,
-            title="line: over agents, as the panel says; shade: 95 % interval",
+            title="line: mean over agents; shade: 95 % interval",
         )  # fmt: skip
     return figure
 
@@ -142,36 +142,88 @@ def optimal(cells: pd.DataFrame, models: Mapping[str, Model]) -> Figure:
     return figure
 
 
+def claims(frame: pd.DataFrame) -> Figure:
+    """Draws every part of every claim with its interval and its threshold, one panel per claim.
+
+    Args:
+      frame: Columns claim, part, agents, value, low, high, right_side, threshold, verdict; in the order to be
+        drawn.
+    """
+    names = frame["claim"].unique()
+    sizes = sorted(frame["agents"].unique())
+    styles = [{"color": "0.45", "marker": "s", "mfc": "white"}, {"color": COLOURS[0], "marker": "o"}]
+    styles = styles[-len(sizes) :]
+    columns = 3
+    n_rows = -(-len(names) // columns)
+    with figure_of(n_rows, columns, (11.0, 2.5 * n_rows)) as (figure, axes):
+        for axis in axes.flat[len(names) :]:
+            axis.set_visible(False)
+        for axis, name in zip(axes.flat, names, strict=False):
+            rows = frame[frame["claim"] == name]
+            parts = list(rows["part"].unique())
+            side, threshold = rows[["right_side", "threshold"]].iloc[0]
+            for i, size in enumerate(sizes):
+                shown = rows[(rows["agents"] == size) & rows["value"].map(np.isfinite)]
+                places = shown["part"].map(parts.index) + 0.3 * (i - (len(sizes) - 1) / 2)
+                ends = (shown["value"] - shown["low"], shown["high"] - shown["value"])
+                axis.errorbar(
+                    shown["value"], places, xerr=np.maximum(ends, 0), ls="", ms=4.5, capsize=2.5, **styles[i]
+                )
+            axis.margins(x=0.1)
+            axis.axvline(threshold, color="black", lw=0.9, ls="--")
+            low, high = axis.get_xlim()
+            ends = (threshold, high) if side == ">" else (low, threshold)
+            axis.axvspan(*ends, color=COLOURS[9], alpha=0.3, lw=0, zorder=0)
+            axis.set(xlim=(low, high), ylim=(len(parts) - 0.4, -0.6))
+            axis.set_yticks(range(len(parts)), parts)
+            axis.xaxis.set_major_locator(MaxNLocator(4))
+            verdicts = [rows.loc[rows["agents"] == size, "verdict"].iloc[0] for size in sizes]
+            axis.set_title(f"{name}  {' '.join(_SIGNS[verdict] for verdict in verdicts)}")
+        handles: list[Artist] = [
+            Line2D([], [], ls="", ms=4.5, label=f"{size:,} agents", **style)
+            for size, style in zip(sizes, styles, strict=True)
+        ]
+        handles.append(Line2D([], [], color="black", lw=0.9, ls="--", label="threshold"))
+        handles.append(Patch(color=COLOURS[9], alpha=0.3, lw=0, label="right side"))
+        order = f", with {' and '.join(f'{size:,}' for size in sizes)} agents" if len(sizes) > 1 else ""
+        meaning = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
+        figure.legend(
+            handles=handles,
+            loc="outside lower center",
+            ncols=len(handles),
+            frameon=False,
+            title=f"bars: 95 % intervals; verdict on the claim{order}: {meaning}",
+        )
+    return figure
+
+
 def sensitivity(frame: pd.DataFrame) -> Figure:
     """Draws the verdict on every claim under every reading.
 
     Args:
-      frame: Columns claim, reading, value, threshold, verdict; in the order to be drawn.
+      frame: Columns claim, reading, value, right_side, threshold, state, verdict; in the order to be drawn.
     """
-    claims, readings = frame["claim"].unique(), frame["reading"].unique()
-    colours = dict(zip(VERDICTS, (COLOURS[9], "#f0e0a0", COLOURS[3]), strict=True))
-    signs = dict(zip(VERDICTS, ("✓", "(✓)", "✗"), strict=True))
+    names, readings = frame["claim"].unique(), frame["reading"].unique()
     with figure_of(1, 1, (11.0, 4.4)) as (figure, axes):
         axis = axes[0, 0]
-        for claim, reading, value, verdict in frame[["claim", "reading", "value", "verdict"]].to_numpy():
-            x, y = list(readings).index(reading), list(claims).index(claim)
-            axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colours[verdict], ec="white", lw=2))
-            axis.text(
-                x,
-                y,
-                f"{signs[verdict]}  {value:.{3 if abs(value) >= 0.01 else 1}g}",
-                ha="center",
-                va="center",
-            )
-        axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(claims) - 0.5, -0.5))
+        for _, row in weakest(frame, "reading").iterrows():
+            x, y = list(readings).index(row["reading"]), list(names).index(row["claim"])
+            colour, value = _COLOURS[row["verdict"]], row["value"]
+            axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
+            shown = f"{value:.{3 if abs(value) >= 0.01 else 1}g}" if np.isfinite(value) else "-"
+            axis.text(x, y, f"{_SIGNS[row['verdict']]}  {shown}", ha="center", va="center")
+        axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(names) - 0.5, -0.5))
         axis.set_xticks(range(len(readings)), readings)
-        thresholds = frame.drop_duplicates("claim")["threshold"]
-        axis.set_yticks(range(len(claims)), [f"{c}  ({t})" for c, t in zip(claims, thresholds, strict=True)])
+        claims = frame.drop_duplicates("claim")
+        axis.set_yticks(
+            range(len(names)),
+            [f"{row['claim']}  ({row['right_side']} {row['threshold']:g})" for _, row in claims.iterrows()],
+        )
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
         figure.legend(
-            handles=[Patch(color=colours[v], label=f"{signs[v]}  {v}") for v in VERDICTS],
+            handles=[Patch(color=_COLOURS[v], label=f"{_SIGNS[v]}  {v}") for v in VERDICTS],
             loc="outside lower center",
             ncols=3,
             frameon=False,

@@ -1,113 +1,110 @@
-"""What a replication found, in sentences and as the table of claims; from published files alone."""
+"""What a replication found, in sentences and as tables of claims; from published files alone."""
 
-import re
 from typing import Final
 
 import pandas as pd
 
+from benchmark.drawing import tables
 from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.reports import independent
 from benchmark.reports.published import Published
-from benchmark.reports.replication.claims import CLAIMS, VERDICTS
-from benchmark.reports.view import Entry, Table, number_cell
+from benchmark.reports.replication.claims import STATES, VERDICTS, weakest
+from benchmark.reports.view import Entry, Table, number_cell, number_text
 
-_SIGNS: Final = dict(zip(VERDICTS, ("✓", "(✓)", "✗"), strict=True))
+SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
+_STATE_SIGNS: Final = dict(zip(STATES, SIGNS.values(), strict=True))
 _VERBS: Final = dict(
     zip(
         VERDICTS,
-        (("holds", "hold"), ("holds in part", "hold in part"), ("fails as a whole", "fail as a whole")),
+        (("holds", "hold"), ("is undecided", "are undecided"), ("does not hold", "do not hold")),
         strict=True,
     )
 )
-_STATE: Final = re.compile(r", (passes|fails|undecided)(?:: no number)?(?=; |$)")  # of a part
 
 
 def headline(published: Published) -> str:
-    """Counts the verdicts on the claims, and the parts that fail; empty without claims."""
+    """Counts the verdicts on the claims, with all agents and with as many as the paper has."""
     if "claims.csv" not in published:
         return ""
     claims = published.frame("claims")
-    counts = []
-    for verdict in VERDICTS:
-        rows = claims[claims["verdict"] == verdict]
-        singular, plural = _VERBS[verdict]
-        shown = link(str(len(rows)), "claims", rows) if len(rows) else "none"
-        counts.append(f"{shown} {plural if len(rows) > 1 else singular}")
-    text = f"Of the {len(claims)} claims of the paper, {', '.join(counts[:-1])} and {counts[-1]}."
-    failing = _failing_parts(claims[claims["verdict"] == "holds in part"])
-    if failing:
-        text += f" Of those that hold in part, {failing}."
-    shaky = _shaky(published)
-    return f"{text} Of those that hold, {shaky}." if shaky else text
+    few, many = claims["agents"].min(), claims["agents"].max()
+    n_claims = claims["claim"].nunique()
+    text = f"With {many:,} agents per scenario, of the paper's {n_claims} claims {_counts(_of(claims, many))}"
+    if few < many:
+        text += f"; with {few:,} agents, as many as the paper has, {_counts(_of(claims, few))}"
+    return f"{text}."
 
 
 def sentences(published: Published) -> list[str]:
-    """Says what the numbers alone do not: how many agents there are, and what independent checks found."""
+    """Says which verdicts depend on the agents or on the reading, and how often agents succeed in S2."""
     rows = published.frame("optimal")
-    texts = [f"Every scenario has {link(str(rows['agents'].iloc[0]), 'optimal', rows)} agents."]
+    n_agents = rows["agents"].iloc[0]
+    texts = [f"Tables and figures show {link(f'{n_agents:,}', 'optimal', rows)} agents per scenario."]
     if "claims.csv" in published:
-        claims = published.frame("claims")
-        texts += [
-            f"Claim `{claim.id}` {link(row['verdict'], 'claims', row)} here. {claim.note}"
-            for claim in CLAIMS
-            if claim.note
-            for _, row in claims[claims["claim"] == claim.id].iterrows()
-        ]
-    (arm,) = published.manifest["algorithms"].values()
-    learning = published.frame("learning")
-    last = learning[(learning["scenario"] == "S2") & (learning["step"] == learning["step"].max())]
-    note = independent.of_papers_table(arm["settings"])
-    if note and len(last):
-        row = last.iloc[0]
-        texts.append(
-            "After training the table succeeds in S2 with probability "
-            f"{link(f'{row.success:.2f}', 'learning', row)} [{row.success_low:.2f}, {row.success_high:.2f}]. "
-            f"{note}"
-        )
-    return texts
+        texts += [*_by_agents(published), *_failing_parts(published), *_by_reading(published)]
+    return [*texts, *_success(published)]
 
 
 def claims_table(published: Published) -> Table:
-    """Returns the paper's claims, each with the readings under which its verdict is another one."""
-    claims, sensitivity = published.frame("claims"), published.frame("sensitivity")
-    notes = {claim.id: claim.note for claim in CLAIMS}
+    """Returns every part of the claims, with all agents and with as many as the paper has."""
+    claims = published.frame("claims")
+    few, many = claims["agents"].min(), claims["agents"].max()
+    sizes = [many] if few == many else [many, few]
     rows = []
-    for _, row in claims.iterrows():
-        same_claim = sensitivity[sensitivity["claim"] == row["claim"]]
-        others = same_claim[same_claim["verdict"] != row["verdict"]]
+    for claim in claims["claim"].unique():
+        here = {size: _of(claims[claims["claim"] == claim], size) for size in sizes}
+        for place in range(len(here[many])):
+            part = here[many].iloc[place]
+            row = [_claim_entry(part) if place == 0 else Entry("", order=claim)]
+            for size in sizes:
+                first = here[size].iloc[0]
+                row.append(
+                    _verdict_entry(first["verdict"]) if place == 0 else Entry("", order=first["verdict"])
+                )
+            if few < many:
+                row.append(_share_entry(part) if place == 0 else Entry("", order=str(part["share"])))
+            row += [Entry(part["part"]), Entry(_must_be(part))]
+            row += [_value_entry(here[size].iloc[place]) for size in sizes]
+            row += [
+                number_cell("claims.csv", part, "effect"),
+                number_cell("claims.csv", part, "agents_needed"),
+            ]
+            rows.append(row)
+    n_sets = claims["sets"].iloc[0]
+    columns = [("claim", False)]
+    columns += [(f"verdict, {size:,}", False) for size in sizes]
+    columns += [(f"of {n_sets} sets", True)] if few < many else []
+    columns += [("part", False), ("must be", False)]
+    columns += [(f"value, {size:,}", True) for size in sizes]
+    columns += [("effect", True), ("agents needed", True)]
+    caption = f"The paper's claims, measured with {' and with '.join(f'{size:,}' for size in sizes)} agents"
+    return Table(caption, "claims.csv", columns, rows)
+
+
+def sensitivity_table(published: Published) -> Table:
+    """Returns the claims with the readings under which the verdict is another one."""
+    sensitivity = published.frame("sensitivity")
+    rows = []
+    for claim, parts in weakest(sensitivity, "reading").groupby("claim", sort=False):
+        default = parts[parts["reading"] == DEFAULT_CONDITION].iloc[0]
+        others = parts[parts["verdict"] != default["verdict"]]
         depends = "; ".join(
             f"`{other['reading']}`: {link(other['verdict'], 'sensitivity', other)}"
             for _, other in others.iterrows()
         )
-        note = notes.get(row["claim"], "")
         rows.append(
             [
-                Entry(
-                    f"`{row['claim']}`",
-                    order=row["claim"],
-                    note=f"{row['says']} {note}".strip(),
-                    details=f"{row['measure']}. {row['because']} Parts: {row['parts']}.",
-                    details_title="How it is measured",
-                ),
-                Entry(
-                    f"{_SIGNS[row['verdict']]} {row['verdict']}",
-                    order=row["verdict"],
-                    kind=f"verdict {row['verdict'].replace(' ', '-')}",
-                ),
-                number_cell("claims.csv", row, "value", ("low", "high")),
-                Entry(row["threshold"]),
+                Entry(f"`{claim}`", order=str(claim)),
+                _verdict_entry(default["verdict"]),
                 Entry(depends or "no reading changes it"),
             ]
         )
-    columns = [
-        ("claim", False),
-        ("verdict", False),
-        ("value", True),
-        ("must be", False),
-        ("other verdicts under", False),
-    ]
-    return Table("The paper's claims, measured", "claims.csv", columns, rows)
+    columns = [("claim", False), ("verdict by default", False), ("other verdicts under", False)]
+    n_agents = sensitivity["agents"].iloc[0]
+    return Table(
+        f"Readings that change a verdict, with {n_agents:,} agents each", "sensitivity.csv", columns, rows
+    )
 
 
 def readings(published: Published) -> list[tuple[str, str]]:
@@ -123,27 +120,167 @@ def readings(published: Published) -> list[tuple[str, str]]:
     return terms
 
 
-def _failing_parts(claims: pd.DataFrame) -> str:
-    """Says how many parts of claims fail; empty if none does."""
+# Entries of the tables
+
+
+def _claim_entry(row: pd.Series) -> Entry:
+    """Returns a claim, what it says, and on demand how it is measured."""
+    return Entry(
+        f"`{row['claim']}`",
+        order=row["claim"],
+        note=row["says"],
+        details=f"{row['measure']}. {row['because']}",
+        details_title="How it is measured",
+    )
+
+
+def _verdict_entry(verdict: str) -> Entry:
+    """Returns a verdict with its sign."""
+    return Entry(f"{SIGNS[verdict]} {verdict}", order=verdict, kind=f"verdict {verdict.replace(' ', '-')}")
+
+
+def _share_entry(row: pd.Series) -> Entry:
+    """Returns in how many sets of agents the verdict is this row's."""
+    text = f"{row['sets_agreeing']} [{row['share_low']:.0%}, {row['share_high']:.0%}]"
+    return Entry(text, str(row["share"]), _place(row), "number")
+
+
+def _value_entry(row: pd.Series) -> Entry:
+    """Returns a part's value with its interval and the sign of its state."""
+    text = number_text(row["value"], row["low"], row["high"])
+    return Entry(f"{text} {_STATE_SIGNS[row['state']]}", str(row["value"]), _place(row), "number")
+
+
+def _place(row: pd.Series) -> str:
+    """Returns where a row of `claims.csv` stands."""
+    return f"claims.csv#row={int(str(row.name)) + 2}"
+
+
+def _must_be(row: pd.Series) -> str:
+    """Returns where a part must lie."""
+    return f"{row['right_side']} {row['threshold']:g}"
+
+
+def _of(claims: pd.DataFrame, n_agents: int) -> pd.DataFrame:
+    """Returns the rows with so many agents."""
+    return claims[claims["agents"] == n_agents]
+
+
+# Parts of sentences
+
+
+def _counts(claims: pd.DataFrame) -> str:
+    """Counts the verdicts, for example `6 hold, 2 are undecided and 1 does not hold`."""
+    rows = weakest(claims)
     texts = []
-    for _, row in claims.iterrows():
-        states = _STATE.findall(row["parts"])
-        n_failing = states.count("fails")
-        if n_failing:
-            verb = "fails" if n_failing == 1 else "fail"
-            shown = link(f"{n_failing} of the {len(states)} parts", "claims", row)
-            texts.append(f"{shown} of `{row['claim']}` {verb}")
+    for verdict in VERDICTS:
+        found = rows[rows["verdict"] == verdict]
+        if len(found):
+            texts.append(f"{link(str(len(found)), 'claims', found)} {_VERBS[verdict][len(found) > 1]}")
+    return _listed(texts)
+
+
+def _by_agents(published: Published) -> list[str]:
+    """Says which verdicts differ between the numbers of agents, and which are not those of all sets."""
+    claims = published.frame("claims")
+    few, many = claims["agents"].min(), claims["agents"].max()
+    if few == many:
+        return []
+    before, after = (weakest(_of(claims, size)) for size in (few, many))
+    changed = [
+        f"`{claim}` ({old} with {few:,}, {new} with {many:,})"
+        for claim, old, new in zip(after["claim"], before["verdict"], after["verdict"], strict=True)
+        if old != new
+    ]
+    if changed:
+        text = f"The verdict depends on the number of agents for {_listed(changed)}."
+    else:
+        text = f"No verdict with {many:,} agents differs from that with {few:,}."
+    rows = weakest(_of(claims, many))
+    every = rows[rows["sets_agreeing"] == rows["sets"]]
+    n_sets = rows["sets"].iloc[0]
+    seeds = published.frame("claim_sets")[["first_seed", "last_seed"]].drop_duplicates()
+    names = [f"{first}-{last}" for first, last in seeds.to_numpy()]
+    shown = f"{', '.join(names[:2])}, ..., {names[-1]}" if len(names) > 3 else _listed(names)
+    some = [
+        f"`{row['claim']}` {'has the same verdict ' if i == 0 else ''}in "
+        f"{link(str(row['sets_agreeing']), 'claims', row)} of {n_sets} (a share of "
+        f"{row['share']:.2g} [{row['share_low']:.2g}, {row['share_high']:.2g}])"
+        for i, (_, row) in enumerate(rows[rows["sets_agreeing"] < rows["sets"]].iterrows())
+    ]
+    verb = "is" if len(every) == 1 else "are"
+    share = (
+        f"The {many:,} agents are {n_sets} disjoint sets of {few:,}: seeds {shown}. {len(every)} of the "
+        f"{len(rows)} verdicts with {many:,} agents {verb} the same in every set"
+    )
+    return [text, f"{share}; {_listed(some)}." if some else f"{share}."]
+
+
+def _failing_parts(published: Published) -> list[str]:
+    """Says how many parts of each claim fail with all agents."""
+    claims = published.frame("claims")
+    claims = _of(claims, claims["agents"].max())
+    texts = []
+    for claim, parts in claims.groupby("claim", sort=False):
+        failing = parts[parts["state"] == "fails"]
+        if len(failing):
+            verb = "fails" if len(failing) == 1 else "fail"
+            texts.append(f"{link(f'{len(failing)} of {len(parts)}', 'claims', failing)} of `{claim}` {verb}")
+    return [f"Of the parts of claims, {_listed(texts)}."] if texts else []
+
+
+def _by_reading(published: Published) -> list[str]:
+    """Says which claims that hold by default have another verdict under another reading or control."""
+    rows = weakest(published.frame("sensitivity"), "reading")
+    default = rows[rows["reading"] == DEFAULT_CONDITION]
+    holding = default.loc[default["verdict"] == "holds", "claim"]
+    fallen = rows[rows["claim"].isin(holding) & (rows["verdict"] != "holds")]
+    texts = []
+    for reading, others in fallen.groupby("reading", sort=False):
+        parts = []
+        for verdict in VERDICTS[1:]:
+            found = others[others["verdict"] == verdict]
+            names = _listed([f"`{claim}`" for claim in found["claim"]])
+            if len(found):
+                count = link(str(len(found)), "sensitivity", found)
+                parts.append(f"{count} {_VERBS[verdict][len(found) > 1]} ({names})")
+        texts.append(f"under `{reading}`, {_listed(parts)}")
+    if not texts:
+        return []
+    n_agents, n_holding = rows["agents"].iloc[0], len(holding)
+    text = f"Of the {n_holding} claims that hold by default with {n_agents:,} agents: {'; '.join(texts)}."
+    if "equal_pay" in set(fallen["reading"]):
+        text += (
+            " In the control `equal_pay` a right PING pays as little in S1 and S2 as it can in S3. It cannot "
+            "tell the issuer's information from the pay."
+        )
+    return [text]
+
+
+def _success(published: Published) -> list[str]:
+    """Says how often agents succeed in S2, and whether an independent estimate agrees."""
+    success = published.frame("success")
+    rows = success[success["scenario"] == "S2"].sort_values("agents", ascending=False)
+    if rows.empty:
+        return []
+    texts = [
+        f"{link(tables.show(row['success']), 'success', row)} [{tables.show(row['success_low'])}, "
+        f"{tables.show(row['success_high'])}] with {row['agents']:,} agents"
+        for _, row in rows.iterrows()
+    ]
+    text = f"After training the success probability in S2 is {_listed(texts)}."
+    (arm,) = published.manifest["algorithms"].values()
+    if independent.has_papers_settings(arm["settings"]):
+        largest = rows.iloc[0]
+        is_inside = largest["success_low"] <= independent.PAPERS_SUCCESS <= largest["success_high"]
+        text += (
+            f" The estimate from {independent.PAPERS_AGENTS:,} agents of an independent implementation, "
+            f"{independent.PAPERS_SUCCESS:g}, lies {'within' if is_inside else 'outside'} the "
+            f"{'first ' if len(rows) > 1 else ''}interval."
+        )
+    return [text]
+
+
+def _listed(texts: list[str]) -> str:
+    """Joins texts as a sentence does."""
     return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
-
-
-def _shaky(published: Published) -> str:
-    """Says which of the claims that hold do not under another reading or a control; empty if none."""
-    claims, sensitivity = published.frame("claims"), published.frame("sensitivity")
-    holding = claims.loc[claims["verdict"] == "holds", "claim"]
-    fallen = sensitivity[sensitivity["claim"].isin(holding) & (sensitivity["verdict"] == "does not hold")]
-    texts = []
-    for reading, rows in fallen.groupby("reading", sort=False):
-        names = ", ".join(f"`{claim}`" for claim in rows["claim"])
-        verb = "fails" if len(rows) == 1 else "fail"
-        texts.append(f"{link(str(len(rows)), 'sensitivity', rows)} ({names}) {verb} under `{reading}`")
-    return "; ".join(texts)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _CURVES: Final = ("max_q", "table_max_q")  # what the claims on curves need of a training
+_SHOWN_EVERY: Final = 1000  # steps between the rows of learning.md and learning.tex
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,10 @@ class Context:
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """The agents of a replication, under every reading."""
+    """The agents of a replication, under every reading: as many as the paper has, and all of the default."""
 
-    readings: Mapping[str, Mapping[str, Population]]  # reading to scenario to its agents
+    readings: Mapping[str, Mapping[str, Population]]  # reading to scenario to as many agents as the paper has
+    everyone: Mapping[str, Population]  # scenario to all agents under the default reading
     curves: Mapping[str, str]  # reading to the maximum Q that the claims on curves are about
     arm: str
     observation: str
@@ -53,13 +55,42 @@ class Data:
         return list(self.readings[DEFAULT_CONDITION].values())
 
     @cached_property
-    def verdicts(self) -> dict[str, pd.DataFrame] | None:
-        """The claims under every reading; None without the paper's scenarios, which they are about."""
-        if not set(claims.SCENARIOS) <= set(self.readings[DEFAULT_CONDITION]):
-            return None
+    def sets(self) -> Sequence[Mapping[str, Population]]:
+        """Disjoint sets of the agents under the default reading, each as large as the paper's.
+
+        They are made of consecutive seeds. The first is that of the tables and figures. If there is no second
+        one, there are no sets.
+        """
+        size, total = (len(next(iter(each.values())).seeds) for each in (self._papers, self.everyone))
+        starts = range(0, total - size + 1, size)
+        if len(starts) < 2:
+            return []
+        others = [
+            {name: population.subset(start, start + size) for name, population in self.everyone.items()}
+            for start in starts[1:]
+        ]
+        return [self._papers, *others]
+
+    @property
+    def _papers(self) -> Mapping[str, Population]:
+        return self.readings[DEFAULT_CONDITION]
+
+    @property
+    def has_claims(self) -> bool:
+        """Whether the paper's scenarios are there, which its claims are about."""
+        return set(claims.SCENARIOS) <= set(self._papers)
+
+    @cached_property
+    def judged_readings(self) -> Mapping[str, pd.DataFrame]:
+        """The claims under every reading, each with as many agents as the paper has."""
         return {
             name: claims.judge(populations, self.curves[name]) for name, populations in self.readings.items()
         }
+
+    @cached_property
+    def judged_sets(self) -> Sequence[pd.DataFrame]:
+        """The claims in each of `sets`."""
+        return [claims.judge(each, self.curves[DEFAULT_CONDITION]) for each in self.sets]
 
     @property
     def context(self) -> Context:
@@ -121,25 +152,31 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     arm, declared = next(iter(experiment.algorithms.items()))
     observation = declared.observations[0]
     readings: dict[str, dict[str, Population]] = {}
+    everyone: dict[str, Population] = {}
     for reading in experiment.readings:
         populations = [
             load_population(specifications(experiment, reading, scenario, arm, observation, seeds), store)
             for scenario in experiment.scenarios
         ]
-        readings[reading] = {population.scenario: population for population in populations}
-    first = next(iter(readings[DEFAULT_CONDITION].values()))
+        if reading == DEFAULT_CONDITION:
+            everyone = {population.scenario: population for population in populations}
+        readings[reading] = {
+            population.scenario: population.subset(0, declared.seeds) for population in populations
+        }
+    first = next(iter(everyone.values()))
     for name in _CURVES:
         if name not in first.arrays:
             raise InputError(f"{experiment.name}: algorithms.{arm}: its training returns no {name}.")
-    n_agents = len(first.seeds)
+    n_agents, n_declared = len(first.seeds), len(experiment.declared_seeds(arm, DEFAULT_CONDITION))
     return Data(
         readings=readings,
+        everyone=everyone,
         curves={name: reading.curve for name, reading in experiment.readings.items()},
         arm=arm,
         observation=observation,
         note=""
-        if n_agents == declared.seeds
-        else f"Partial: {n_agents} of the {declared.seeds} agents declared.",
+        if n_agents == n_declared
+        else f"Partial: {n_agents} of the {n_declared} agents declared per scenario.",
     )
 
 
@@ -166,15 +203,48 @@ def _optimal_cells(data: Data, _: Frames) -> pd.DataFrame:
     return replication_tables.optimal_cells(data.default)
 
 
+def _success(data: Data, _: Frames) -> pd.DataFrame:
+    sizes = [data.default] if not data.sets else [data.default, list(data.everyone.values())]
+    return replication_tables.success([population for size in sizes for population in size])
+
+
 def _claims(data: Data, _: Frames) -> pd.DataFrame | None:
-    return None if data.verdicts is None else data.verdicts[DEFAULT_CONDITION]
+    if not data.has_claims:
+        return None
+    judged = [data.judged_readings[DEFAULT_CONDITION]]
+    if data.sets:
+        judged.append(claims.judge(data.everyone, data.curves[DEFAULT_CONDITION]))
+    frame = pd.concat(judged, ignore_index=True)
+    frame = frame.join(claims.agreement(frame, data.judged_sets))
+    texts = pd.DataFrame(
+        [(claim.id, claim.says, claim.measure, claim.because) for claim in claims.CLAIMS],
+        columns=["claim", "says", "measure", "because"],
+    )
+    frame["claim"] = pd.Categorical(frame["claim"], texts["claim"])
+    frame = frame.sort_values(["claim", "agents"], kind="stable").astype({"claim": str})
+    return frame.merge(texts, on="claim", how="left")
+
+
+def _claim_sets(data: Data, _: Frames) -> pd.DataFrame | None:
+    if not data.has_claims or not data.sets:
+        return None
+    frames = []
+    for populations, judged in zip(data.sets, data.judged_sets, strict=True):
+        seeds = next(iter(populations.values())).seeds
+        frames.append(judged.assign(first_seed=seeds[0], last_seed=seeds[-1]))
+    columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
+    return pd.concat(frames, ignore_index=True)[columns]
 
 
 def _sensitivity(data: Data, _: Frames) -> pd.DataFrame | None:
-    if data.verdicts is None:
+    if not data.has_claims:
         return None
-    columns = ["claim", "reading", "value", "low", "high", "threshold", "verdict", "parts"]
-    return pd.concat([frame.assign(reading=name)[columns] for name, frame in data.verdicts.items()])
+    columns = [
+        "claim", "reading", "part", "agents", "value", "low", "high", "right_side", "threshold", "state",
+        "verdict",
+    ]  # fmt: skip
+    frames = [frame.assign(reading=name)[columns] for name, frame in data.judged_readings.items()]
+    return pd.concat(frames, ignore_index=True)
 
 
 def _shown(data: Data) -> list[Shown]:
@@ -185,19 +255,27 @@ def _shown(data: Data) -> list[Shown]:
 
 
 def _display_claims(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame[["claim", "says", "value", "low", "high", "threshold", "verdict"]]
+    shown = tables.with_intervals(frame.rename(columns={"low": "value_low", "high": "value_high"}), ["value"])
+    shown["must be"] = frame["right_side"] + " " + frame["threshold"].map("{:g}".format)
+    agreeing = frame["sets_agreeing"].astype(str) + " of " + frame["sets"].astype(str)
+    shown["sets"] = agreeing.where(frame["sets"] > 0, "-")
+    columns = ["claim", "agents", "verdict", "sets", "part", "value", "must be", "state", "effect"]
+    return shown[columns]
 
 
 def _display_sensitivity(frame: pd.DataFrame) -> pd.DataFrame:
-    wide = frame.assign(entry=[f"{row.value:.3g}, {row.verdict}" for row in frame.itertuples()])
+    weakest = claims.weakest(frame, "reading")
+    wide = weakest.assign(entry=weakest["value"].map(tables.show) + ", " + weakest["verdict"])
     wide = wide.pivot(index="claim", columns="reading", values="entry")
     in_order: pd.DataFrame = wide.loc[frame["claim"].unique(), list(frame["reading"].unique())]
     return in_order.reset_index()
 
 
 def _display_learning(frame: pd.DataFrame) -> pd.DataFrame:
-    columns = ["score", "score_iqm", "success", "optimal_share"]
-    return tables.with_intervals(frame, columns)[["scenario", "step", *columns]]
+    columns = ["success", "score", "optimal_share"]
+    is_shown = (frame["step"] % _SHOWN_EVERY == 0) | (frame["step"] == frame["step"].max())
+    shown = tables.with_intervals(frame[is_shown], columns)
+    return shown[["scenario", "step", *columns, "unbounded_score"]]
 
 
 def _display_optimal(frame: pd.DataFrame) -> pd.DataFrame:
@@ -230,6 +308,12 @@ def _draw_optimal(frames: Frames, context: Context) -> "Figure":
     return figures.optimal(frames["optimal_cells"], context.models)
 
 
+def _draw_claims(frames: Frames, _: Context) -> "Figure | None":
+    from benchmark.reports.replication import figures
+
+    return figures.claims(frames["claims"]) if "claims" in frames else None
+
+
 def _draw_sensitivity(frames: Frames, _: Context) -> "Figure | None":
     from benchmark.reports.replication import figures
 
@@ -246,40 +330,60 @@ ITEMS: Final = (
     ),
     Item(
         name="claims",
-        description="every claim of the paper, measured, with its 95 % interval over agents and a verdict",
+        description="every part of every claim, with its 95 % interval, its state and the verdict, by agents",
         section="claims",
         compute=_claims,
         display=_display_claims,
+        draw=_draw_claims,
+        caption="Every part of every claim, with its 95 % interval and its threshold.",
         view=findings.claims_table,
     ),
     Item(
+        name="claim_sets",
+        description="every part of every claim in each of the disjoint sets of agents, and the verdicts",
+        compute=_claim_sets,
+    ),
+    Item(
         name="sensitivity",
-        description="value and verdict of every claim under every reading of the paper",
+        description="every part of every claim, its state and the verdict, under every reading of the paper",
         section="claims",
         compute=_sensitivity,
         display=_display_sensitivity,
         draw=_draw_sensitivity,
         caption="Verdict on every claim under every reading.",
+        view=findings.sensitivity_table,
     ),
     Item(
         name="learning",
-        description="exact score of the greedy policy, and the share of optimal agents, over training",
+        description="success, score of the greedy policy, and the share of optimal agents, over training",
         section="learning",
         compute=_learning,
         display=_display_learning,
         draw=_draw_learning,
-        caption="Exact score of the greedy policy, and share of optimal agents, over training.",
+        caption="Success and score of the greedy policy, and share of optimal agents, over training.",
         view=Columns(
             file="learning.csv",
             caption="After training: exact evaluation of the agents' greedy policies",
             keys=("scenario",),
             numbers={
-                "score": "mean score",
-                "score_iqm": "score, interquartile mean",
                 "success": "success probability",
+                "score": "mean score",
                 "optimal_share": "share of optimal agents",
+                "unbounded_score": "mean of unbounded scores",
             },
             where=_last_step,
+        ),
+    ),
+    Item(
+        name="success",
+        description="success and share of optimal agents after training, with all agents as well",
+        section="learning",
+        compute=_success,
+        view=Columns(
+            file="success.csv",
+            caption="After training: as many agents as the paper has, and all",
+            keys=("scenario", "agents"),
+            numbers={"success": "success probability", "optimal_share": "share of optimal agents"},
         ),
     ),
     Item(
@@ -312,8 +416,11 @@ def _words(published: Published) -> list[tuple[str, str]]:
         (
             "score",
             "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
-            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. It has no "
-            "lower bound: a greedy policy may bump into a wall until the limit, which lowers the mean.",
+            f"exact optimum (1), both under a limit of {published.manifest['horizon']} steps. Means are of "
+            "the agents' scores clipped to [0, 1]. `unbounded_score` is the mean without clipping: a "
+            "greedy policy may bump into a wall until the limit, and a few such agents decide the mean. "
+            "It has no interval, as no method bounds such a mean if failures are rare. `agent.csv` is not "
+            "clipped.",
         ),
         (
             "optimal (an agent, a policy)",
@@ -322,16 +429,29 @@ def _words(published: Published) -> list[tuple[str, str]]:
             "are.",
         ),
         (
-            "score_iqm",
-            "interquartile mean: the mean of the middle half of the agents. `scenario_return` includes the "
-            "issuer's rewards. `start_value` is the discounted value of the start cell, of Q* and of the "
+            "scenario_return, start_value",
+            "the return with the issuer's rewards; the discounted value of the start cell, of Q* and of the "
             "agents.",
         ),
         (
-            "std",
-            "sample standard deviation over agents. Intervals are 95 % percentile bootstrap intervals over "
-            f"agents with {RESAMPLES} seeded resamples.",
+            "intervals",
+            "95 %. Those of means of numbers in [0, 1] are exact binomial ones (Clopper and Pearson), which "
+            "are conservative for numbers other than 0 and 1; those of differences follow from them. Those "
+            f"of ratios and of other means are percentile bootstrap intervals over agents with {RESAMPLES} "
+            "seeded resamples. What depends on the signs of the mean Q-values of many cells has simultaneous "
+            "intervals of these means, by Student's t with Bonferroni's correction: each cell is surely "
+            "above zero, surely not, or open, and the interval reaches over all ways to decide the open "
+            "ones.",
         ),
+        (
+            "effect",
+            "distance of a part's value from its threshold, in standard deviations of a single agent, "
+            "positive on the right side: (value - threshold) / (standard error * sqrt(agents)), with the "
+            "standard error of its interval. Parts on the signs of cells, and parts on which all agents "
+            "agree, have none. `agents_needed` is the number of agents with which the part would be decided "
+            "with a probability of 80 % if its effect is the true one: (2.8 / effect)^2.",
+        ),
+        ("std", "sample standard deviation over agents."),
         (
             "Q*",
             "values of an agent that knows its state, before any wrong PING. Wrong PINGs are hidden from the "
@@ -353,11 +473,13 @@ REPORT: Final = Report(
             key="claims",
             heading="The paper's claims",
             text=(
-                "A claim's value is that of its weakest part. A part passes if its whole 95 % interval lies "
-                "on the right side of the threshold, fails if it lies on the wrong side, and is undecided "
-                "otherwise. If all parts pass, the claim `holds`; if none passes and one fails, it `does not "
-                "hold`; otherwise it `holds in part`. How each claim is measured, all its parts, and why the "
-                "threshold is where it is: `claims.csv`."
+                "A claim has one or more parts. A part passes if its whole 95 % interval lies on the right "
+                "side of the threshold, fails if it lies on the wrong side, and is undecided otherwise. If "
+                "all parts pass, the claim `holds`; if one fails, it `does not hold`; otherwise it is "
+                "`undecided`. The table also says in how many of the disjoint sets of agents the verdict is "
+                "that of all agents, with the 95 % interval of this share; `effect` and `agents needed` are "
+                "of all agents. How each claim is measured, and why the threshold is where it is: "
+                "`claims.csv`."
             ),
             terms=findings.readings,
             terms_title="The readings of the paper, and the control",

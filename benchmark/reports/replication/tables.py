@@ -1,4 +1,8 @@
-"""Tables of a replication: final values, the maximum Q, learning, and the distance from the exact optimum."""
+"""Tables of a replication: final values, the maximum Q, learning, and the distance from the exact optimum.
+
+Means of numbers in [0, 1] have exact binomial 95 % intervals. Means of scores and returns have none: a greedy
+policy may bump into a wall until the horizon, and no method bounds such a mean if failures are rare.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
-from benchmark.analysis.intervals import interquartile_mean, mean_with_interval
+from benchmark.analysis.intervals import proportion_interval
 from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
 from envs import ACTIONS
 
@@ -49,27 +53,38 @@ def max_q(populations: Sequence[Population]) -> pd.DataFrame:
 
 
 def learning(populations: Sequence[Population]) -> pd.DataFrame:
-    """Tabulates the exact score of the greedy policy, and the share of optimal agents, over training.
+    """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training.
 
-    `score_iqm` is the interquartile mean (Agarwal et al. 2021): scores have no lower bound, since a
-    greedy policy may bump a wall until the horizon, and the mean shows it.
+    `score` is the mean over agents of scores clipped to [0, 1], and `unbounded_score` that of the scores.
     """
     frames = []
     for population in populations:
-        weights = population.weights
         columns: dict[str, Any] = {"scenario": population.scenario, "step": population.evaluation_steps}
         for name, values in (
-            ("score", population.scores),
             ("success", population.arrays["success"]),
-            ("optimal_share", (population.scores >= 1 - OPTIMUM_TOLERANCE).astype(np.float64)),
-            ("return", population.arrays["grid_return"]),
-            ("scenario_return", population.arrays["scenario_return"]),
+            ("score", np.clip(population.scores, 0.0, 1.0)),
+            ("optimal_share", _is_optimal(population.scores)),
         ):
-            columns |= mean_with_interval(name, weights @ values / len(values))
-            if name == "score":
-                columns |= interquartile_mean("score_iqm", population.scores)
+            columns |= _bounded(name, values)
+        columns["unbounded_score"] = population.scores.mean(axis=0)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
+
+
+def success(populations: Sequence[Population]) -> pd.DataFrame:
+    """Tabulates success and the share of optimal agents after training, a row per population."""
+    rows = []
+    for population in populations:
+        row: dict[str, Any] = {
+            "scenario": population.scenario,
+            "agents": len(population.seeds),
+            "first_seed": population.seeds[0],
+            "last_seed": population.seeds[-1],
+        }
+        row |= _bounded("success", population.arrays["success"][:, -1])
+        row |= _bounded("optimal_share", _is_optimal(population.scores[:, -1]))
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def optimal(populations: Sequence[Population]) -> pd.DataFrame:
@@ -77,15 +92,16 @@ def optimal(populations: Sequence[Population]) -> pd.DataFrame:
     rows = []
     for population in populations:
         scores = population.scores[:, -1]
-        weights = population.weights
         row: dict[str, Any] = {"scenario": population.scenario, "agents": len(scores)}
         for name, (random, best) in population.anchors.items():
-            learned = population.arrays[name][:, -1]
-            samples = weights @ (best - learned) / len(learned)
-            regret = mean_with_interval("regret", samples[:, None])
-            row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned.mean()}
-            row |= {f"{name}_{key}": value[0] for key, value in regret.items()}
-        row["optimal_share"] = (scores >= 1 - OPTIMUM_TOLERANCE).mean()
+            learned = population.arrays[name][:, -1].mean()
+            row |= {
+                f"{name}_random": random,
+                f"{name}_optimal": best,
+                f"{name}_learned": learned,
+                f"{name}_regret": best - learned,
+            }
+        row["optimal_share"] = _is_optimal(scores).mean()
         model = population.model
         start = model.observation[model.start]
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[start]
@@ -135,3 +151,15 @@ def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Returns mean, sample standard deviation and extremes over agents of (N, ...) values."""
     std = values.std(axis=0, ddof=1)
     return {"mean": values.mean(axis=0), "std": std, "min": values.min(axis=0), "max": values.max(axis=0)}
+
+
+def _is_optimal(scores: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Returns which scores are those of an optimal policy."""
+    return scores >= 1 - OPTIMUM_TOLERANCE
+
+
+def _bounded(name: str, values: NDArray[Any]) -> dict[str, Any]:
+    """Returns columns of the mean over agents of (N, ...) numbers in [0, 1]: `name`, and its interval."""
+    mean = values.mean(axis=0)
+    low, high = proportion_interval(mean, len(values))
+    return {name: mean, f"{name}_low": low, f"{name}_high": high}

@@ -13,6 +13,7 @@ from benchmark.analysis.intervals import (
     p_above,
     proportion_interval,
     resample,
+    simultaneous,
     student,
 )
 
@@ -157,3 +158,23 @@ def test_probability_of_improvement_has_a_width_where_all_agree() -> None:
     assert better_probability(0.0, 100, 100) == pytest.approx((0.0, 1 - low))
     low, high = better_probability(0.5, 40, 40)
     assert low + high == pytest.approx(1)
+
+
+def test_simultaneous_intervals_by_hand() -> None:
+    values = np.array([[1.0, 0.5], [2, 0.5], [3, 0.5], [4, 0.5]])
+    low, high = simultaneous(values, 0.9)
+    # Two means, so 2.5 % in each tail; t with 3 degrees of freedom is 3.182 (Student's table).
+    reach = 3.182 * np.sqrt(5 / 3) / 2
+    assert low == pytest.approx([2.5 - reach, 0.5], abs=1e-3)
+    assert high == pytest.approx([2.5 + reach, 0.5], abs=1e-3)
+
+
+def test_simultaneous_intervals_hold_all_means_at_once() -> None:
+    rng = np.random.default_rng(20210803)
+    means = np.linspace(-1, 1, 120)
+    held = 0
+    for _ in range(400):
+        shared = rng.normal(size=(100, 1))  # agents differ in all columns alike
+        low, high = simultaneous(means + shared + rng.normal(size=(100, 120)), 0.95)
+        held += bool(((low <= means) & (means <= high)).all())
+    assert held >= 0.94 * 400

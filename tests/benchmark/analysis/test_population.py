@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import load_population, optimal_values, overlap
 from benchmark.execution.driver import run
 from benchmark.execution.store import Store
@@ -27,7 +28,7 @@ def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
 
 
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S2", "q_learning", "index")
+    runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(6))
     with Store(tmp_path / "runs.db") as store:
         run(runs[:2] + runs[3:], store, jobs=2)
         with pytest.raises(InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"):
@@ -100,3 +101,12 @@ def test_optimal_values_by_hand() -> None:
     assert values.shape == (120, 5)
     assert values[4 * 12 + 6, PING] == pytest.approx(1.0)
     assert values[0].max() == pytest.approx(2 * 0.9**10 - 1)
+
+
+def test_subset_is_some_of_the_agents() -> None:
+    whole = population(n=4, success=np.arange(16).reshape(4, 4))
+    part = whole.subset(1, 3)
+    assert list(part.seeds) == [1, 2]
+    assert part.arrays["success"].tolist() == whole.arrays["success"][1:3].tolist()
+    assert part.weights.shape == (RESAMPLES + 1, 2)
+    assert len(whole.subset(0, 100).seeds) == 4

@@ -14,13 +14,13 @@ from envs.inputs import override, parse, read_toml
 def test_runs_of_a_population_are_one_job() -> None:
     runs = all_specifications(load_experiment("reproduce_smoke"))
     jobs = plan(runs)
-    assert [len(job) for job in jobs] == [6] * 23
+    assert [len(job) for job in jobs] == [12] * 3 + [6] * 20  # more of the default reading
     assert sorted(run.digest for job in jobs for run in job) == sorted(run.digest for run in runs)
 
 
 def test_long_runs_are_split_over_jobs() -> None:
     budget = 4_000_000
-    changes = {"algorithms.q_learning.seeds": 30, "algorithms.q_learning.settings.budget": budget}
+    changes = {"readings.default.seeds": 30, "algorithms.q_learning.settings.budget": budget}
     data = override(read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml"), changes, "test")
     experiment = parse(Experiment, data, "test", name="long")
     jobs = plan(specifications(experiment, "default", "S1", "q_learning", "index"))

@@ -88,7 +88,7 @@ def test_readings_are_the_rows_of_a_replication() -> None:
     rows = table(REPLICATION)
     # The reading max_q measures the runs of the default one, and has none of its own.
     assert list(rows) == [name for name in REPLICATION.readings if name != "max_q"]
-    assert rows["default"] == ["0/6"] * 3
+    assert rows["default"] == ["0/12"] * 3
     assert rows["equal_pay"] == ["0/6", "0/6", "-"]  # S3 pays as by default
     counts = [int(entry.split("/")[1]) for row in rows.values() for entry in row if entry != "-"]
     assert sum(counts) == len(all_specifications(REPLICATION))

@@ -47,14 +47,16 @@ def test_shipped_experiments_are_sound(name: str) -> None:
 
 def test_reproduce_has_a_miniature_with_all_its_readings() -> None:
     full = load_experiment("reproduce")
-    assert SMALL.readings == full.readings
+    assert list(SMALL.readings) == list(full.readings)
+    for name, reading in SMALL.readings.items():
+        assert reading == full.readings[name].model_copy(update={"seeds": reading.seeds})
     assert SMALL.scenarios == full.scenarios
 
 
 def test_reproduce_declares_what_the_paper_says() -> None:
     experiment = load_experiment("reproduce")
     runs = specifications(experiment, "default", "S1", "q_learning", "index")
-    assert len(runs) == 100
+    assert [run.seed for run in runs] == list(range(1000))  # ten times as many as the paper's 100
     settings = runs[0].settings.model_dump()
     defaults = load_algorithm("q_learning").settings().model_dump()
     assert settings | {"record_every": 1} == defaults
@@ -66,17 +68,35 @@ def test_reproduce_declares_what_the_paper_says() -> None:
         "default", "epsilon", "max_q", "ping_discomfort", "budget", "ties", "origin", "time_limit",
         "equal_pay",
     }  # fmt: skip
-    assert len(all_specifications(experiment)) == 7 * 3 * 100 + 2 * 100  # the control changes S1 and S2
+    others = specifications(experiment, "epsilon", "S1", "q_learning", "index")
+    assert [run.seed for run in others] == list(range(100))
+    # max_q measures runs of the default; the control changes S1 and S2.
+    assert len(all_specifications(experiment)) == 3 * 1000 + 6 * 3 * 100 + 2 * 100
+
+
+def test_reading_may_have_seeds_of_its_own() -> None:
+    assert SMALL.declared_seeds("q_learning", "default") == range(12)
+    assert SMALL.declared_seeds("q_learning", "ties") == range(6)
+    runs = specifications(SMALL, "default", "S1", "q_learning", "index")
+    assert [run.seed for run in runs] == list(range(12))
+    assert runs[:6] != specifications(SMALL, "ties", "S1", "q_learning", "index")
+    few = specifications(SMALL, "default", "S1", "q_learning", "index", [3])
+    assert few[0].digest == runs[3].digest  # the seeds asked for go before the declared ones
+
+
+def test_runs_of_a_population_share_its_identity() -> None:
+    first, second = specifications(SMALL, "default", "S1", "q_learning", "index", [7, 8])
+    alone = specifications(SMALL, "default", "S1", "q_learning", "index", [8])[0]
+    assert (second.seed, second.digest, second.population) == (8, alone.digest, first.population)
+    assert json.loads(second.content) == json.loads(second.population) | {"seed": 8}
 
 
 def test_comparison_declares_what_it_should() -> None:
     full = load_experiment("compare_deep")
     assert full.scenarios == ("S1", "S2", "S3")
-    arms, checks = (
-        [arm for arm in full.algorithms.values() if bool(arm.check_of) == is_check] for is_check in (0, 1)
-    )
-    assert {arm.declared_seeds for arm in arms} == {range(100, 200)}  # not seen before the protocol
-    assert {arm.declared_seeds for arm in checks if arm.algorithm in ("dqn", "ppo")} == {range(10)}
+    seeds = {name: full.declared_seeds(name, "default") for name in full.algorithms}
+    assert {seeds[name] for name, arm in full.algorithms.items() if not arm.check_of} == {range(100, 200)}
+    assert {seeds[name] for name in full.algorithms if name.endswith("_sb3")} == {range(10)}
     assert {name for name, arm in full.algorithms.items() if arm.policy == "stochastic"} == {
         "ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3",
     }  # fmt: skip
@@ -148,7 +168,7 @@ def test_identity_is_content_and_streams_have_names() -> None:
         words = run.seed_sequence.generate_state(4, np.uint64).tobytes()
         states.setdefault((run.scenario.name, run.seed), set()).add(words)
     assert all(len(words) == 1 for words in states.values())  # readings share streams ...
-    assert len(set.union(*states.values())) == len(states) == 18  # ... scenarios and seeds do not
+    assert len(set.union(*states.values())) == len(states) == 36  # ... scenarios and seeds do not
 
 
 def test_learners_do_not_share_streams() -> None:
@@ -230,8 +250,9 @@ SWEEP = "[readings.default]"  # where a sweep is put before
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("seeds = 100", "seeds = 0", "algorithms.q_learning.seeds = 0: input should be greater than"),
-        ("seeds = 100", "sedes = 6", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
+        ("seeds = 100 ", "seeds = 0 ", "algorithms.q_learning.seeds = 0: input should be greater than"),
+        ("seeds = 1000", "seeds = 1", "readings.default.seeds = 1: input should be greater than"),
+        ("seeds = 100 ", "sedes = 6 ", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
         ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
         ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
         ('"S1", "S2"', '"S1", "S7"', "unknown scenario S7"),
