@@ -585,5 +585,6 @@ REPORT: Final = Report(
     headline=findings.headline,
     sentences=findings.sentences,
     words=_words,
+    lead="summary",
     packages=("rliable",),
 )
