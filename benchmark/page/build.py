@@ -68,6 +68,7 @@ class _Table:
     columns: Sequence[tuple[str, bool]]  # label, and whether it holds numbers
     rows: Sequence[Sequence[_Entry]]
     n_keys: int  # columns that name a row; a narrow screen shows them as one
+    other_keys: str  # labels of these but the first, a line each
 
 
 @dataclass(frozen=True)
@@ -235,9 +236,9 @@ def _report(folder: Folder, ids: set[str]) -> dict[str, Any]:
     name = folder.manifest["experiment"]
     explained = ((term, folder.as_html(text)) for term, text in report.words(results))
     words = words_of(f"word-{name}", explained)
-    mark = Marker(words)
+    mark, mark_answer = Marker(words), Marker(words)
     lead = next((item for item in items if item.name == report.lead and _has_figure(results, item)), None)
-    first, *rest = [Marker(words)(folder.as_html(text)) for text in _paragraphs(report.headline(results))]
+    first, *rest = [mark_answer(folder.as_html(text)) for text in _paragraphs(report.headline(results))]
     sentences = [mark(folder.as_html(sentence)) for sentence in report.sentences(results)]
     sections = []
     for part in report.sections:
@@ -308,7 +309,8 @@ def _table(folder: Folder, table: Table) -> _Table:
         others = "\n".join(plain(entry.text).replace("`", "") for entry in row[1:n_keys])
         first, *rest = [_entry(folder, entry) for entry in row]
         rows.append([replace(first, others=others), *rest])
-    return _Table(table.caption, folder.link(table.file), table.columns, rows, n_keys)
+    other_keys = "\n".join(label for label, _ in table.columns[1:n_keys])
+    return _Table(table.caption, folder.link(table.file), table.columns, rows, n_keys, other_keys)
 
 
 def _n_keys(table: Table) -> int:

@@ -83,7 +83,9 @@ class Marker:
                 continue  # within another term; its next occurrence is marked
             self._marked.add(word.key)
             name = text[start:-negative_end]
-            shown += f'{text[end:start]}<button type="button" class="term" popovertarget="{escape(word.key)}">'
+            shown += (
+                f'{text[end:start]}<button type="button" class="term" popovertarget="{escape(word.key)}">'
+            )
             shown += f"{name}</button>"
             end = -negative_end
         return shown + text[end:]

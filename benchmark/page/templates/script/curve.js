@@ -1,10 +1,10 @@
 // The curve: an agent's scores over training, with the mean score of all runs of its learner.
-import { drawn, show } from "./elements.js";
+import { drawn, element, show } from "./elements.js";
 
-const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [360, 110, 34, 8, 8, 22];
+const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [360, 84, 22, 8, 2, 2];
 const [LOWEST, HIGHEST] = [-0.1, 1.1]; // of the axis
 
-// Scores are drawn between 0 and 1: no policy has more than 1, and those below 0 differ in little but their digits.
+// No score is above 1. Those below 0 have no bound, and would make the rest of the curve flat.
 const clipped = (score) => Math.min(Math.max(score, 0), 1);
 
 export function curveOf(agent, map) {
@@ -33,6 +33,5 @@ export function curveOf(agent, map) {
   });
   const now = x(agent.steps[map]);
   image.append(drawn("line", { class: "now", x1: now, x2: now, y1: TOP, y2: HEIGHT - BOTTOM }));
-  image.append(drawn("text", { x: LEFT, y: HEIGHT - 6 }, what + note));
-  return image;
+  return [image, element("p", {}, what + note)];
 }

@@ -93,7 +93,7 @@ export class Panel {
     paint(this.view, this.agent, map, painted, range, marks);
     paintLegend(this.root, painted, range);
     this.find(".about").replaceChildren(...described(this.agent, map, step));
-    this.find(".curve").replaceChildren(curveOf(this.agent, map));
+    this.find(".curve").replaceChildren(...curveOf(this.agent, map));
     const { algorithm, observation, scenario, seed, unitName, steps } = this.agent;
     const title = `Map of ${algorithm}, ${observation}, in ${scenario}, ${unitName} ${steps[map]}, seed ${seed}.`;
     this.find(".map").setAttribute("aria-label", `${title} Arrow keys choose a cell, Enter starts the walk there.`);

@@ -59,7 +59,7 @@ export function readoutOf(agent, map, cell) {
   });
   const head = (text, isNumber) => element("th", { scope: "col", ...(isNumber ? { class: "number" } : {}) }, text);
   const value = agent.kind === "q" ? "Q" : "probability";
-  const numbers = agent.hasValues ? [value, "optimum", "difference"] : ["optimum"];
+  const numbers = agent.hasValues ? [value, "optimum", element("abbr", { title: "difference" }, "diff.")] : ["optimum"];
   const heads = element("tr", {}, head("action"), ...numbers.map((name) => head(name, true)), head("is"));
   return [title, element("table", {}, element("thead", {}, heads), element("tbody", {}, ...lines))];
 }

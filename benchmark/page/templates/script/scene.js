@@ -50,13 +50,13 @@ export class SceneView {
     const style = `min-width:${12 * scene.columns}px; max-height:max(21rem, ${12 * scene.rows}px)`;
     this.image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", style });
     this.cells = scene.zone.map((_, cell) => this.paintCell(cell, look));
-    this.hatch = drawn("path", { class: "hatch", ...UNTOUCHED });
+    this.hatch = drawn("path", { class: "hatch" });
     this.trail = [trail("#fff", 3.4), trail(explorer.palette.path, 1.8)];
     this.walker = walker(0, 0);
     this.cursor = drawn("rect", { class: "cursor", width: UNIT, height: UNIT, ...UNTOUCHED });
     this.image.append(
       drawn("g", {}, ...this.cells.map((cell) => cell.group)),
-      this.hatch,
+      drawn("g", UNTOUCHED, this.hatch),
       ...scene.outlines.flatMap((outline) => outlined("path", { d: this.pathOf(outline.loops) }, outline.dashed)),
       ...scene.glyphs.flatMap((glyph) => GLYPHS[glyph.kind](...this.centre(glyph.cell), 1)),
       drawn("g", UNTOUCHED, ...this.cells.flatMap(({ arrows, dot }) => [arrows, dot])),
