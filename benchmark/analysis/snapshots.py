@@ -88,7 +88,7 @@ def values(shown: Iterable[Shown]) -> pd.DataFrame:
 def final_policies(shown: Iterable[Shown]) -> pd.DataFrame:
     """Tabulates the greedy policies that training ends with, a row per agent.
 
-    `greedy` has a letter per cell, row by row, which stands for the mask of its greedy actions, see `LETTERS`.
+    `greedy` has a letter per cell, row by row: the mask of its greedy actions, see `LETTERS`.
     Of larger populations there are the first `MOST_AGENTS` agents.
     """
     letters = np.array(list(LETTERS))

@@ -272,11 +272,11 @@ def _report(folder: Folder, ids: set[str]) -> dict[str, Any]:
 
 
 def _paragraphs(headline: str) -> list[str]:
-    """Returns a headline's first sentence, or its first paragraph if it has several, and what follows.
+    r"""Returns a headline's first sentence, or its first paragraph if it has several, and what follows.
 
     >>> _paragraphs("It has [0.9](a.csv#row=2) [0.8, 1.0]. It wins (vs. A). `b` loses.")
     ['It has [0.9](a.csv#row=2) [0.8, 1.0].', 'It wins (vs. A). `b` loses.']
-    >>> _paragraphs("One. Two.\\n\\nThree."), _paragraphs("")
+    >>> _paragraphs("One. Two.\n\nThree."), _paragraphs("")
     (['One. Two.', 'Three.'], [''])
     """
     if "\n\n" in headline:
@@ -292,7 +292,7 @@ def _has_figure(results: Published, item: Item) -> bool:
 
 
 def _item(folder: Folder, results: Published, item: Item, lead: Item | None) -> dict[str, Any]:
-    """Returns an item's table and figure, so far as there are any to show; the lead's figure is above them."""
+    """Returns an item's table and figure, so far as there are any to show; the lead's figure is elsewhere."""
     table = item.view(results) if item.view is not None and f"{item.name}.csv" in results else None
     return {
         "table": _table(folder, table) if table is not None else None,

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 _TAG: Final = re.compile(r"(<[^>]+>)")
 _OPAQUE: Final = ("a", "code", "button")  # elements in which no term is looked for
@@ -47,7 +47,7 @@ def _of_either_case(name: str) -> str:
 def words_of(prefix: str, words: Iterable[tuple[str, Markup]]) -> list[Word]:
     """Returns the terms of a report, each with an id that starts with a prefix."""
     return [
-        Word(f"{prefix}-{i}", term, Markup(_EMPHASIS.sub(r"<em>\1</em>", text)))
+        Word(f"{prefix}-{i}", term, Markup(_EMPHASIS.sub(r"<em>\1</em>", str(text))))
         for i, (term, text) in enumerate(words)
     ]
 
@@ -72,20 +72,20 @@ class Marker:
         return Markup("".join(parts))
 
     def _mark(self, text: str) -> str:
-        """Marks terms in a text without tags: at each place the longest name, each term once."""
-        found: list[tuple[int, int, Word]] = []
-        for word in self.words:
-            if word.key not in self._marked and (match := word.pattern.search(text)):
-                found.append((match.start(), -match.end(), word))
+        """Marks terms in a text without tags; of those that start at one place, the longest."""
+        matches = [
+            (match, word)
+            for word in self.words
+            if word.key not in self._marked and (match := word.pattern.search(text))
+        ]
         shown, end = "", 0
-        for start, negative_end, word in sorted(found, key=lambda each: each[:2]):
-            if start < end:
-                continue  # within another term; its next occurrence is marked
+        for match, word in sorted(matches, key=lambda each: (each[0].start(), -each[0].end())):
+            if match.start() < end:
+                continue  # within another term; the next text that has it gets the mark
             self._marked.add(word.key)
-            name = text[start:-negative_end]
             shown += (
-                f'{text[end:start]}<button type="button" class="term" popovertarget="{escape(word.key)}">'
+                f'{text[end : match.start()]}<button type="button" class="term" popovertarget="{word.key}">'
+                f"{match[0]}</button>"
             )
-            shown += f"{name}</button>"
-            end = -negative_end
+            end = match.end()
         return shown + text[end:]

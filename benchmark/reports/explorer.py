@@ -30,16 +30,16 @@ def explorer_items(lister: Lister) -> tuple[Item, ...]:
         ),
         Item(
             name="agents",
-            description="final greedy policy of every agent (of the first "
-            f"{snapshots.MOST_AGENTS} per population), its score and success; `greedy` has a letter per cell, "
-            "row by row: A to Z and a to f stand for 0 to 31, the sum of "
+            description="final greedy policy of every agent, its score and success; of a large population, "
+            f"of the first {snapshots.MOST_AGENTS} agents. `greedy` has a letter per cell, row by row: A to Z "
+            "and a to f stand for 0 to 31, the sum of "
             f"{', '.join(f'{1 << i} ({name})' for i, name in enumerate(ACTIONS))} over the greedy actions",
             compute=partial(_final_policies, lister),
         ),
         Item(
             name="agent_maps",
-            description="what the agent of `agent.csv` values and does in every cell over training, one file per "
-            "scenario",
+            description="what the agent in `agent.csv` values and does in every cell over training, one file "
+            "per scenario",
             files=("agent_*.csv",),
             write=partial(_write_maps, lister),
         ),

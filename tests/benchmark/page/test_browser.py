@@ -18,7 +18,7 @@ from agents.policy import contains
 from benchmark.__main__ import main
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from benchmark.page import build, script
-from benchmark.reports import Item, Report
+from benchmark.reports import Item, Report, texts
 from benchmark.reports.published import Published
 from benchmark.reports.texts import load
 from envs import ACTIONS, Model, Scenario, compile_scenario
@@ -571,15 +571,15 @@ def box_of(opened: Opened, selector: str) -> dict[str, float]:
     """Returns where the first such element is in the window."""
     box = opened.page.locator(selector).first.bounding_box()
     assert box is not None
-    return dict(box)
+    return {"x": box["x"], "y": box["y"], "width": box["width"], "height": box["height"]}
 
 
 def is_in_view(opened: Opened, selector: str) -> bool:
     """Returns whether the first such element is in the window as a whole."""
     box, size = box_of(opened, selector), opened.page.viewport_size
     assert size is not None
-    fits_across = 0 <= box["x"] and box["x"] + box["width"] <= size["width"]
-    return fits_across and 0 <= box["y"] and box["y"] + box["height"] <= size["height"]
+    fits_across = box["x"] >= 0 and box["x"] + box["width"] <= size["width"]
+    return fits_across and box["y"] >= 0 and box["y"] + box["height"] <= size["height"]
 
 
 LAPTOP = {"width": 1366, "height": 768}
@@ -607,7 +607,7 @@ def test_answer_fits_the_first_screen(
         return replace(report, lead="curves"), items
 
     shutil.copytree(results / "compare_deep", tmp_path / "compare_deep")
-    monkeypatch.setattr(build.texts, "load", led_by_curves)
+    monkeypatch.setattr(texts, "load", led_by_curves)
     build.write(tmp_path)
     opened = open_page(tmp_path, viewport=LAPTOP)
     parts = ("h1", "#finding img", ".lead")

@@ -14,7 +14,7 @@ import pytest
 from benchmark.drawing.tables import plain, show
 from benchmark.experiments import load_experiment
 from benchmark.page import build
-from benchmark.reports import REPORTS, Item, Report, load_report
+from benchmark.reports import REPORTS, Item, Report, load_report, texts
 from benchmark.reports.published import Published
 from benchmark.reports.texts import load
 from envs import InputError
@@ -114,7 +114,7 @@ def test_figure_of_the_lead_stands_above_the_headline_and_only_there(
 ) -> None:
     if not is_there:
         (comparison / "compare_deep" / "region.png").unlink()
-    monkeypatch.setattr(build.texts, "load", lambda published: _led(published, lead))
+    monkeypatch.setattr(texts, "load", lambda published: _led(published, lead))
     text = build.write(comparison).read_text(encoding="utf-8")
     finding = text[text.index('id="finding"') : text.index("<nav")]
     has_lead = bool(lead) and is_there
