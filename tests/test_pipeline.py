@@ -45,7 +45,7 @@ def test_everything_is_there(results: Path) -> None:
         f"{f}.{end}" for f in ("figure", "learning", "optimal", "sensitivity") for end in ("png", "svg")
     }
     others = {"q_values.csv", "max_q.csv", "optimal_cells.csv", "README.md", "manifest.json", "index.html"}
-    others |= {"agent.csv", "agent_S1.csv", "agent_S2.csv", "agent_S3.csv", "optimum.csv"}
+    others |= {"agent.csv", "agents.csv", "agent_S1.csv", "agent_S2.csv", "agent_S3.csv", "optimum.csv"}
     assert names == tables | figures | others
 
 

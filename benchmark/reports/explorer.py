@@ -30,9 +30,9 @@ def explorer_items(lister: Lister) -> tuple[Item, ...]:
         ),
         Item(
             name="agents",
-            description="final greedy policy of every agent, its score and success; of a large population, "
-            f"of the first {snapshots.MOST_AGENTS} agents. `greedy` has a letter per cell, row by row: A to Z "
-            "and a to f stand for 0 to 31, the sum of "
+            description="final greedy policy of every agent, its score and success (of a large population, "
+            f"of the first {snapshots.MOST_AGENTS}); `greedy` has a letter per cell, row by row: A to Z and "
+            "a to f stand for 0 to 31, the sum of "
             f"{', '.join(f'{1 << i} ({name})' for i, name in enumerate(ACTIONS))} over the greedy actions",
             compute=partial(_final_policies, lister),
         ),
