@@ -53,6 +53,7 @@ def test_everything_is_there(results: Path) -> None:
         "success.csv",
         "claim_sets.csv",
         "agent.csv",
+        "agents.csv",
         "agent_S1.csv",
         "agent_S2.csv",
         "agent_S3.csv",

@@ -1,9 +1,11 @@
-"""Tables for the explorer: what one agent of every learner knows over training, cell by cell.
+"""Tables for the explorer: what one agent of every learner knows over training, and how all others end.
 
-The agent is always that of the first seed, which was chosen before any result was seen. The exact optimum
-goes with it, for every discount that a learner has.
+Values over training are those of the first seed's agent, which was chosen before any result was seen. Of the
+other agents there is the final greedy policy. The exact optimum goes with both, for every discount that a
+learner has.
 """
 
+import string
 from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
@@ -16,27 +18,35 @@ from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal
 from benchmark.execution.store import VALUE_DECIMALS
 from envs import ACTIONS, Model
 
-AGENT: Final = 0  # index of the agent that is shown, in its population
+AGENT: Final = 0  # index of the agent that is shown over training, in its population
+MOST_AGENTS: Final = 100  # of a population, whose final policies are tabulated
+LETTERS: Final = string.ascii_uppercase + string.ascii_lowercase[:6]  # for the masks 0 to 31, as in base64
 DECIMALS: Final = VALUE_DECIMALS  # of its values and of the optimal ones
 
 
 class Shown(NamedTuple):
-    """A learner and its agents in one scenario, of which the explorer shows one."""
+    """A learner and its agents in one scenario."""
 
     algorithm: str  # the arm's name
     observation: str
     population: Population
 
 
+def maps_shown(population: Population) -> NDArray[np.int_]:
+    """Returns which maps of a population the explorer shows: every second one, and the last."""
+    last = len(population.map_places) - 1
+    return np.array([*range(0, last, 2), last])
+
+
 def agents(shown: Iterable[Shown]) -> pd.DataFrame:
-    """Tabulates how good each agent's greedy policy is, a row per map.
+    """Tabulates how good the greedy policy of each first agent is, a row per map that is shown.
 
     `kind` says what the agent's maps hold: `q` for action values, discounted by `discount`, or `probability`
     for the action probabilities of a stochastic policy.
     """
     frames = []
     for algorithm, observation, population in shown:
-        places = population.map_places
+        places = population.map_places[maps_shown(population)]
         is_stochastic = population.arrays["stochastic"].shape[1] > 0
         columns: dict[str, Any] = {
             "scenario": population.scenario,
@@ -55,12 +65,13 @@ def agents(shown: Iterable[Shown]) -> pd.DataFrame:
 
 
 def values(shown: Iterable[Shown]) -> pd.DataFrame:
-    """Tabulates each agent's values and greedy actions, a row per map and cell."""
+    """Tabulates the values and greedy actions of each first agent, a row per map that is shown and cell."""
     frames = []
     for algorithm, observation, population in shown:
-        places = population.map_places
+        chosen = maps_shown(population)
+        places = population.map_places[chosen]
         agent = population.of_agent(AGENT)
-        maps = np.round(agent["values"].astype(np.float64), DECIMALS)  # (V, O, A)
+        maps = np.round(agent["values"][chosen].astype(np.float64), DECIMALS)  # (V, O, A)
         greedy = _names(agent["greedy"][places])  # (V, O)
         columns = {
             "algorithm": algorithm,
@@ -69,6 +80,29 @@ def values(shown: Iterable[Shown]) -> pd.DataFrame:
             **_cells(population.model, len(maps)),
             "greedy": greedy.ravel(),
             **dict(zip(ACTIONS, maps.reshape(-1, len(ACTIONS)).T, strict=True)),
+        }
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)
+
+
+def final_policies(shown: Iterable[Shown]) -> pd.DataFrame:
+    """Tabulates the greedy policies that training ends with, a row per agent.
+
+    `greedy` has a letter per cell, row by row: the mask of its greedy actions, see `LETTERS`.
+    Of larger populations there are the first `MOST_AGENTS` agents.
+    """
+    letters = np.array(list(LETTERS))
+    frames = []
+    for algorithm, observation, population in shown:
+        masks = population.arrays["greedy"][:MOST_AGENTS, -1]  # (N, O)
+        columns = {
+            "scenario": population.scenario,
+            "algorithm": algorithm,
+            "observation": observation,
+            "seed": list(population.seeds[:MOST_AGENTS]),
+            "score": population.scores[:MOST_AGENTS, -1],
+            "success": population.arrays["success"][:MOST_AGENTS, -1],
+            "greedy": ["".join(row) for row in letters[masks]],
         }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)

@@ -10,7 +10,7 @@ import io
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,8 +18,10 @@ import jinja2
 from markupsafe import Markup
 from PIL import Image
 
+from benchmark.drawing.tables import plain
 from benchmark.page import explorer, script
 from benchmark.page.sources import Folder, open_folder, section
+from benchmark.page.words import Marker, words_of
 from benchmark.reports import certificate, stamp, texts
 from benchmark.reports.item import Item
 from benchmark.reports.published import Published
@@ -27,10 +29,13 @@ from benchmark.reports.view import Columns, Entry, Table
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.stamp`
-# The experiments that `results/index.html` shows, those of them that are there.
-PUBLISHED: Final = ("reproduce", "equivalence", "compare_deep")
+# The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
+PUBLISHED: Final = ("compare_deep", "ablation", "equivalence", "reproduce")
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more look the same
+_ASIDE: Final = re.compile(r"\[[^\]]*\]|\([^)]*\)|`[^`]*`")  # in which no sentence ends
+_SENTENCE_END: Final = re.compile(r"(?<=[.?!])\s+(?=[A-Z`])")
+_MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _LINKED: Final = re.compile(r'href="([^"#]*\.csv)#row=')  # a file whose rows the page links to
 _SPEED: Final = Columns(
     file="speed.csv",
@@ -51,6 +56,7 @@ class _Entry:
     note: Markup
     details: Markup
     details_title: str
+    others: str = ""  # what names the row besides, on a narrow screen: a line each
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,8 @@ class _Table:
     source: str  # the CSV file, as the page links to it
     columns: Sequence[tuple[str, bool]]  # label, and whether it holds numbers
     rows: Sequence[Sequence[_Entry]]
+    n_keys: int  # columns that name a row; a narrow screen shows them as one
+    other_keys: str  # labels of these but the first, a line each
 
 
 @dataclass(frozen=True)
@@ -181,12 +189,11 @@ def _render(folders: Sequence[Folder], speed: Folder | None) -> str:
     )
     ids: set[str] = set()
     reports = [section(folder, lambda folder: _report(folder, ids)) for folder in folders]
-    latest_first = folders[::-1]
-    explored = next((folder for folder in latest_first if "agent.csv" in folder), None)
-    data = explorer.collect(latest_first)
+    explored = next((folder for folder in folders if "agent.csv" in folder), None)
+    data = explorer.collect(folders)
     content = {
-        "question": reports[-1]["question"],
-        "headlines": [report["headline"] for report in reversed(reports) if report["headline"]],
+        "question": reports[0]["question"],
+        "answer": reports[0]["answer"],
         "reports": reports,
         "made": [section(folder, _made) for folder in folders],
         "speed": section(speed, lambda folder: _table(folder, _SPEED(Published(folder.path))))
@@ -198,7 +205,7 @@ def _render(folders: Sequence[Folder], speed: Folder | None) -> str:
             for folder in folders
             for name, declared in folder.manifest["scenarios"].items()
         },
-        "horizon": folders[-1].manifest["horizon"],
+        "horizon": folders[0].manifest["horizon"],
         "has_explorer": data is not None,
         "maps_link": explored.link("README.md") if explored is not None else "",
         "css": (_TEMPLATES / "page.css").read_text(encoding="utf-8"),
@@ -226,20 +233,27 @@ def _report(folder: Folder, ids: set[str]) -> dict[str, Any]:
     """
     results = Published(folder.path)
     report, items = texts.load(results)
+    name = folder.manifest["experiment"]
+    explained = ((term, folder.as_html(text)) for term, text in report.words(results))
+    words = words_of(f"word-{name}", explained)
+    mark, mark_answer = Marker(words), Marker(words)
+    lead = next((item for item in items if item.name == report.lead and _has_figure(results, item)), None)
+    first, *rest = [mark_answer(folder.as_html(text)) for text in _paragraphs(report.headline(results))]
+    sentences = [mark(folder.as_html(sentence)) for sentence in report.sentences(results)]
     sections = []
     for part in report.sections:
-        shown = [_item(folder, results, item) for item in report.items_of(part, items)]
+        shown = [_item(folder, results, item, lead) for item in report.items_of(part, items)]
         shown = [item for item in shown if item["table"] or item["figure"]]
-        if not shown:
+        if not shown and part is not report.sections[0]:
             continue
-        key = part.key if part.key not in ids else f"{folder.manifest['experiment']}-{part.key}"
+        key = part.key if part.key not in ids else f"{name}-{part.key}"
         ids.add(key)
         terms = part.terms(results) if part.terms is not None else ()
         sections.append(
             {
                 "id": key,
                 "heading": folder.as_html(part.heading),
-                "text": folder.as_html(part.text),
+                "text": mark(folder.as_html(part.text)),
                 "items": shown,
                 "terms": [(name, folder.as_html(text)) for name, text in terms],
                 "terms_title": part.terms_title,
@@ -247,30 +261,67 @@ def _report(folder: Folder, ids: set[str]) -> dict[str, Any]:
         )
     return {
         "question": report.question,
-        "headline": folder.as_html(report.headline(results)),
+        "answer": {"figure": _figure(folder, lead) if lead else None, "first": first, "rest": rest},
         "description": folder.manifest["description"],
         "note": folder.manifest.get("note", ""),
-        "sentences": [folder.as_html(sentence) for sentence in report.sentences(results)],
+        "sentences": sentences,
         "readme": folder.link("README.md"),
         "sections": sections,
+        "words": words,
     }
 
 
-def _item(folder: Folder, results: Published, item: Item) -> dict[str, Any]:
-    """Returns an item's table and figure, so far as there are any to show."""
+def _paragraphs(headline: str) -> list[str]:
+    r"""Returns a headline's first sentence, or its first paragraph if it has several, and what follows.
+
+    >>> _paragraphs("It has [0.9](a.csv#row=2) [0.8, 1.0]. It wins (vs. A). `b` loses.")
+    ['It has [0.9](a.csv#row=2) [0.8, 1.0].', 'It wins (vs. A). `b` loses.']
+    >>> _paragraphs("One. Two.\n\nThree."), _paragraphs("")
+    (['One. Two.', 'Three.'], [''])
+    """
+    if "\n\n" in headline:
+        return headline.split("\n\n")
+    masked = _ASIDE.sub(lambda match: match[0][0] + "x" * (len(match[0]) - 1), headline)
+    end = _SENTENCE_END.search(masked)
+    return [headline] if end is None else [headline[: end.start()], headline[end.end() :]]
+
+
+def _has_figure(results: Published, item: Item) -> bool:
+    """Returns whether there is a figure of an item, for README and page."""
+    return bool(item.caption) and f"{item.name}.png" in results
+
+
+def _item(folder: Folder, results: Published, item: Item, lead: Item | None) -> dict[str, Any]:
+    """Returns an item's table and figure, so far as there are any to show; the lead's figure is elsewhere."""
     table = item.view(results) if item.view is not None and f"{item.name}.csv" in results else None
-    has_figure = bool(item.caption) and f"{item.name}.png" in results
     return {
         "table": _table(folder, table) if table is not None else None,
-        "figure": _figure(folder, item) if has_figure else None,
+        "figure": _figure(folder, item) if item is not lead and _has_figure(results, item) else None,
         "is_folded": item.is_folded,
     }
 
 
 def _table(folder: Folder, table: Table) -> _Table:
     """Returns a table with its links and its marked texts."""
-    rows = [[_entry(folder, entry) for entry in row] for row in table.rows]
-    return _Table(table.caption, folder.link(table.file), table.columns, rows)
+    n_keys = _n_keys(table)
+    rows = []
+    for row in table.rows:
+        others = "\n".join(plain(entry.text).replace("`", "") for entry in row[1:n_keys])
+        first, *rest = [_entry(folder, entry) for entry in row]
+        rows.append([replace(first, others=others), *rest])
+    other_keys = "\n".join(label for label, _ in table.columns[1:n_keys])
+    return _Table(table.caption, folder.link(table.file), table.columns, rows, n_keys, other_keys)
+
+
+def _n_keys(table: Table) -> int:
+    """Returns how many columns at the left hold nothing but names; at least one, at most `_MOST_KEYS`."""
+    n_keys = 0
+    for i, (_, is_number) in enumerate(table.columns[:_MOST_KEYS]):
+        entries = [row[i] for row in table.rows]
+        if is_number or any(entry.row or entry.kind or entry.note or entry.details for entry in entries):
+            break
+        n_keys += 1
+    return max(n_keys, 1)
 
 
 def _entry(folder: Folder, entry: Entry) -> _Entry:
@@ -340,7 +391,7 @@ def _index(results: Path) -> str:
     page = """
 [index.html](index.html) shows all of it on one page: download it, or open it from a clone. It needs no server
 and no network. Every number links to the row of the CSV file that it comes from, and the explorer shows what
-one agent of every learner knows over training, cell by cell, and how it walks.
+one agent of every learner knows over training, cell by cell, and how every agent walks in the end.
 """
     return f"""# Results
 {page if (results / "index.html").exists() else ""}

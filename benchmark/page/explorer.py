@@ -1,4 +1,4 @@
-"""What the explorer shows: one agent of every learner and scenario, packed small enough for the page."""
+"""What the explorer shows: the agents of every learner and scenario, packed small enough for the page."""
 
 import base64
 import json
@@ -49,6 +49,7 @@ def collect(folders: Sequence[Folder]) -> dict[str, Any] | None:
         "actions": list(ACTIONS),
         "events": list(EVENTS),
         "decimals": snapshots.DECIMALS,
+        "letters": snapshots.LETTERS,
         "no_number": _NO_NUMBER,
         "colours": COLOURS,
         "palette": {name: "#{:02x}{:02x}{:02x}".format(*scenes.COLOURS[name]) for name in _PALETTE},
@@ -81,6 +82,7 @@ def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], d
         }
         for (scenario, discount), rows in best.groupby(["scenario", "discount"], sort=False)
     }
+    policies = folder.read("agents.csv", as_text="greedy") if "agents.csv" in folder else None
     agents = []
     for key, rows in frame.groupby(["scenario", "algorithm", "observation"], sort=False):
         scenario, arm, observation = map(str, key)
@@ -90,6 +92,8 @@ def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], d
         snapshot = _of_learner(maps[scenario], arm, observation)
         if len(snapshot) != len(rows) * models[scenario].n_observations:
             raise ValueError(f"agent_{scenario}.csv has not as many rows as agent.csv says")
+        seed = int(rows["seed"].iloc[0])
+        others = None if policies is None else _others(folder, policies, key, models[scenario])
         declared = folder.manifest["algorithms"][arm]
         agents.append(
             {
@@ -101,7 +105,9 @@ def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], d
                 "horizon": folder.manifest["horizon"],
                 "kind": rows["kind"].iloc[0],
                 "discount": optimum[1],
-                "seed": int(rows["seed"].iloc[0]),
+                "seed": seed,
+                "seeds": [seed] if others is None else others["seeds"],
+                "others": others,
                 "unit": declared["settings"].get("budget_unit", "steps"),
                 "steps": rows["step"].tolist(),
                 "score": _listed(rows["score"]),
@@ -125,6 +131,15 @@ def _of_learner(frame: pd.DataFrame, arm: str, observation: str) -> pd.DataFrame
     if "algorithm" not in frame:
         return frame
     return frame[(frame["algorithm"] == arm) & (frame["observation"] == observation)]
+
+
+def _others(folder: Folder, policies: pd.DataFrame, key: tuple[Any, ...], model: Model) -> dict[str, Any]:
+    """Returns the seeds of a learner's agents, and where their final policies stand, one after the other."""
+    scenario, arm, observation = map(str, key)
+    rows = _of_learner(policies[policies["scenario"] == scenario], arm, observation)
+    if not (rows["greedy"].str.len() == model.n_observations).all():
+        raise ValueError(f"agents.csv has policies of {scenario} that have not a letter for every cell")
+    return {**_place(folder, "agents.csv", rows), "seeds": rows["seed"].tolist()}
 
 
 def _curve(folder: Folder, file: str, curves: pd.DataFrame, key: tuple[Any, ...]) -> dict[str, Any]:

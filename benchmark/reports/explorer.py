@@ -1,4 +1,4 @@
-"""Items of any report: what the page's explorer shows, one agent of every learner over training."""
+"""Items of any report: what the page's explorer shows of every learner, one agent over training among it."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -11,6 +11,7 @@ from benchmark.analysis import snapshots
 from benchmark.analysis.snapshots import Shown
 from benchmark.drawing import tables
 from benchmark.reports.item import Frames, Item
+from envs import ACTIONS
 
 Lister = Callable[[Any], Iterable[Shown]]  # of a report's data: what is shown
 
@@ -28,8 +29,17 @@ def explorer_items(lister: Lister) -> tuple[Item, ...]:
             compute=partial(_agents, lister),
         ),
         Item(
+            name="agents",
+            description="final greedy policy of every agent, its score and success (of a large population, "
+            f"of the first {snapshots.MOST_AGENTS}); `greedy` has a letter per cell, row by row: A to Z and "
+            "a to f stand for 0 to 31, the sum of "
+            f"{', '.join(f'{1 << i} ({name})' for i, name in enumerate(ACTIONS))} over the greedy actions",
+            compute=partial(_final_policies, lister),
+        ),
+        Item(
             name="agent_maps",
-            description="what that agent values and does in every cell over training, one file per scenario",
+            description="what the agent in `agent.csv` values and does in every cell over training, one file "
+            "per scenario",
             files=("agent_*.csv",),
             write=partial(_write_maps, lister),
         ),
@@ -43,6 +53,10 @@ def explorer_items(lister: Lister) -> tuple[Item, ...]:
 
 def _agents(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:
     return snapshots.agents(lister(data))
+
+
+def _final_policies(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:
+    return snapshots.final_policies(lister(data))
 
 
 def _optimum(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:

@@ -118,6 +118,7 @@ class Report:
     headline: Callable[[Published], str]  # the finding in a sentence or two, with links; may be empty
     sentences: Callable[[Published], Sequence[str]]  # further findings
     words: Callable[[Published], Sequence[tuple[str, str]]]  # terms that README explains
+    lead: str = ""  # name of the item whose figure leads its part of the page, above the headline
     template: Path = TEMPLATE  # of README
     packages: tuple[str, ...] = ()  # that it needs beyond the basic ones
 

@@ -689,5 +689,6 @@ REPORT: Final = Report(
     headline=findings.headline,
     sentences=findings.sentences,
     words=words,
+    lead="summary",
     packages=("rliable",),
 )

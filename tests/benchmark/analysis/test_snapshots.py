@@ -100,3 +100,44 @@ def test_optimum_next_to_the_target_region() -> None:
     inside, before = (frame.query(f"row == 4 and column == {column}").iloc[0] for column in (6, 5))
     assert (inside["optimal"], inside["PING"]) == ("PING", pytest.approx(1.0))
     assert (before["optimal"], before["RIGHT"]) == ("RIGHT", pytest.approx(-0.1 + 0.5 * 1.0))
+
+
+@pytest.mark.parametrize(
+    ("map_every", "expected"),
+    [(100, [0, 200, 400, 500]), (200, [0, 400, 500]), (500, [0, 500])],
+)
+def test_every_second_map_is_shown_and_the_last(map_every: int, expected: list[int]) -> None:
+    whole = population(is_stochastic=False)
+    n_maps = len(range(0, 500, map_every)) + 1
+    values = np.zeros((2, n_maps, N_CELLS, 5), dtype=np.float32) + np.arange(n_maps)[:, None, None]
+    arrays = dict(whole.arrays) | {
+        name: np.zeros((2, 6)) for name in ("grid_return", "success", "steps", "wrong_pings")
+    }
+    arrays |= {"values": values, "greedy": np.full((2, 6, N_CELLS), PING, dtype=np.uint8)}
+    specification = dict(whole.specification) | {
+        "settings": {"budget": 500, "discount": 0.5},
+        "map_every": map_every,
+    }
+    shown = [Shown("table", "index", Population(specification, arrays, [4, 5], [{}, {}]))]
+    assert snapshots.agents(shown)["step"].tolist() == expected
+    maps = snapshots.values(shown)
+    assert maps["step"].drop_duplicates().tolist() == expected
+    places = [min(-(-step // map_every), n_maps - 1) for step in expected]
+    assert maps.groupby("step")["UP"].first().tolist() == places
+
+
+def test_final_policies_of_all_agents() -> None:
+    frame = snapshots.final_policies([Shown("table", "index", population(is_stochastic=False))])
+    assert frame["seed"].tolist() == [4, 5]
+    assert frame["success"].tolist() == [1, 0.25]
+    assert frame["score"].tolist() == pytest.approx(population(is_stochastic=False).scores[:, -1])
+    # In base64, I is 8, which is RIGHT; R is 17, which is UP and PING.
+    assert frame["greedy"].tolist() == ["I" * 13 + "R" + "I" * (N_CELLS - 14), "I" * N_CELLS]
+
+
+def test_final_policies_of_the_first_hundred_agents() -> None:
+    few = population(is_stochastic=False)
+    arrays = {name: np.repeat(values, 60, axis=0) for name, values in few.arrays.items()}
+    many = Population(few.specification, arrays, range(120), [{}] * 120)
+    frame = snapshots.final_policies([Shown("table", "index", many)])
+    assert frame["seed"].tolist() == list(range(snapshots.MOST_AGENTS))

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from playwright.sync_api import Browser, Locator, Page
 
 RESULTS = Path(__file__).parents[3] / "results"
@@ -40,6 +41,16 @@ class Opened:
     def to_map(self, place: int) -> None:
         """Moves the slider to a place."""
         self.page.locator("#step").fill(str(place))
+
+    def to_step(self, step: int, folder: Path) -> None:
+        """Moves the slider to a step; both panels show agents of this folder with the same budget."""
+        steps = pd.read_csv(folder / "agent.csv").query("scenario == 'S1'")["step"].unique().tolist()
+        self.to_map(steps.index(step))
+
+    def cell(self, side: str, row: int, column: int, n_columns: int = 12) -> Locator:
+        """Returns a cell of a map."""
+        cells = self.panel(side).locator(".map svg > g").first.locator("> g")
+        return cells.nth(row * n_columns + column)
 
     def walk(self, n_steps: int) -> None:
         """Lets both agents take steps."""

@@ -99,3 +99,51 @@ def test_maps_that_lack_a_cell_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match=r"agent_S1\.csv has not as many rows as agent.csv says"):
         explorer.collect([open_folder(tmp_path / "reproduce", "")])
+
+
+@pytest.fixture
+def with_agents(tmp_path: Path) -> Path:
+    """The replication with final policies of three agents per scenario; those of seed 8 always go RIGHT."""
+    folder = tmp_path / "reproduce"
+    shutil.copytree(RESULTS / "reproduce", folder)
+    keys = pd.read_csv(folder / "agent.csv")[["scenario", "algorithm", "observation"]].drop_duplicates()
+    rows = [
+        {**key, "seed": seed, "score": 0.5, "success": 0.25, "greedy": ("I" if seed == 8 else "f") * 120}
+        for key in keys.to_dict("records")
+        for seed in (0, 8, 9)
+    ]
+    pd.DataFrame(rows).to_csv(folder / "agents.csv", index=False)
+    return folder
+
+
+def test_agents_of_other_seeds_stand_in_a_file_that_the_page_holds(with_agents: Path) -> None:
+    folder = open_folder(with_agents, "reproduce/")
+    collected = explorer.collect([folder])
+    assert collected is not None
+    assert collected["letters"].index("I") == 1 << ACTIONS.index("RIGHT")
+    assert collected["letters"].index("f") == 2 ** len(ACTIONS) - 1
+    assert "reproduce/agents.csv" in folder.embedded
+    lines = folder.embedded["reproduce/agents.csv"].splitlines()
+    for agent in collected["agents"]:
+        assert agent["seeds"] == [0, 8, 9]
+        assert agent["seed"] == 0
+        assert agent["others"]["file"] == "reproduce/agents.csv"
+        line = lines[agent["others"]["line"] - 1 + 1]
+        assert line.startswith(f"{agent['scenario']},q_learning,index,8,")
+
+
+def test_policies_that_lack_a_cell_are_refused(with_agents: Path) -> None:
+    file = with_agents / "agents.csv"
+    file.write_text(file.read_text(encoding="utf-8").replace("III\n", "II\n", 1), encoding="utf-8")
+    with pytest.raises(InputError, match=r"agents\.csv has policies of S1 that have not a letter for every"):
+        explorer.collect([open_folder(with_agents, "")])
+
+
+def test_results_without_other_agents_show_the_first_one(tmp_path: Path) -> None:
+    shutil.copytree(RESULTS / "reproduce", tmp_path / "reproduce")
+    (tmp_path / "reproduce" / "agents.csv").unlink(missing_ok=True)
+    collected = explorer.collect([open_folder(tmp_path / "reproduce", "")])
+    assert collected is not None
+    assert [agent["seeds"] for agent in collected["agents"]] == [
+        [agent["seed"]] for agent in collected["agents"]
+    ]

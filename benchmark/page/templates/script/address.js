@@ -20,7 +20,7 @@ function wishOf(text = "") {
 // What the address asks for, or null; nothing of it need exist.
 export function asked() {
   if (!location.hash.startsWith(START)) return null;
-  const [left, right, step, kind] = location.hash.slice(START.length).split("~");
+  const [left, right, step, kind] = location.hash.slice(START.length).split("~"); // older ones name no seeds
   return { wishes: [wishOf(left), wishOf(right)], step: Number(step), kind };
 }
 

@@ -1,4 +1,5 @@
 // The agents of the explorer and the optima beside them: values and actions by map, cell and action.
+import { rowsOf } from "./csv.js";
 import { bytes, explorer } from "./data.js";
 
 export const PING = explorer?.actions.indexOf("PING");
@@ -15,6 +16,7 @@ function unpacked(base64) {
   });
 }
 
+// An agent: its values and actions at every map, or only its last actions.
 class Agent {
   constructor(packed) {
     Object.assign(this, packed);
@@ -23,6 +25,10 @@ class Agent {
     this.optimum = optima[packed.optimum];
     this.values = unpacked(packed.values);
     this.greedy = bytes(packed.greedy);
+    this.hasValues = true;
+    this.timeline = this.steps; // of its learner
+    this.seed = String(packed.seed);
+    this.seeds = packed.seeds.map(String);
     this.unitName = packed.unit === "episodes" ? "episode" : "step";
   }
   // The last map that is not later than a step.
@@ -34,6 +40,11 @@ class Agent {
   }
   greedyAt(map, cell) {
     return this.greedy[map * this.nCells + cell];
+  }
+  // Whether all actions are equally good to the agent in a cell, as where it has learned nothing.
+  isIndifferent(map, cell) {
+    const hasDiverged = this.hasValues && Number.isNaN(this.valueAt(map, cell, 0));
+    return members(this.greedyAt(map, cell)).length === explorer.actions.length && !hasDiverged;
   }
   lineOf(map, cell) {
     return this.maps.line + map * this.nCells + cell;
@@ -48,6 +59,24 @@ class Agent {
     const best = members(optimal[cell]);
     if (this.kind === "q") return explorer.actions.map((_, a) => values[cell * explorer.actions.length + a]);
     return explorer.actions.map((_, a) => (best.includes(a) ? 1 / best.length : 0));
+  }
+  // The agent of the same learner with another seed: only its greedy policy after training is published, in a
+  // line of a file.
+  ofSeed(seed) {
+    if (seed === this.seed) return this;
+    const { file, line: first } = this.others;
+    const line = first + this.seeds.indexOf(seed);
+    const rows = rowsOf(file);
+    const cell = (name) => rows[line - 1][rows[0].indexOf(name)];
+    return Object.assign(Object.create(Agent.prototype), this, {
+      seed,
+      hasValues: false,
+      greedy: Uint8Array.from(cell("greedy"), (letter) => explorer.letters.indexOf(letter)),
+      steps: [this.timeline.at(-1)],
+      score: [Number(cell("score"))],
+      success: [Number(cell("success"))],
+      evaluation: { file, line },
+    });
   }
 }
 

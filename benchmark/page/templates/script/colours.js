@@ -4,6 +4,7 @@ import { explorer } from "./data.js";
 import { members, PING } from "./agents.js";
 
 const UNIT_RANGE = { low: 0, high: 1, hasLower: false, hasHigher: false };
+export const INDIFFERENT = "#e4e7ea"; // of a cell in which no action is better than another
 const ranges = new Map(); // of every agent that was shown, by kind of map
 
 // A value as a kind of map shows it: the value itself, or its difference from the optimum.
@@ -30,6 +31,7 @@ function quantile(sorted, share) {
 
 // The ends of an agent's colour scale over all of training, and whether there are values beyond them.
 function rangeOf(agent, kind) {
+  if (!agent.hasValues) return UNIT_RANGE;
   if (agent.kind === "probability" && kind !== "difference") return UNIT_RANGE;
   if (!ranges.has(agent)) ranges.set(agent, {});
   ranges.get(agent)[kind] ??= measured(sortedValues(agent, kind));
@@ -45,7 +47,7 @@ function measured(sorted) {
 // One colour scale for two agents if their values are of the same kind.
 export function sharedRange(agent, other, kind) {
   const range = rangeOf(agent, kind);
-  if (agent.kind !== other.kind) return range;
+  if (agent.kind !== other.kind || !other.hasValues) return range;
   const theirs = rangeOf(other, kind);
   return {
     low: Math.min(range.low, theirs.low),
@@ -64,23 +66,27 @@ function colourOf(value, { low, high }) {
 const agreement = (isOptimal) => explorer.colours.at(isOptimal ? -1 : 0);
 const isBright = (colour) => explorer.colours.indexOf(colour) > explorer.colours.length * 0.6;
 
+// What a map of an agent can show of what is asked for: without values, only the greedy policy.
+export const kindFor = (agent, kind) => (agent.hasValues ? kind : "policy");
+
 // Paints a map of an agent on a scene: `kind` is an option of the page's "Show" menu.
 export function paint(view, agent, map, kind, range, withMarks) {
   const hasShapes = kind === "values" || kind === "difference";
+  const indifferent = view.cells.map((_, cell) => !agent.isOver(cell) && agent.isIndifferent(map, cell));
+  view.showHatch(indifferent);
   view.cells.forEach(({ whole, shapes, arrows, dot }, cell) => {
     const isOver = agent.isOver(cell);
+    const isIndifferent = indifferent[cell];
     const greedy = agent.greedyAt(map, cell);
     const colours = shapes.map((_, a) => colourOf(shownValue(agent, kind, map, cell, a), range));
     shapes.forEach((shape, a) => {
-      shape.setAttribute("visibility", hasShapes && !isOver ? "visible" : "hidden");
+      shape.setAttribute("visibility", hasShapes && !isOver && !isIndifferent ? "visible" : "hidden");
       shape.setAttribute("fill", colours[a]);
     });
     const isOptimal = (greedy & ~agent.optimum.optimal[cell]) === 0;
-    const background = { ping: colours[PING], policy: agreement(isOptimal) }[kind];
+    const background = isIndifferent ? INDIFFERENT : { ping: colours[PING], policy: agreement(isOptimal) }[kind];
     whole.setAttribute("fill", isOver ? explorer.palette.over : background ?? "#000");
 
-    // Where all actions are greedy, mostly where the agent has never been, marks would say nothing.
-    const isIndifferent = members(greedy).length === explorer.actions.length;
     const isMarked = (withMarks || kind === "policy") && !isOver && !isIndifferent;
     const moves = members(greedy).filter((a) => a < agent.scene.moves.length);
     arrows.setAttribute("d", isMarked ? moves.map((a) => view.arrow(cell, a)).join("") : "");

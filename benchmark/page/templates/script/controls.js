@@ -12,7 +12,7 @@ let hasAddress = false; // whether the address follows what is shown
 let addressTimer;
 
 // All steps at which one of the two agents has a map.
-const allSteps = () => [...new Set(panels.flatMap((panel) => panel.agent.steps))].sort((a, b) => a - b);
+const allSteps = () => [...new Set(panels.flatMap((panel) => panel.agent.timeline))].sort((a, b) => a - b);
 
 function refresh() {
   const steps = allSteps();
@@ -109,7 +109,8 @@ export function start() {
     byId("explorer").scrollIntoView();
   });
 
-  panels.push(...["left", "right"].map((side) => new Panel(document.querySelector(`[data-side="${side}"]`), refresh)));
+  const point = (cell, scene) => panels.forEach((panel) => panel.follow(cell, scene));
+  panels.push(...["left", "right"].map((side) => new Panel(document.querySelector(`[data-side="${side}"]`), refresh, point)));
   const [first] = agents;
   const other = agents.find((agent) => agent.scene === first.scene && agent.method !== first.method) ?? agents.at(-1);
   follow({ wishes: [first, other] });

@@ -1,25 +1,28 @@
 // The curve: an agent's scores over training, with the mean score of all runs of its learner.
-import { drawn, show } from "./elements.js";
+import { drawn, element, show } from "./elements.js";
 
-const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [360, 110, 34, 8, 8, 22];
-const HIGHEST = 1.1;
-const LOWEST = -4; // scores below are drawn there
+const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [360, 84, 22, 8, 2, 2];
+const [LOWEST, HIGHEST] = [-0.1, 1.1]; // of the axis
+
+// No score is above 1. Those below 0 have no bound, and would make the rest of the curve flat.
+const clipped = (score) => Math.min(Math.max(score, 0), 1);
 
 export function curveOf(agent, map) {
-  const mean = agent.curve?.mean ?? [];
-  const floor = Math.max(LOWEST, Math.min(-0.2, ...mean.filter((score) => score !== null), ...agent.score));
-  const last = agent.steps.at(-1) || 1;
+  const { mean, low } = agent.curve ?? { mean: [], low: [] };
+  const last = agent.timeline.at(-1) || 1;
   const x = (step) => LEFT + ((WIDTH - LEFT - RIGHT) * step) / last;
-  const y = (score) => TOP + ((HEIGHT - TOP - BOTTOM) * (HIGHEST - Math.max(score, floor))) / (HIGHEST - floor);
+  const y = (score) => TOP + ((HEIGHT - TOP - BOTTOM) * (HIGHEST - clipped(score))) / (HIGHEST - LOWEST);
   const points = (scores) => scores.map((score, i) => `${x(agent.curve.step[i])},${y(score)}`);
   const label = (score) => drawn("text", { x: LEFT - 5, y: y(score) + 4, "text-anchor": "end" }, show(score, 1));
-  const what = agent.curve ? "Line: mean score of all runs. Circles: this agent." : "Circles: score of this agent.";
-  const title = `Score over training. ${what} Scores below ${show(floor, 1)} are drawn at ${show(floor, 1)}.`;
+  const circles = agent.hasValues ? "Circles" : "Circle";
+  const what = agent.curve ? `Line: mean score of all runs. ${circles}: this agent.` : `${circles}: score of this agent.`;
+  const isBelow = [...low, ...mean, ...agent.score].some((score) => score !== null && score < 0);
+  const note = isBelow ? " Scores below 0 are drawn at 0." : "";
+  const title = `Score over training. ${what}${note}`;
   const image = drawn("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": title });
   for (const anchor of [0, 1]) {
     image.append(drawn("line", { class: "anchor", x1: LEFT, x2: WIDTH - RIGHT, y1: y(anchor), y2: y(anchor) }), label(anchor));
   }
-  if (floor < -0.7) image.append(label(floor)); // else it would touch the label of 0
   if (agent.curve) {
     const band = [...points(agent.curve.low), ...points(agent.curve.high).reverse()];
     image.append(drawn("polygon", { class: "band", points: band.join(" ") }));
@@ -30,6 +33,5 @@ export function curveOf(agent, map) {
   });
   const now = x(agent.steps[map]);
   image.append(drawn("line", { class: "now", x1: now, x2: now, y1: TOP, y2: HEIGHT - BOTTOM }));
-  image.append(drawn("text", { x: LEFT, y: HEIGHT - 6 }, what));
-  return image;
+  return [image, element("p", {}, what + note)];
 }

@@ -2,7 +2,8 @@
 import { byId, drawn, element } from "./elements.js";
 import { explorer } from "./data.js";
 import { agents } from "./agents.js";
-import { GLYPHS, outlined, walker } from "./scene.js";
+import { INDIFFERENT } from "./colours.js";
+import { GLYPHS, hatched, outlined, walker } from "./scene.js";
 
 const NAMES = { issuer: "issuer", start: "start" };
 const frame = { x: 3, y: 3, width: 18, height: 18 };
@@ -16,6 +17,10 @@ export function paintKey() {
     ...[...outlines].map(([label, dashed]) => [outlined("rect", frame, dashed), label]),
     [[dark(), drawn("path", { d: "M4,12L19,12M14,7L19,12L14,17", stroke: "#fff", "stroke-width": 2.4, fill: "none" })], "greedy move"],
     [[dark(), drawn("circle", { cx: 12, cy: 12, r: 5, fill: "#fff", stroke: "#000" })], "greedy PING"],
+    [
+      [drawn("rect", { ...frame, fill: INDIFFERENT, stroke: "#767d84" }), drawn("path", { class: "hatch", d: hatched(12, 12, 9) })],
+      "no preference: all actions have the same value, as in a row of a table that was never updated",
+    ],
     [[walker(12, 12)], "agent and its path"],
     [[drawn("rect", { ...frame, class: "cursor" })], "cell whose numbers are shown"],
   ];

@@ -10,13 +10,18 @@ const ZONES = {
   issuer: "the issuer's cell",
 };
 
+const VALUES = {
+  q: (agent) => `Q-values, discount ${agent.discount}.`,
+  probability: () => "Probabilities of the stochastic policy.",
+};
+
 // What the map shows, and how good the agent and all runs of its learner are at this time.
 export function described(agent, map, step) {
   const { evaluation, curve, scene } = agent;
   const shown = agent.steps[map];
   const time = shown === step ? "" : `At ${agent.unitName} ${grouped(shown)}: `;
-  const values = agent.kind === "q" ? `Q-values, discount ${agent.discount}.` : "Probabilities of the stochastic policy.";
-  const hasDiverged = Number.isNaN(agent.valueAt(map, scene.start, 0));
+  const values = agent.hasValues ? VALUES[agent.kind](agent) : "Of this agent only the final greedy policy is published.";
+  const hasDiverged = agent.hasValues && Number.isNaN(agent.valueAt(map, scene.start, 0));
   const note = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
   const place = curve ? curve.step.indexOf(shown) : -1;
   const mean = place < 0 ? [] : [
@@ -43,16 +48,18 @@ export function readoutOf(agent, map, cell) {
   const number = (...content) => element("td", { class: "number" }, ...content);
   const lines = explorer.actions.map((action, a) => {
     const value = agent.valueAt(map, cell, a);
+    const optimal = number(sourced(optimum.file, optimum.line + cell, show(best[a])));
     const words = [isIn(agent.greedyAt(map, cell), a) && "greedy", isIn(optimum.optimal[cell], a) && "optimal"];
     return element("tr", {},
       element("th", { scope: "row" }, action),
-      number(sourced(agent.maps.file, agent.lineOf(map, cell), show(value))),
-      number(sourced(optimum.file, optimum.line + cell, show(best[a]))),
-      number(show(value - best[a])),
+      ...(agent.hasValues
+        ? [number(sourced(agent.maps.file, agent.lineOf(map, cell), show(value))), optimal, number(show(value - best[a]))]
+        : [optimal]),
       element("td", {}, words.filter(Boolean).join(", ")));
   });
   const head = (text, isNumber) => element("th", { scope: "col", ...(isNumber ? { class: "number" } : {}) }, text);
   const value = agent.kind === "q" ? "Q" : "probability";
-  const heads = element("tr", {}, head("action"), head(value, true), head("optimum", true), head("difference", true), head("is"));
+  const numbers = agent.hasValues ? [value, "optimum", element("abbr", { title: "difference" }, "diff.")] : ["optimum"];
+  const heads = element("tr", {}, head("action"), ...numbers.map((name) => head(name, true)), head("is"));
   return [title, element("table", {}, element("thead", {}, heads), element("tbody", {}, ...lines))];
 }

@@ -18,6 +18,12 @@ function square(x, y, radius) {
   return bordered("rect", { x: x - radius, y: y - radius, width: 2 * radius, height: 2 * radius }, 1.6, 3.4);
 }
 
+// The path of three diagonals that fill a square.
+export function hatched(x, y, radius) {
+  const [left, right, top, bottom] = [x - radius, x + radius, y - radius, y + radius];
+  return `M${left},${y}L${x},${top}M${left},${bottom}L${right},${top}M${x},${bottom}L${right},${y}`;
+}
+
 export const GLYPHS = {
   issuer: (x, y, size) => [star(x, y, 11 * size)],
   start: (x, y, size) => square(x, y, 10 * size),
@@ -41,14 +47,16 @@ export class SceneView {
   constructor(scene, look) {
     this.scene = scene;
     const [width, height] = [MARGIN + UNIT * scene.columns + 2, UNIT * scene.rows + MARGIN];
-    const style = `min-width:${12 * scene.columns}px`;
+    const style = `min-width:${12 * scene.columns}px; max-height:max(21rem, ${12 * scene.rows}px)`;
     this.image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", style });
     this.cells = scene.zone.map((_, cell) => this.paintCell(cell, look));
+    this.hatch = drawn("path", { class: "hatch" });
     this.trail = [trail("#fff", 3.4), trail(explorer.palette.path, 1.8)];
     this.walker = walker(0, 0);
     this.cursor = drawn("rect", { class: "cursor", width: UNIT, height: UNIT, ...UNTOUCHED });
     this.image.append(
       drawn("g", {}, ...this.cells.map((cell) => cell.group)),
+      drawn("g", UNTOUCHED, this.hatch),
       ...scene.outlines.flatMap((outline) => outlined("path", { d: this.pathOf(outline.loops) }, outline.dashed)),
       ...scene.glyphs.flatMap((glyph) => GLYPHS[glyph.kind](...this.centre(glyph.cell), 1)),
       drawn("g", UNTOUCHED, ...this.cells.flatMap(({ arrows, dot }) => [arrows, dot])),
@@ -86,6 +94,10 @@ export class SceneView {
     const [dy, dx] = this.scene.moves[action];
     const to = (along, across) => `${x + dx * along - dy * across},${y + dy * along + dx * across}`;
     return `M${to(6.5, 0)}L${to(13, 0)}M${to(10, 2.6)}L${to(13, 0)}L${to(10, -2.6)}`;
+  }
+  // Hatches the cells for which there is a true value.
+  showHatch(isHatched) {
+    this.hatch.setAttribute("d", isHatched.map((is, cell) => (is ? hatched(...this.centre(cell), UNIT / 2) : "")).join(""));
   }
   axes() {
     const even = (count) => Array.from({ length: Math.ceil(count / 2) }, (_, i) => 2 * i);

@@ -1,28 +1,11 @@
 // Sources: a click on a number opens a dialog with the lines of the CSV file that it comes from.
 import { byId, element } from "./elements.js";
-import { csv } from "./data.js";
+import { holds, rowsOf } from "./csv.js";
 import { packedLine } from "./agents.js";
-
-const parsed = new Map();
-
-function parsedFile(file) {
-  if (!parsed.has(file)) parsed.set(file, parse(csv[file]));
-  return parsed.get(file);
-}
-
-function parse(text) {
-  const rows = [[]];
-  for (const [, quoted, plain, end] of text.matchAll(/(?:"((?:[^"]|"")*)"|([^",\n]*))(,|\n|$)/g)) {
-    rows.at(-1).push(quoted === undefined ? plain : quoted.replaceAll('""', '"'));
-    if (end === "\n") rows.push([]);
-    if (end === "") break;
-  }
-  return rows.filter((row) => row.length > 1 || row[0] !== "");
-}
 
 // The columns and cells of a line; null if the page does not hold the file.
 function lineOf(file, line) {
-  return file in csv ? [parsedFile(file)[0], parsedFile(file)[line - 1]] : packedLine(file, line);
+  return holds(file) ? [rowsOf(file)[0], rowsOf(file)[line - 1]] : packedLine(file, line);
 }
 
 // The line numbers of a selection such as "3;7-9".
