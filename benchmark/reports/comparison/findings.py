@@ -190,7 +190,11 @@ class Findings:
                 shown = "more than a million"
             else:
                 shown = f"about {link(f'{needed:,.0f}', _TABLE, row)}"
-            text += f"; {shown} runs per scenario and learner would probably decide it"
+            p, q = row["success_p_different"], row["success_p_equivalent"]
+            text += (
+                f" (adjusted p-values: {p:.2g} for no difference, {q:.2g} for one as large as "
+                f"{row['success_margin']:g}); {shown} runs per scenario and learner would probably decide it"
+            )
         score = row["score_verdict"]
         value = link(_signed(row["score_difference"]), _TABLE, row)
         ends = f"[{_signed(row['score_difference_low'])}, {_signed(row['score_difference_high'])}]"

@@ -16,9 +16,9 @@ from envs.inputs import unknown_name
 
 Outcome = Literal["earns", "does not earn", "undecided", "no verdict"]
 _ANSWERS: Final[dict[Outcome, str]] = {
-    "earns": "Deep RL earns its keep over the table",
-    "does not earn": "Deep RL does not earn its keep over the table",
-    "undecided": "Undecided: does deep RL earn its keep over the table?",
+    "earns": "Deep RL earns its keep over the table here",
+    "does not earn": "Deep RL does not earn its keep over the table here",
+    "undecided": "Undecided: does deep RL earn its keep over the table here?",
     "no verdict": "No verdict on whether deep RL earns its keep over the table",
 }
 

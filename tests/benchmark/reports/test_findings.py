@@ -150,9 +150,9 @@ def test_headline_follows_from_the_contrasts(
     }
     assert [name for name, text in words.items() if headline.startswith(f"{START}{text}")] == [expected]
     titles = {
-        "earns": "Deep RL earns its keep over the table",
-        "does not earn": "Deep RL does not earn its keep over the table",
-        "undecided": "Undecided: does deep RL earn its keep over the table?",
+        "earns": "Deep RL earns its keep over the table here",
+        "does not earn": "Deep RL does not earn its keep over the table here",
+        "undecided": "Undecided: does deep RL earn its keep over the table here?",
         "no verdict": "No verdict on whether deep RL earns its keep over the table",
     }
     assert answer(data.protocol, frame) == titles[expected]
@@ -201,7 +201,11 @@ def test_contrasts_in_words(tmp_path: Path) -> None:
     assert same.startswith("`same, index` is equivalent to `table, index` in success: 0.00 [-0.0")
     assert "significant" not in same
     assert undecided.startswith("`close, index` is undecided against `table, index` in success: -0.05 [-0.1")
-    assert re.search(r"; about [\d,]+ runs per scenario and learner would probably decide it\.", undecided)
+    assert re.search(
+        r" \(adjusted p-values: [\d.]+ for no difference, [\d.]+ for one as large as 0\.1\); about [\d,]+ "
+        r"runs per scenario and learner would probably decide it\.",
+        undecided,
+    )
     assert "the difference is significant, but smaller than 0.1" in small
 
 
@@ -333,7 +337,7 @@ def test_every_number_of_the_findings_is_in_the_row_that_it_links_to(folder: str
             n_checked += 1
         else:
             assert re.fullmatch(
-                r"[\d,]+ times|[\d.]+ m?s|never|at the last evaluation|none|\d+ to \d+", text
+                r"[\d,.]+ times|[\d.]+ m?s|never|at the last evaluation|none|\d+ to \d+", text
             ), text
     assert n_checked > 20
 
