@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.experiments import load_experiment
 from benchmark.reports import independent
 
 ROOT = Path(__file__).parents[1]
@@ -145,149 +146,209 @@ def test_every_extension_has_a_test() -> None:
 # Numbers
 
 
-def test_readme_tells_the_published_verdicts() -> None:
-    claims: Any = pd.read_csv(REPRODUCE / "claims.csv").set_index("claim")
-    assert claims["verdict"].value_counts().to_dict() == {"holds": 6, "holds in part": 3}
-    assert set(claims["agents"]) == {100}
-    assert says("With 100 agents per scenario, six of the paper's nine claims hold and three hold in part")
-    failing = {claim: parts.count("fails") for claim, parts in claims["parts"].items() if "fails" in parts}
+def with_interval(row: Any, key: str, digits: int = 2) -> str:
+    """Returns a number with its interval, as README has it."""
+    ends = [f"{row[f'{key}{end}']:.{digits}f}" for end in ("_low", "_high")]
+    return f"{row[key]:.{digits}f} [{', '.join(ends)}]"
+
+
+def verdicts_on_claims(agents: int) -> Any:
+    claims: Any = pd.read_csv(REPRODUCE / "claims.csv")
+    return claims[claims["agents"] == agents].drop_duplicates("claim").set_index("claim")
+
+
+def test_readme_tells_the_published_verdicts_on_claims() -> None:
+    many, few = verdicts_on_claims(1000), verdicts_on_claims(100)
+    for verdicts in (many, few):
+        counts = verdicts["verdict"].value_counts().to_dict()
+        assert counts == {"holds": 5, "undecided": 2, "does not hold": 2}
+    assert says(
+        "Of the paper's nine claims, five hold, two are undecided and two do not hold, both with 100 agents"
+    )
+    parts: Any = pd.read_csv(REPRODUCE / "claims.csv").query("agents == 1000")
+    failing = parts[parts["state"] == "fails"].groupby("claim").size().to_dict()
     assert failing == {"max-near-1": 1, "identifies": 4}
-    assert says("one of two parts of `max-near-1`")
-    assert claims["parts"]["max-near-1"].count(";") == 1
-    assert "its ceiling 0.857" in claims["parts"]["max-near-1"]
-    assert says("pays more than 0.857")
-    assert says("four of six parts of `identifies`")
-    assert claims["parts"]["identifies"].count(";") == 5
-    assert says(f"with a ratio of {claims['value']['variability-S2']:.2f}")
+    assert parts.groupby("claim").size()[["max-near-1", "identifies"]].tolist() == [2, 6]
+    assert says("one of two parts of `max-near-1` fails")
+    assert says("and four of six of `identifies`")
+    (note,) = parts.query("claim == 'max-near-1' and state == 'fails'")["note"]
+    assert "0.857" in note
+
+
+def test_readme_tells_how_often_sets_agree() -> None:
+    many = verdicts_on_claims(1000)
+    assert set(many["sets"]) == {10}
+    assert (many["sets_agreeing"] == 10).sum() == 7
+    assert says("In ten disjoint sets of 100 agents, seven of the nine verdicts come out every time.")
+    s2, s1 = (many.loc[name] for name in ("variability-S2", "ping-S1"))
+    ends = [f"{row['share']:g} [{row['share_low']:.2f}, {row['share_high']:.2f}]" for row in (s2, s1)]
+    assert says(f"`variability-S2` holds in {s2['sets_agreeing']} sets (a share of {ends[0]})")
+    assert says(f"and `ping-S1` in {s1['sets_agreeing']} ({ends[1]})")
+    assert (s2["verdict"], s1["verdict"]) == ("holds", "holds")
 
 
 def test_readme_tells_what_the_control_changes() -> None:
-    sensitivity: Any = pd.read_csv(REPRODUCE / "sensitivity.csv")
+    sensitivity: Any = pd.read_csv(REPRODUCE / "sensitivity.csv").drop_duplicates(["claim", "reading"])
     verdicts = sensitivity.pivot(index="claim", columns="reading", values="verdict")
-    explained = verdicts[(verdicts["default"] == "holds") & (verdicts["equal_pay"] == "does not hold")]
-    assert set(explained.index) == {"variability-S3", "moves-focused", "ping-S1"}
-    assert says("`variability-S3`, `moves-focused` and `ping-S1` hold, but fail")
+    changed = verdicts[(verdicts["default"] == "holds") & (verdicts["equal_pay"] != "holds")]["equal_pay"]
+    assert changed.to_dict() == {
+        "variability-S3": "does not hold",
+        "moves-focused": "does not hold",
+        "variability-S2": "undecided",
+        "ping-S1": "undecided",
+    }
+    assert says(
+        "`variability-S3` and `moves-focused` do not hold, and `variability-S2` and `ping-S1` are undecided."
+    )
 
 
 def test_readme_tells_what_maps_show() -> None:
-    parts = pd.read_csv(REPRODUCE / "claims.csv").set_index("claim")["parts"]["identifies"]
-    averaged = [float(value) for value in re.findall(r"mean map S\d: ([\d.]+)", parts)]
-    assert averaged == pytest.approx([16 / 19, 1, 1], abs=0.001)  # three cells too many, then exact
-    single = re.findall(r"precision ([\d.]+), recall ([\d.]+)", parts)
+    parts: Any = pd.read_csv(REPRODUCE / "claims.csv").query("agents == 1000 and claim == 'identifies'")
+    averaged = parts[parts["part"].str.startswith("mean map")]["value"]
+    assert averaged.tolist() == pytest.approx([16 / 19, 1, 1], abs=0.001)  # three cells too many, then exact
+    notes = " ".join(parts["note"].dropna())
+    single = re.findall(r"precision ([\d.]+), recall ([\d.]+)", notes)
     assert [float(recall) for _, recall in single] == pytest.approx([0.5, 0.5, 0.5], abs=0.08)
     assert [float(precision) for precision, _ in single] == pytest.approx([0.5, 0.5, 1.0], abs=0.06)
 
 
 def test_readme_tells_how_random_feedback_ends() -> None:
-    optimal = pd.read_csv(REPRODUCE / "optimal.csv").set_index("scenario")
-    assert (optimal["optimal_share"]["S1"], optimal["optimal_share"]["S3"]) == (1, 1)
-    assert set(optimal["agents"]) == {100}
-    learning = pd.read_csv(REPRODUCE / "learning.csv").query("scenario == 'S2'")
-    replicated = round(100 * learning["success"].iloc[-1])
-    compared = runs_and_successes("scenario == 'S2'").loc[("q_learning", "index")]
-    assert compared["count"] == 100
-    assert says(f"{replicated} of 100 succeed in the replication, and {compared['sum']:.0f} of 100 in the")
-
-
-def runs_and_successes(rows: str = "index >= 0") -> Any:
-    """Counts runs, and those whose greedy policy succeeds at the end, of every learner that is no check."""
-    scores = pd.read_csv(COMPARISON / "scores.csv").query(rows)
-    scores = scores[~scores["algorithm"].str.endswith("_sb3")]
-    assert set(scores["success"].round(9)) <= {0, 1}
-    return scores.groupby(LEARNER)["success"].agg(["sum", "count"])
-
-
-def mean_scores(start: str, *, checks: bool = False) -> Any:
-    """Returns the mean scores of greedy policies, with their intervals, of every learner or every check."""
-    frame = pd.read_csv(COMPARISON / "aggregate.csv")
-    rows = frame.query(f"policy == 'greedy' and metric == 'mean' and evaluated_from == '{start}'")
-    rows = rows[rows["algorithm"].str.endswith("_sb3") == checks]
-    return rows.set_index(LEARNER)[["value", "low", "high"]]
-
-
-def test_readme_tells_the_published_scores() -> None:
-    scores = mean_scores("start")
-    is_table = scores.index.get_level_values(0).str.startswith("q_learning")
-    assert scores["value"].idxmax() == ("q_learning_tuned", "index")
-    best = scores[~is_table].nlargest(3, "value")
-    assert list(best.index) == [("dqn_linear", "one_hot"), ("dqn", "one_hot"), ("ppo", "one_hot")]
-    linear, dqn, ppo = (f"{value:.2f} [{low:.2f}, {high:.2f}]" for value, low, high in best.to_numpy())
-    assert says(f"have {linear} (a linear layer trained by DQN), {dqn} (DQN) and {ppo} (PPO)")
-    assert all(scores["high"][learner] < scores["low"]["q_learning_tuned", "index"] for learner in best.index)
-    value, low, high = mean_scores("start", checks=True).loc[("dqn_sb3", "one_hot")]
-    assert says(f"with ten seeds per scenario, has {value:.2f} [{low:.2f}, {high:.2f}].")
-    assert says("By mean score all three are below the best table.")
-    assert says(f"with a mean score of {scores['value'].max():.2f}")
-    successes = runs_and_successes()
-    assert set(successes.loc[best.index]["count"]) == {300}
-    assert says("succeeds in {sum:.0f} of {count:.0f} runs".format(**successes.loc[scores["value"].idxmax()]))
-    everywhere = mean_scores("every_cell")["value"]
-    assert everywhere.idxmax() == ("q_learning", "index")
-    assert says(f"the best mean score, {everywhere.max():.2f} (300 runs)")
-
-
-def test_readme_claims_no_more_than_the_comparison_shows() -> None:
-    """Undecided: some intervals of P(better than the best table) reach beyond 0.5, and none lies above."""
-    improvement = pd.read_csv(COMPARISON / "improvement.csv").query("y == 'q_learning_tuned, index'")
-    is_deep = ~improvement["x"].str.startswith("q_learning")  # checks are not compared with tables
-    deep: Any = improvement[is_deep].set_index("x")
-    assert len(deep) == 9
-    assert (deep["low"] <= 0.5).all()
-    assert set(deep[deep["high"] > 0.5].index) == {"dqn, one_hot", "dqn_linear, one_hot"}
-    assert deep["high"]["ppo, one_hot"] < 0.5
-    assert says("**Undecided.** With 10,000 steps and 100 seeds per learner and scenario")
-    scores: Any = pd.read_csv(COMPARISON / "scores.csv")
-    runs = scores.groupby([*LEARNER, "scenario"]).size()
-    is_check = runs.index.get_level_values("algorithm").str.endswith("_sb3")
-    assert (set(runs[~is_check]), set(runs[is_check])) == ({100}, {10})
-
-
-def test_readme_tells_the_published_equivalence() -> None:
-    pairs = pd.read_csv(ROOT / "results" / "equivalence" / "equivalence.csv")
-    assert set(pairs["n"]) == set(pairs["check_n"]) == {100}
-    assert set(pairs["scenario"]) == {"S1", "S2"}
-    assert set(pairs["margin"]) == {0.15}
-    verdicts = pairs["verdict"].value_counts()
-    assert set(verdicts.index) == {"equivalent", "undecided"}
-    assert says(f"Of {len(pairs)} pairs with 100 runs on each side, in S1 and S2, success is equivalent")
-    assert says(f"within 0.15 in {verdicts['equivalent']}, undecided in {verdicts['undecided']} and")
-    assert says("and different in none ([details](results/equivalence/README.md))")
-
-
-def test_readme_tells_the_published_successes_of_deep_learners() -> None:
-    successes = runs_and_successes()["sum"].astype(int)
-    assert set(runs_and_successes()["count"]) == {300}
-    dqn, ppo = successes["dqn"], successes["ppo"]
+    success: Any = pd.read_csv(REPRODUCE / "success.csv").query("agents == 1000").set_index("scenario")
+    assert success.loc[["S1", "S3"], "optimal_share"].tolist() == [1, 1]
+    row = success.loc["S2"]
+    assert says(f"In S2 success is {with_interval(row, 'success', 3)}; an independent run of")
     assert says(
-        f"DQN succeeds in {dqn['one_hot']} of 300 runs from one-hot observations and in {dqn['coordinates']} "
-        f"of 300 from coordinates, and PPO in {ppo['one_hot']} and {ppo['coordinates']} of 300"
+        f"an independent run of {independent.PAPERS_AGENTS:,} agents gives {independent.PAPERS_SUCCESS:g}."
     )
-    default_dqn, default_ppo = successes["dqn_default"].sum(), successes["ppo_default"].sum()
-    assert says(f"DQN succeeds in {default_dqn} of 600 runs and PPO in {default_ppo}.")
+    assert row["success_low"] < independent.PAPERS_SUCCESS < row["success_high"]
+
+
+def learners(folder: Path = COMPARISON) -> Any:
+    """Returns every learner over all scenarios, by arm and observation."""
+    return pd.read_csv(folder / "aggregate.csv").set_index(LEARNER)
+
+
+def contrasts(folder: Path = COMPARISON) -> Any:
+    return pd.read_csv(folder / "contrasts.csv").set_index(["x", "y"])
+
+
+TABLE = "q_learning_tuned, index"
+
+
+def test_readme_tells_the_published_answer() -> None:
+    found = contrasts()
+    decisive = found.xs(TABLE, level="y")
+    assert decisive["success_verdict"].to_dict() == {
+        "dqn, one_hot": "equivalent",
+        "dqn_linear, one_hot": "equivalent",
+        "ppo, one_hot": "worse",
+    }
+    assert says(
+        "**Deep RL does not earn its keep over the table here.** By a protocol that was declared before"
+    )
+    assert set(found["n"]) == {100}
+    assert set(found["success_margin"]) == {0.1}
+    assert says(
+        "each of three deep learners succeeds less often than the reference table (learning rate 0.2, ε 0.1) "
+        "or"
+    )
+    assert says("equally often within 0.1")
+    settings = load_experiment("compare_deep").algorithms["q_learning_tuned"].settings
+    assert (settings["learning_rate"], settings["epsilon"]) == (0.2, 0.1)
+    assert len(found) == 8
+    assert says("verdicts are adjusted for eight contrasts")
+    assert found["success_verdict"]["dqn, one_hot", "dqn_linear, one_hot"] == "equivalent"
+    assert says("Linear layer and net are equivalent.")
+    everyone = learners()
+    table, linear, net, ppo = (
+        with_interval(everyone.loc[name], "success")
+        for name in (
+            ("q_learning_tuned", "index"), ("dqn_linear", "one_hot"), ("dqn", "one_hot"), ("ppo", "one_hot"),
+        )
+    )  # fmt: skip
+    assert says(
+        f"The table has {table}. From one-hot observations, a linear layer trained by DQN has {linear}"
+    )
+    assert says(f"and a net {net}, both equivalent to the table; PPO, with {ppo}, is worse.")
+
+
+def test_published_protocol_is_the_declared_one() -> None:
+    """The runs that it decides on have seeds that had not been seen before it was declared."""
+    manifest = json.loads((COMPARISON / "manifest.json").read_text(encoding="utf-8"))
+    experiment = load_experiment("compare_deep")
+    protocol, declared = manifest["facts"]["protocol"], experiment.protocol
+    assert declared is not None
+    assert protocol["is_declared"]
+    assert [tuple(pair) for pair in protocol["contrasts"]] == list(declared.contrasts)
+    seeds = pd.read_csv(COMPARISON / "scores.csv").groupby("algorithm")["seed"].min()
+    for x, y in declared.contrasts:
+        assert min(seeds[name.partition(",")[0]] for name in (x, y)) == 100
+
+
+def test_readme_tells_what_observations_change() -> None:
+    found = contrasts()
+    for arm in ("dqn", "ppo"):
+        row = found.loc[f"{arm}, one_hot", f"{arm}, coordinates"]
+        assert row["success_verdict"] == "better"
+        ends = f"[{row['success_difference_low']:.2f}, {row['success_difference_high']:.2f}]"
+        assert says(f"by {row['success_difference']:.2f} {ends} with {arm.upper()}")
+
+
+def test_readme_tells_what_default_dqn_takes() -> None:
+    scores = pd.read_csv(COMPARISON / "scores.csv").query("algorithm == 'dqn_default'")
+    assert (len(scores), scores["success"].max()) == (600, 0)
+    assert says("it succeeds in none of 600 runs")
+    ablation = learners(ROOT / "results" / "ablation")
+    assert set(ablation["runs"]) == {300}
+    target, rate, both = (
+        ablation["success"][name, "one_hot"] for name in ("target", "rate", "target_and_rate")
+    )
+    assert says(
+        "with 300 runs each, synchronising its target network every 200 steps alone gives a success of"
+    )
+    assert says(
+        f"a success of {target:.2f}, a learning rate of 0.003 alone {rate:.2f}, and both together {both:.2f}."
+    )
+    verdicts = contrasts(ROOT / "results" / "ablation")["success_verdict"]
+    assert {verdicts[f"{name}, one_hot", "default, one_hot"] for name in ("target", "rate")} == {"equivalent"}
+    for other in ("default", "target", "rate"):
+        assert verdicts["target_and_rate, one_hot", f"{other}, one_hot"] == "better"
+
+
+def test_readme_tells_how_much_was_tuned() -> None:
+    tuning = {name: arm.tuning for name, arm in load_experiment("compare_deep").algorithms.items()}
+    numbers = {name: (each.settings, each.seeds) for name, each in tuning.items() if each and each.settings}
+    assert numbers == {"q_learning_tuned": (48, 40), "dqn": (21, 3), "dqn_linear": (7, 3), "ppo": (23, 3)}
+    assert says(
+        "the best of 48, tried with up to 40 seeds each; those of DQN are the best of 21, of PPO of 23 and "
+        "of the"
+    )
+    assert says("linear layer of 7, with up to 3 seeds each")
 
 
 def test_readme_tells_the_published_costs() -> None:
     seconds: Any = pd.read_csv(COMPARISON / "cost.csv").set_index(LEARNER)["cpu_time_s"]
-    table, linear, dqn, their_linear, their_dqn = (
-        seconds[arm, "index" if arm == "q_learning" else "one_hot"]
-        for arm in ("q_learning", "dqn_linear", "dqn", "dqn_linear_sb3", "dqn_sb3")
+    table, plain = (seconds[arm, "index"] for arm in ("q_learning_tuned", "q_learning_plain"))
+    linear, dqn, their_linear, their_dqn = (
+        seconds[arm, "one_hot"] for arm in ("dqn_linear", "dqn", "dqn_linear_sb3", "dqn_sb3")
     )
-    assert says(f"takes {1000 * table:.2f} ms of CPU time.")
-    assert says(f"the linear layer takes {linear:.2f} s and DQN {dqn:.1f} s")
-    assert says(f"by Stable-Baselines3, {their_linear:.1f} s")
-    assert says(f"in plain Python) and {their_dqn:.0f} s.")
+    assert says(
+        f"the table takes {1000 * table:.2f} ms of CPU time, and in plain Python {1000 * plain:.0f} ms."
+    )
+    assert says(f"the linear layer takes {linear / plain:.0f} times as long as the table in plain Python")
+    assert says(
+        f"and the net {dqn / plain:.0f} times; Stable-Baselines3 takes {their_linear:.1f} s and "
+        f"{their_dqn:.0f} s"
+    )
 
 
-def test_readme_tells_what_independent_checks_found() -> None:
-    """The same as the results' pages tell."""
-    settings = json.loads((REPRODUCE / "manifest.json").read_text(encoding="utf-8"))["algorithms"]
-    paper = independent.of_papers_table(settings["q_learning"]["settings"])
-    for words, number in (("an independent run of {} agents", "2,000"), ("agents gives {}.", "0.515")):
-        assert number in paper
-        assert says(words.format(number))
-    assert "16 of 30 sets of 100" in independent.VARIABILITY_S2
-    assert says("in 16 of 30 fresh sets of 100 seeds")
-    cost: Any = pd.read_csv(COMPARISON / "cost.csv").set_index(LEARNER)["cpu_time_s"]
-    ratio = cost["dqn_linear_sb3", "one_hot"] / cost["q_learning_tuned", "index"]
-    fewest, most = independent.against_plain_python(ratio)
-    assert says(f"({round(fewest, -1):.0f} to {round(most, -1):.0f} times a table in plain Python")
+def test_readme_tells_the_published_equivalence() -> None:
+    pairs = pd.read_csv(ROOT / "results" / "equivalence" / "equivalence.csv")
+    assert (set(pairs["n"]), set(pairs["check_n"])) == ({200}, {100})
+    assert set(pairs["scenario"]) == {"S1", "S2"}
+    assert set(pairs["success_margin"]) == {0.15}
+    assert set(pairs["success_verdict"]) == {"equivalent"}
+    assert says(
+        f"In {len(pairs)} pairs of 200 batched runs and 100 of its own, in S1 and S2, success is equivalent"
+    )
+    assert says(f"within 0.15 in all {len(pairs)} ([details]")

@@ -652,7 +652,7 @@ VERDICTS_TEXT: Final = (
     "otherwise `better` or `worse` if a two-sided test shows a difference, and else `undecided`. All tests "
     "are at the 5 % level, with p-values adjusted for the number of contrasts by Holm's method, separately "
     "for differences and for equivalence, and for each endpoint. A difference can be significant and yet "
-    "smaller than the margin; such learners are `equivalent`. For undecided contrasts, *runs to decide* is "
+    "smaller than the margin; such learners are `equivalent`. For undecided contrasts, `runs to decide` is "
     "how many runs per scenario and learner would show a difference or equivalence with a probability of "
     "about 80 %, if the means stayed as they are."
 )
