@@ -2,8 +2,8 @@
 
 A learner's number is its mean over scenarios, which all weigh the same, of means of numbers in [0, 1]. Of a
 set of contrasts, p-values are adjusted by Holm's method (1979, Scandinavian Journal of Statistics 6:65-70),
-so that the probability of any wrong claim of a difference is at most about 5 %, and so is that of any wrong
-claim of equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
+so that for each endpoint the probability of any wrong claim of a difference is at most about 5 %, and so is
+that of any wrong claim of equivalence. Equivalence takes two one-sided tests (Schuirmann 1987).
 """
 
 import math

@@ -50,7 +50,8 @@ def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: Mapping[st
             axis.tick_params(axis="y", length=0)
             axis.locator_params(axis="x", nbins=5)
         figure.supxlabel(
-            "thick: 90 % interval; thin: 95 % interval; grey band: margin; colour, marker and word: verdict",
+            "thick: 90 %, thin: 95 % interval, not adjusted; grey band: margin; colour, marker and word: "
+            "verdict",
             fontsize="small",
         )
     return figure

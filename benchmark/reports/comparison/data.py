@@ -48,6 +48,7 @@ class Data:
     arms: Sequence[str] = ()  # all that are declared, without checks
     protocol: Protocol | None = None  # None if there is nothing to decide
     tuning: Mapping[str, int] = field(default_factory=dict)  # arm to how many settings were tried, if it says
+    seeds_note: str = ""  # which seeds there are instead of those declared
 
     @property
     def populations(self) -> Iterator[tuple[Learner, str, Population]]:
@@ -58,8 +59,9 @@ class Data:
 
     @property
     def note(self) -> str:
-        """What is missing, as a sentence; empty if nothing is."""
-        return f"Partial: {self.missing}." if self.missing else ""
+        """What is missing or other than declared, in sentences; empty if nothing is."""
+        missing = f"Partial: {self.missing}." if self.missing else ""
+        return " ".join(filter(None, [missing, self.seeds_note]))
 
     @property
     def is_incomplete(self) -> bool:
@@ -101,8 +103,9 @@ class Data:
             return ""
         sizes = [len(each.seeds) for each in populations]
         n = f"{max(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
-        is_sb3 = all("stable_baselines3" in each.algorithm.packages for each in populations)
-        return f"hollow: {n} runs by {SB3 if is_sb3 else 'another implementation'}"
+        nets = [each for each in populations if each.algorithm.family == "deep"]
+        is_sb3 = bool(nets) and all("stable_baselines3" in each.algorithm.packages for each in nets)
+        return f"hollow: checks, {n} runs{f', nets by {SB3}' if is_sb3 else ''}"
 
     @property
     def without_checks(self) -> Self:
@@ -202,6 +205,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         [name for name, arm in experiment.algorithms.items() if not arm.check_of],
         protocol_of(experiment),
         {name: arm.tuning.settings for name, arm in experiment.algorithms.items() if arm.tuning is not None},
+        ""
+        if seeds is None
+        else f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared.",
     )
 
 

@@ -52,31 +52,51 @@ def summary(
     """
     scenarios, learners = list(frame["scenario"].unique()), _learners(frame, context)
     parts = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
-    if len(scenarios) > 1:
-        parts["mean over scenarios"] = overall
     reference = None if context.protocol is None else context.protocol.reference
+    is_decided = contrasts is not None and reference in learners
+    if len(scenarios) > 1 and not is_decided:
+        parts["mean over scenarios"] = overall
     without_checks = dataclasses.replace(context, checks={})
-    with figure_of(1, len(parts), (11.0, 0.3 * len(learners) + 1.5)) as (figure, axes):
-        for column, (title, part) in enumerate(parts.items()):
-            axis = axes[0, column]
-            if reference in learners:
-                axis.axhspan(
-                    learners.index(reference) - 0.5, learners.index(reference) + 0.5, color="0.93", lw=0
-                )
+    size = (11.0, 0.3 * len(learners) + 1.5)
+    with figure_of(1, len(parts) + is_decided, size) as (figure, axes):
+        for axis, (title, part) in zip(axes[0], parts.items(), strict=False):
             _dots(axis, part, ("success", "success_low", "success_high"), learners, without_checks)
-            _rows(axis, learners, first=column == 0, tuning=context.tuning)
+            _rows(axis, learners, first=axis is axes[0, 0], tuning=context.tuning)
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
-        for place, learner in enumerate(learners):
-            verdict = _verdict(learner, contrasts, context)
-            axes[0, -1].text(1.04, place, verdict, va="center", transform=axes[0, -1].get_yaxis_transform())
+        if reference in learners:
+            place = learners.index(reference)
+            for axis in axes[0]:
+                axis.axhspan(place - 0.5, place + 0.5, color="0.93", lw=0, zorder=0)
+        if is_decided and contrasts is not None:
+            _differences(axes[0, -1], contrasts, learners, context)
         if context.protocol is not None and contrasts is not None:
             figure.suptitle(answer(context.protocol, contrasts), fontweight="bold")
-        figure.supxlabel(
-            "success probability after training; bar: 95 % interval over runs"
-            + (f"; words: verdict against {reference}" if reference in learners else ""),
-            fontsize="small",
-        )
+        text = "success probability after training; bar: 95 % interval over runs"
+        if is_decided:
+            text += f"; last panel: difference from {reference}, margin and verdict"
+        figure.supxlabel(text, fontsize="small")
     return figure
+
+
+def _differences(axis: Axes, frame: pd.DataFrame, learners: Sequence[Learner], context: Context) -> None:
+    """Draws how far learners are from the reference over all scenarios, with the margin and the verdicts."""
+    assert context.protocol is not None
+    margin = context.protocol.success_margin
+    axis.axvspan(-margin, margin, color="0.85", lw=0, zorder=0)
+    axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+    for place, learner in enumerate(learners):
+        rows = frame[(frame["x"] == str(learner)) & (frame["y"] == str(context.protocol.reference))]
+        for _, row in rows.iterrows():
+            style = _style(learner, context)
+            ends = [row["success_difference_low"], row["success_difference_high"]]
+            axis.plot(ends, [place, place], color=style["color"], lw=2.2, alpha=0.6)
+            axis.plot(row["success_difference"], place, color=style["color"], marker=style["marker"], ms=5)
+            axis.text(1.04, place, row["success_verdict"], va="center", transform=axis.get_yaxis_transform())
+    _rows(axis, learners, {}, first=False)
+    shown = frame[frame["y"] == str(context.protocol.reference)]
+    ends = shown[["success_difference_low", "success_difference_high"]].abs().to_numpy()
+    reach = max(1.5 * margin, 1.1 * float(ends.max()))
+    axis.set(title="mean difference", xlim=(-reach, reach), xticks=(-margin, 0, margin))
 
 
 def contrasts(frame: pd.DataFrame) -> Figure:
@@ -173,7 +193,7 @@ def aggregate(frame: pd.DataFrame, context: Context) -> Figure:
 
 
 def profile(frame: pd.DataFrame, context: Context) -> Figure:
-    """Draws performance profiles: the share of runs whose score is above a number; below, the top enlarged.
+    """Draws performance profiles: the share of runs that score at least a number; below, the top enlarged.
 
     Args:
       frame: `benchmark.reports.comparison.tables.profile`.
@@ -188,9 +208,9 @@ def profile(frame: pd.DataFrame, context: Context) -> Figure:
                 _curves(axis, frame, "score", "share", learners, context)
                 axis.set(xlim=(0, 1), ylim=ends)
             axes[0, column].set(title=title)
-            axes[1, column].set(title=f"{title}, enlarged", xlabel="score (0 random, 1 optimal)")
+            axes[1, column].set(title=f"{title}, enlarged", xlabel="score, at least (0 random, 1 optimal)")
         for axis in axes[:, 0]:
-            axis.set(ylabel="share of runs above it")
+            axis.set(ylabel="share of runs")
         text = "line: mean over scenarios; shade: 95 % interval; scores below 0 are not drawn"
         _legend(figure, context, text)
     return figure
@@ -222,7 +242,7 @@ def improvement(frame: pd.DataFrame, context: Context) -> Figure | None:
             axis.barh(y, high - low, left=low, height=0.7, color=style["color"], alpha=0.55)
             axis.vlines(value, y - 0.35, y + 0.35, color="black", lw=1.6)
         axis.axvline(0.5, color="0.35", lw=0.8, ls=":")
-        axis.set(xlim=(0, 1), xlabel="probability that a run on the left scores higher than one on the right")
+        axis.set(xlim=(0, 1), xlabel="probability of improvement: left over right, ties count half")
         for each, names in zip((axis, right), zip(*pairs, strict=True), strict=True):
             each.set_yticks(range(len(pairs)), names)
             each.set(ylim=(len(pairs) - 0.5, -0.5))
@@ -349,14 +369,6 @@ def _style(learner: Learner, context: Context) -> dict[str, Any]:
     return {**style, "ls": _DASHES.get(learner.observation, "-")}
 
 
-def _verdict(learner: Learner, frame: pd.DataFrame | None, context: Context) -> str:
-    """Returns the verdict on a learner against the reference; empty if there is none."""
-    if frame is None or context.protocol is None:
-        return ""
-    rows = frame[(frame["x"] == str(learner)) & (frame["y"] == str(context.protocol.reference))]
-    return str(rows["success_verdict"].iloc[0]) if len(rows) else ""
-
-
 def _curves(
     axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], context: Context
 ) -> None:
@@ -399,7 +411,7 @@ def _dots(
             width = 1.2 if is_check else 2.2
             axis.plot([low, high], [y, y], color=style["color"], lw=width, alpha=0.6)
             fill: dict[str, Any] = (
-                {"mfc": "white", "ms": 5} if is_check else {"mec": "white", "mew": 0.6, "ms": 6}
+                {"mfc": "white", "ms": 5} if is_check else {"mec": "white", "mew": 0.6, "ms": 5}
             )
             axis.plot(value, y, color=style["color"], marker=style["marker"], **fill)
 

@@ -14,11 +14,18 @@ import numpy as np
 import pandas as pd
 
 from agents import load_algorithm
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, NO_VERDICT, UNDECIDED, WORSE
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, NO_VERDICT, WORSE
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison.data import SB3
-from benchmark.reports.comparison.protocol import Learner, Protocol, counted, decisive_rows, outcome
+from benchmark.reports.comparison.protocol import (
+    Learner,
+    Protocol,
+    counted,
+    decisive_rows,
+    has_failed,
+    outcome,
+)
 from benchmark.reports.published import Published
 
 _TABLE: Final = "contrasts"
@@ -26,8 +33,6 @@ _IN_WORDS: Final = {
     BETTER: "better than `{}`",
     WORSE: "worse than `{}`",
     EQUIVALENT: "equivalent to `{}`",
-    UNDECIDED: "undecided against `{}`",
-    NO_VERDICT: "no verdict against `{}`",
 }
 
 
@@ -107,7 +112,6 @@ class Findings:
         written = [
             self._headline(),
             *(self._contrast(row) for _, row in self._contrasts.iterrows()),
-            self._successes(),
             self._policies(),
         ]
         if "threshold.csv" in self._published:
@@ -132,91 +136,100 @@ class Findings:
             one = len(self._contrasts) == 1
             return f"{budget}, of {n} contrast{'' if one else 's'}, {counted(self._contrasts)}."
         rows = decisive_rows(self.protocol, self._contrasts)
-        margin = self.protocol.success_margin
+        start = f"{budget} and by success alone, "
         match outcome(self.protocol, self._contrasts):
             case "earns":
                 better = rows[rows["success_verdict"] == BETTER]
                 names = _and([f"`{name}`" for name in better["x"]])
                 verb = "succeeds" if len(better) == 1 else "succeed"
-                text = f"{budget}, deep RL earns its keep over a table here: {names} {verb} more often than "
-                text += f"`{reference}`."
-            case "does not earn":
-                subject = f"`{rows['x'].iloc[0]}`" if len(rows) == 1 else f"each of {len(rows)} deep learners"
                 text = (
-                    f"{budget}, deep RL does not earn its keep over a table here: {subject} succeeds less "
-                    f"often than `{reference}`, or equally often within {margin:g}."
+                    f"{start}deep RL earns its keep over a table here: {names} {verb} more often than "
+                    f"`{reference}`."
+                )
+            case "does not earn":
+                if len(rows) == 1:
+                    subject = f"`{rows['x'].iloc[0]}`"
+                else:
+                    subject = f"each of the {len(rows)} deep learners that the protocol compares with a table"
+                text = (
+                    f"{start}deep RL does not earn its keep over a table here: {subject} succeeds less often "
+                    f"than `{reference}`, or equally often within {self.protocol.success_margin:g}."
                 )
             case "undecided":
                 text = (
-                    f"{budget}, it is undecided whether deep RL earns its keep over a table here: against "
+                    f"{start}it is undecided whether deep RL earns its keep over a table here: against "
                     f"`{reference}`, {counted(rows)}."
                 )
             case "no verdict":
-                reason = (
-                    "runs are missing"
-                    if self._published.manifest.get("partial", "").startswith("Partial: ")
-                    else f"a verdict takes {self.protocol.fewest_runs} runs per scenario and learner"
-                )
                 return (
-                    f"{budget}, there is no verdict on whether deep RL earns its keep over a table: {reason}."
+                    f"{budget}, there is no verdict on whether deep RL earns its keep over a table: "
+                    f"{self._reason(rows)}."
                 )
         side = self._row("aggregate", reference)
         found = [f"`{row['x']}` {self._total(Learner.of(row['x']))}" for _, row in rows.iterrows()]
+        mean = "Mean success" if self._n_scenarios > 1 else "Success"
+        over = f" over {self._n_scenarios} scenarios" if self._n_scenarios > 1 else ""
         return (
-            f"{text}\n\nSuccess probability over {self._n_scenarios}: `{reference}` "
-            f"{_with_interval(side, 'success', 'aggregate')}; {'; '.join(found)}."
+            f"{text}\n\n{mean}{over}: `{reference}` {_with_interval(side, 'success', 'aggregate')}; "
+            f"{'; '.join(found)}.{self._ceiling(side)}"
         )
+
+    def _reason(self, rows: pd.DataFrame) -> str:
+        """Says why there is no verdict."""
+        assert self.protocol is not None
+        if self._published.manifest.get("partial", "").startswith("Partial: "):
+            return "runs are missing"
+        if (rows["success_verdict"] != NO_VERDICT).all() and has_failed(self.protocol, rows):
+            return f"no deep learner is better, and `{self.protocol.reference}` hardly ever succeeds"
+        return f"a verdict takes {self.protocol.fewest_runs} runs per scenario and learner"
+
+    def _ceiling(self, side: pd.Series) -> str:
+        """Says how little room the reference leaves above it; empty if that is more than the margin."""
+        assert self.protocol is not None
+        room = 1 - side["success"]
+        if room >= self.protocol.success_margin:
+            return ""
+        if room < 1e-6:
+            return " The table succeeds in every run, so no learner could succeed more often."
+        return f" No learner could succeed more often than the table by more than {room:.2f}."
 
     def _contrast(self, row: pd.Series) -> str:
         """Says how a contrast ended, on both endpoints."""
-        verdict = str(row["success_verdict"])
-        value = link(_signed(row["success_difference"]), _TABLE, row)
-        text = (
-            f"`{row['x']}` is {_IN_WORDS[verdict].format(row['y'])} in success: {value} "
-            f"[{_signed(row['success_difference_low'])}, {_signed(row['success_difference_high'])}]"
-        )
-        if verdict == NO_VERDICT:
+        verdict, x, y = str(row["success_verdict"]), f"`{row['x']}`", row["y"]
+        found = {
+            endpoint: f"{link(_signed(row[f'{endpoint}_difference']), _TABLE, row)} "
+            f"[{_signed(row[f'{endpoint}_difference_low'])}, {_signed(row[f'{endpoint}_difference_high'])}]"
+            for endpoint in ("success", "score")
+        }
+        if verdict in (BETTER, WORSE, EQUIVALENT):
+            text = f"{x} is {_IN_WORDS[verdict].format(y)} in success: {found['success']}"
+        elif verdict == NO_VERDICT:
             n = link(str(row["n"]), _TABLE, row)
-            text = (
-                f"There is {_IN_WORDS[verdict].format(row['y'])} for `{row['x']}` in success: {value} "
-                f"[{_signed(row['success_difference_low'])}, {_signed(row['success_difference_high'])}] ({n} "
-                "runs per scenario)"
-            )
-        elif verdict == EQUIVALENT and row["success_p_different"] <= 0.05:
-            text += f"; the difference is significant, but smaller than {row['success_margin']:g}"
-        elif verdict == UNDECIDED:
-            needed = row["success_deciding_runs"]
-            if math.isinf(needed):
-                shown = "more than a million"
-            else:
-                shown = f"about {link(f'{needed:,.0f}', _TABLE, row)}"
-            p, q = row["success_p_different"], row["success_p_equivalent"]
+            text = f"There is no verdict on {x} against `{y}` in success: {found['success']} "
+            text += f"({n} runs per scenario)"
+        else:
+            text = f"{x} against `{y}` is undecided in success: {found['success']}{self._needed(row)}"
+        if verdict == EQUIVALENT and row["success_p_different"] <= 0.05:
             text += (
-                f" (adjusted p-values: {p:.2g} for no difference, {q:.2g} for one as large as "
-                f"{row['success_margin']:g}); {shown} runs per scenario and learner would probably decide it"
+                f"; the difference is significant (p = {row['success_p_different']:.2g}), but smaller than "
+                f"{row['success_margin']:g}"
             )
-        score = row["score_verdict"]
-        value = link(_signed(row["score_difference"]), _TABLE, row)
-        ends = f"[{_signed(row['score_difference_low'])}, {_signed(row['score_difference_high'])}]"
-        return f"{text}. In score: {score}, {value} {ends}."
+        if verdict == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
+            text += "; both hardly ever succeed"
+        return f"{text}. In score: {row['score_verdict']}, {found['score']}."
+
+    def _needed(self, row: pd.Series) -> str:
+        """Says how far an undecided contrast is from a verdict, and what would decide it."""
+        p, q = row["success_p_different"], row["success_p_equivalent"]
+        needed = row["success_deciding_runs"]
+        many = "over a million" if math.isinf(needed) else f"about {link(f'{needed:,.0f}', _TABLE, row)}"
+        return (
+            f" (p = {p:.2g} for no difference, {q:.2g} for one as large as {row['success_margin']:g}); a new "
+            f"study would need {many} runs per scenario and learner to decide it with a power of 80 %, if "
+            "the means stay as they are"
+        )
 
     # Descriptions
-
-    def _successes(self) -> str:
-        """Says how often each learner succeeds."""
-        parts = []
-        for learner in self._learners:
-            rows = self._rows("summary", learner)
-            by_scenario = _and(
-                [
-                    f"{link(f'{row.success:.2f}', 'summary', row)} in {row.scenario}"
-                    for _, row in rows.iterrows()
-                ]
-            )
-            parts.append(f"`{learner}` {by_scenario}")
-        return (
-            f"Success probability after training ({self._n(*self._learners)} runs each): {'; '.join(parts)}."
-        )
 
     def _policies(self) -> str:
         """Says what the other policy of a stochastic learner does."""
@@ -233,7 +246,7 @@ class Findings:
                 )
         if not parts:
             return ""
-        text = f"Success by policy, means over scenarios: {'; '.join(parts)}."
+        text = f"Success by policy{', means over scenarios' * (self._n_scenarios > 1)}: {'; '.join(parts)}."
         return f"{text} The protocol names the one that counts."
 
     def _threshold(self) -> str:
@@ -268,14 +281,13 @@ class Findings:
         plain = self._plain_python()
         if plain is None:
             return text
+        deep = [learner for learner in self._compared if self._family(learner) == "deep"]
         ratios = [
             f"`{learner}` {link(f'{_two_digits(ratio)} times', 'cost', self._row('cost', learner), plain)}"
-            for learner in self._compared
-            if self._family(learner) == "deep"
+            for learner in [*deep, *self._checks_of(*deep)]
             for ratio in [float(self._row("cost", learner)["cpu_time_s"] / plain["cpu_time_s"])]
         ]
-        against = f"Against `{plain['algorithm']}`, a table in plain Python, that is"
-        return f"{text} {against}: {'; '.join(ratios)}."
+        return f"{text} Relative to `{plain['algorithm']}`, a table in plain Python: {'; '.join(ratios)}."
 
     def _plain_python(self) -> pd.Series | None:
         """Returns the cost of a table that needs no package and so is in plain Python, or None."""
@@ -308,7 +320,8 @@ class Findings:
             parts.append(f"`{learner}` {overlap} (precision {precision}, recall {recall})")
         return (
             "Overlap of the cells where an agent values PING with the target region (intersection over "
-            f"union, mean over agents and scenarios): {'; '.join(parts)}."
+            "union, mean over agents and scenarios; precision, of agents that mark a cell): "
+            f"{'; '.join(parts)}."
         )
 
     def _disagreements(self) -> str:
@@ -326,15 +339,19 @@ class Findings:
 
     def _tuning(self) -> str:
         """Says how much search the settings took."""
-        parts = []
+        searched, taken = [], []
         for arm in dict.fromkeys(learner.algorithm for learner in self._learners):
             tuning = self._published.manifest["algorithms"][arm].get("tuning")
             if tuning is not None and tuning["settings"]:
-                parts.append(f"`{arm}` {tuning['settings']} with up to {tuning['seeds']} seeds each")
-        if not parts:
-            return ""
-        others = "those of all other learners were not searched for"
-        return f"Settings that were tried, in runs that are not used here: {'; '.join(parts)}; {others}."
+                searched.append(f"`{arm}` {tuning['settings']} with up to {tuning['seeds']} seeds each")
+            elif tuning is not None:
+                taken.append(f"`{arm}`")
+        texts = []
+        if searched:
+            texts.append(f"Settings that were tried, in runs that are not used here: {'; '.join(searched)}.")
+        if taken:
+            texts.append(f"No settings were searched for {_and(taken)}.")
+        return " ".join(texts)
 
     def _checks(self) -> str:
         """Says how checks and the learners that they check compare."""
@@ -371,10 +388,9 @@ class Findings:
         return [check for check, learner in self.checks.items() if learner in learners]
 
     @property
-    def _n_scenarios(self) -> str:
-        """Returns how many scenarios a mean is over, in words."""
-        n = self._published.frame("summary")["scenario"].nunique()
-        return f"{n} scenarios" if n > 1 else "one scenario"
+    def _n_scenarios(self) -> int:
+        """How many scenarios a mean is over."""
+        return int(self._published.frame("summary")["scenario"].nunique())
 
     def _total(self, learner: Learner) -> str:
         """Returns a learner's success over all scenarios with its interval."""
@@ -443,11 +459,11 @@ def _with_interval(row: pd.Series, key: str, table: str) -> str:
 def _signed(value: float) -> str:
     """Returns a difference.
 
-    >>> _signed(0.034), _signed(-0.034), _signed(-0.001)
-    ('+0.03', '-0.03', '0.00')
+    >>> _signed(0.034), _signed(-0.034), _signed(-0.0001)
+    ('+0.034', '-0.034', '0.000')
     """
-    shown = f"{value:+.2f}"
-    return "0.00" if shown in ("+0.00", "-0.00") else shown
+    shown = f"{value:+.3f}"
+    return shown[1:] if shown in ("+0.000", "-0.000") else shown
 
 
 def _and(parts: Sequence[str]) -> str:

@@ -127,6 +127,11 @@ def _checked(
         x, y = (names[name] for name in contrast)
         if x == y:
             raise InputError(f"{where} = {list(contrast)}: accepted: two different learners.")
+        if learners[y] == "deep" and str(x) == declared.reference:
+            raise InputError(
+                f'{where} = {list(contrast)}: accepted: the reference second, ["{y}", "{x}"], since the '
+                "question is whether deep RL is better."
+            )
         if {(x, y), (y, x)} & set(pairs):
             raise InputError(f"{where} = {list(contrast)}: it is declared twice; remove one.")
         pairs.append((x, y))
@@ -156,7 +161,8 @@ def outcome(protocol: Protocol, contrasts: pd.DataFrame) -> Outcome:
 
     It *earns* its keep if some deep learner is better than the reference in success. It *does not earn* it if
     every one of them is worse or equivalent. There is *no verdict* if some have none, because runs are
-    missing or too few; everything else is *undecided*.
+    missing or too few, or if the reference hardly ever succeeds and no deep learner is better: then nothing
+    has been learned. Everything else is *undecided*.
 
     Args:
       protocol: With a reference.
@@ -168,7 +174,14 @@ def outcome(protocol: Protocol, contrasts: pd.DataFrame) -> Outcome:
         return "no verdict"
     if BETTER in found:
         return "earns"
+    if has_failed(protocol, rows):
+        return "no verdict"
     return "does not earn" if found <= {WORSE, EQUIVALENT} else "undecided"
+
+
+def has_failed(protocol: Protocol, rows: pd.DataFrame) -> bool:
+    """Returns whether the reference succeeds less often than the margin, by its decisive rows."""
+    return bool((rows["success_y"] < protocol.success_margin).any())
 
 
 def decisive_rows(protocol: Protocol, contrasts: pd.DataFrame) -> pd.DataFrame:

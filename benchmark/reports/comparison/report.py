@@ -157,7 +157,7 @@ def _display_profile(frame: pd.DataFrame) -> pd.DataFrame:
     shown = frame[(frame["score"] * 10 % 1).abs() < 1e-9]
     wide = shown.pivot(index=list(_LEARNER), columns="score", values="share")
     wide = wide.loc[list(dict.fromkeys(map(tuple, shown[list(_LEARNER)].to_numpy())))]
-    return wide.rename(columns=lambda score: f"> {score:g}").reset_index()
+    return wide.rename(columns=lambda score: f"≥ {score:g}").reset_index()
 
 
 def _display_threshold(frame: pd.DataFrame) -> pd.DataFrame:
@@ -437,11 +437,11 @@ ITEMS: Final = (
     ),
     Item(
         name="profile",
-        description="performance profiles, without checks: the share of runs whose score is above a number",
+        description="performance profiles, without checks: the share of runs that score at least a number",
         compute=_profile,
         display=_display_profile,
         draw=_draw_profile,
-        caption="Performance profiles: the share of runs that score above a number.",
+        caption="Performance profiles: the share of runs that score at least a number.",
         is_folded=True,
     ),
     Item(
@@ -627,8 +627,12 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
     arms: Mapping[str, Any] = published.manifest["algorithms"]
     if checks := _checks(published):
         pairs = ", ".join(f"`{name}` checks `{arm['check_of']}`" for name, arm in checks.items())
-        is_sb3 = all("stable_baselines3" in arm["packages"] for arm in checks.values())
-        sb3 = "Stable-Baselines3's classes learn; denormal numbers count as zero, and Adam's step is fused. "
+        deep = [arm for arm in checks.values() if arm.get("family") == "deep"]
+        is_sb3 = bool(deep) and all("stable_baselines3" in arm["packages"] for arm in deep)
+        sb3 = (
+            "Nets are those of Stable-Baselines3 itself; denormal numbers count as zero, and Adam's step is "
+            "fused. "
+        )
         yield (
             "check",
             "a learner with the settings of another one, trained by another implementation: "
@@ -649,12 +653,13 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
 VERDICTS_TEXT: Final = (
     "A contrast compares two learners, x and y, by the mean over scenarios of x minus that of y. It is "
     "`equivalent` if two one-sided tests show that the difference is smaller than the margin to either side; "
-    "otherwise `better` or `worse` if a two-sided test shows a difference, and else `undecided`. All tests "
-    "are at the 5 % level, with p-values adjusted for the number of contrasts by Holm's method, separately "
-    "for differences and for equivalence, and for each endpoint. A difference can be significant and yet "
-    "smaller than the margin; such learners are `equivalent`. For undecided contrasts, `runs to decide` is "
-    "how many runs per scenario and learner would show a difference or equivalence with a probability of "
-    "about 80 %, if the means stayed as they are."
+    "otherwise `better` or `worse` if a two-sided test shows a difference, and `undecided` otherwise. All "
+    "tests are at the 5 % level, with p-values adjusted for the number of contrasts by Holm's method, "
+    "separately for differences and for equivalence, and for each endpoint. A difference can be significant "
+    "and yet smaller than the margin; such learners are `equivalent`. Intervals are not adjusted, so an "
+    "interval that excludes 0 can belong to an undecided contrast. `runs to decide` is how many runs per "
+    "scenario and learner a new study would need to show a difference or equivalence with a power of about "
+    "80 %, if the means stay as they are."
 )
 
 REPORT: Final = Report(

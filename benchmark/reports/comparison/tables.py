@@ -177,7 +177,7 @@ def improvement(data: Data) -> pd.DataFrame:
 
 
 def profile(data: Data) -> pd.DataFrame:
-    """Tabulates performance profiles: the share of runs that score above a number, a mean over scenarios.
+    """Tabulates performance profiles: the share of runs that score at least a number, a mean over scenarios.
 
     They are of learners that are no checks.
     """
@@ -185,7 +185,10 @@ def profile(data: Data) -> pd.DataFrame:
     for learner, populations in data.without_checks.learners.items():
         final = [data.results(learner, scenario, "score")[:, -1] for scenario in populations]
         sizes = [len(values) for values in final]
-        sides = [Side([float((values > score).mean()) for values in final], sizes) for score in PROFILE]
+        sides = [
+            Side([float((values >= score - _ROUNDING).mean()) for values in final], sizes)
+            for score in PROFILE
+        ]
         low, high = zip(*(side.interval for side in sides), strict=True)
         columns = {"score": PROFILE, "share": [side.mean for side in sides], "low": low, "high": high}
         frames.append(pd.DataFrame({**learner._asdict(), **columns}))

@@ -8,7 +8,8 @@ otherwise it is `undecided`.
 The method of an interval depends on the number:
 
 - Ratios of standard deviations and of distances, and means without bounds: bootstrap over agents.
-- Means over agents of numbers in [0, 1]: the exact binomial interval; of a difference, what follows from it.
+- Shares of agents: the exact binomial interval. Overlaps of agents' own maps, which vary much less than
+  shares do: Student's interval, and Welch's of a difference.
 - Functions of which cells have a mean above zero: simultaneous intervals of the means of all cells
   (`benchmark.analysis.intervals.simultaneous`). A resampled count of signs is biased, since noise turns
   means near zero more often one way than the other.
@@ -25,7 +26,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.analysis.intervals import LEVEL, combined, interval, proportion_interval, simultaneous
+from benchmark.analysis.intervals import LEVEL, interval, proportion_interval, simultaneous, student
 from benchmark.analysis.population import Population, overlap
 from envs.model import PING
 from envs.regions import target_distance
@@ -197,27 +198,28 @@ def _resampled(name: str, samples: Samples, note: str = "") -> Part:
         return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note)
 
 
-def _bounded(name: str, values: NDArray[Any], note: str = "") -> Part:
-    """Makes a part of the mean of numbers in [0, 1], (N,).
-
-    Its standard error is the largest that numbers with this mean can have, on which its interval rests.
-    """
-    mean = float(values.mean())
-    low, high = proportion_interval(mean, len(values))
-    return Part(name, mean, float(low), float(high), math.sqrt(_variance(mean) / len(values)), note)
+def _share(name: str, succeeds: NDArray[np.bool_]) -> Part:
+    """Makes a part of a share of agents, (N,), with its exact interval."""
+    share, n = float(succeeds.mean()), len(succeeds)
+    low, high = proportion_interval(share, n)
+    return Part(name, share, float(low), float(high), math.sqrt(share * (1 - share) / n))
 
 
-def _bounded_difference(name: str, x: NDArray[Any], y: NDArray[Any]) -> Part:
-    """Makes a part of the difference of two means, x - y, see `_bounded`."""
-    x_mean, y_mean = float(x.mean()), float(y.mean())
-    low, high = combined([1, -1], [x_mean, y_mean], [len(x), len(y)])
-    error = math.sqrt(_variance(x_mean) / len(x) + _variance(y_mean) / len(y))
-    return Part(name, x_mean - y_mean, low, high, error)
+def _averaged(name: str, values: NDArray[np.float64], note: str = "") -> Part:
+    """Makes a part of a mean over agents, (N,), with Student's interval."""
+    low, high = student(values)
+    error = float(values.std(ddof=1)) / math.sqrt(len(values))
+    return Part(name, float(values.mean()), float(low), float(high), error, note)
 
 
-def _variance(mean: float) -> float:
-    """Returns the largest variance of numbers in [0, 1] with this mean."""
-    return max(mean * (1 - mean), 0.0)
+def _averaged_difference(name: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> Part:
+    """Makes a part of the difference of two means over agents, x - y, with Welch's interval."""
+    error = math.sqrt(x.var(ddof=1) / len(x) + y.var(ddof=1) / len(y))
+    difference = float(x.mean() - y.mean())
+    if not error:
+        return Part(name, difference, difference, difference, error)
+    low, high = stats.ttest_ind(x, y, equal_var=False).confidence_interval(LEVEL)
+    return Part(name, difference, float(low), float(high), error)
 
 
 class _Signs(NamedTuple):
@@ -371,7 +373,7 @@ def _random_helps(populations: Populations, _: str) -> list[Part]:
     own = [_own_overlap(populations[name]) for name in ("S2", "S1")]
     return [
         Part("mean map", s2[0] - s1[0], s2[1] - s1[2], s2[2] - s1[1]),
-        _bounded_difference("own maps", *own),
+        _averaged_difference("own maps", *own),
     ]
 
 
@@ -379,14 +381,14 @@ def _identifies(populations: Populations, _: str) -> list[Part]:
     return [
         *(Part(f"mean map {name}", *_map_overlap(each, LEVEL)) for name, each in populations.items()),
         *(
-            _bounded(f"own maps {name}", _own_overlap(each), _precision_and_recall(each))
+            _averaged(f"own maps {name}", _own_overlap(each), _precision_and_recall(each))
             for name, each in populations.items()
         ),
     ]
 
 
 def _reaches(populations: Populations, _: str) -> list[Part]:
-    return [_bounded("S1", populations["S1"].arrays["success"][:, -1] > 0.5)]
+    return [_share("S1", populations["S1"].arrays["success"][:, -1] > 0.5)]
 
 
 CLAIMS: Final = (

@@ -435,13 +435,13 @@ def _words(published: Published) -> list[tuple[str, str]]:
         ),
         (
             "intervals",
-            "95 %. Those of means of numbers in [0, 1] are exact binomial ones (Clopper and Pearson), which "
-            "are conservative for numbers other than 0 and 1; those of differences follow from them. Those "
-            f"of ratios and of other means are percentile bootstrap intervals over agents with {RESAMPLES} "
-            "seeded resamples. What depends on the signs of the mean Q-values of many cells has simultaneous "
-            "intervals of these means, by Student's t with Bonferroni's correction: each cell is surely "
-            "above zero, surely not, or open, and the interval reaches over all ways to decide the open "
-            "ones.",
+            "95 %. Those of shares, success and scores are exact binomial ones (Clopper and Pearson), which "
+            "are wide for numbers other than 0 and 1. Those of the overlap of agents' own maps are "
+            "Student's, and Welch's of a difference. Those of ratios and of other means are percentile "
+            f"bootstrap intervals over agents with {RESAMPLES} seeded resamples. What depends on the signs "
+            "of the mean Q-values of many cells has simultaneous intervals of these means, by Student's t "
+            "with Bonferroni's correction, which is approximate: each cell is above zero, is not, or is "
+            "open, and the interval reaches over all ways to decide the open ones.",
         ),
         (
             "effect",

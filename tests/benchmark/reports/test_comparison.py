@@ -476,14 +476,14 @@ def test_checks_are_drawn_hollow_below_and_beside_their_learners() -> None:
     assert 1 <= len(np.asarray(points.get_xdata())) < 5
 
 
-def test_profile_is_the_share_of_runs_above() -> None:
+def test_profile_is_the_share_of_runs_that_score_at_least() -> None:
     scores = np.array([0.0, 0.25, 0.5, 1.0])
     frame = comparison.profile(data_of(a={"S1": with_scores(scores)}, b={"S1": with_scores(scores)}))
     share = frame[frame["algorithm"] == "a"].set_index("score")["share"]
-    assert share[0.0] == 0.75
-    assert share[0.5] == 0.25  # above, not at
+    assert share[0.0] == 1
+    assert share[0.5] == 0.5  # at it, too
     assert share[0.98] == 0.25
-    assert share[1.0] == 0  # rounding does not lift an optimum above 1
+    assert share[1.0] == 0.25  # rounding does not push an optimum below 1
 
 
 def test_scores_that_differ_by_rounding_alone_are_ties() -> None:
