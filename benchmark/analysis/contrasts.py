@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
 from benchmark.analysis.intervals import LEVEL, combined, p_above
 
@@ -135,9 +135,30 @@ def deciding_runs(x: Side, y: Side, margin: float, n_contrasts: int) -> float:
     if difference > 0:
         needed.append(variance * ((stats.norm.isf(alpha / 2) + power) / difference) ** 2)
     if difference < margin:
-        needed.append(variance * ((stats.norm.isf(alpha) + power) / (margin - difference)) ** 2)
+        needed.append(_runs_for_equivalence(variance, difference, margin, alpha))
     fewest = min(needed)
     return _rounded_up(fewest) if fewest <= _MOST_RUNS else math.inf
+
+
+def _runs_for_equivalence(variance: float, difference: float, margin: float, alpha: float) -> float:
+    """Returns how many runs show with a probability of `_POWER` that a difference is smaller than the margin.
+
+    Both one-sided tests must reject.
+
+    Args:
+      variance: Of the difference, times the number of runs.
+      difference: The true one, without its sign.
+      margin: Larger than the difference.
+      alpha: Level of each test.
+    """
+
+    def excess(n: float) -> float:
+        error = math.sqrt(variance / n)
+        ends = ((margin - difference) / error, (margin + difference) / error)
+        return float(sum(stats.norm.cdf(end - stats.norm.isf(alpha)) for end in ends)) - 1 - _POWER
+
+    most = 10.0 * _MOST_RUNS
+    return math.inf if excess(most) < 0 else float(optimize.brentq(excess, 1e-3, most))
 
 
 def _rounded_up(value: float) -> float:

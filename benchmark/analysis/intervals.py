@@ -1,7 +1,7 @@
 """Intervals over agents.
 
 Means of numbers in [0, 1] have exact binomial intervals, and sums and differences of such means intervals
-that follow from these. They have a width even where all agents agree. Statistics that are no such means are
+that follow from these. Those have a width even where all agents agree. Statistics that are no such means are
 resampled, see `resample`; those intervals are percentiles, and seeded: equal records give equal digits.
 """
 
@@ -42,12 +42,6 @@ def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
     with np.errstate(invalid="ignore"):  # of infinite ratios the interval is NaN
         low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
-
-
-def mean_with_interval(name: str, samples: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Returns columns of a resampled statistic, (RESAMPLES + 1, T): `name`, `name_low` and `name_high`."""
-    low, high = interval(samples)
-    return {name: samples[0], f"{name}_low": low, f"{name}_high": high}
 
 
 def proportion_interval(
@@ -116,8 +110,8 @@ def _combined(
 def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], value: float) -> float:
     """Returns the one-sided p-value of a weighted sum of means being at most a value.
 
-    It is 1 if the observed sum is at most the value, and otherwise the smallest tail at which the lower end
-    of `combined` is not above the value.
+    It is the tail that the lower end of `combined` leaves out when that end is the value; 1 if the observed
+    sum is at most the value, or so little above it that no end is.
 
     Args:
       weights: As for `combined`, as are means and sizes.
@@ -137,7 +131,8 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
 def student(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns the ends of Student's 95 % interval of means over agents, (N, ...).
 
-    For counts that vary little between agents, not for numbers of which a few are far from all others.
+    For numbers that vary alike between agents, not for those of which a few are far from all others. Where
+    all agents agree, it has no width.
     """
     n = len(values)
     reach = stats.t.ppf((1 + LEVEL) / 2, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)

@@ -23,7 +23,11 @@ def main(options: argparse.Namespace) -> int:
     experiment = load_experiment(options.experiment)
     seeds = parse_seeds(options.seeds)
     report.check(experiment, is_required=options.report)
-    fewest = min(arm.seeds if seeds is None else len(seeds) for arm in experiment.algorithms.values())
+    fewest = min(
+        len(experiment.declared_seeds(arm, condition)) if seeds is None else len(seeds)
+        for arm in experiment.algorithms
+        for condition in experiment.conditions
+    )
     if options.report and fewest < 2:
         raise InputError("--report: one seed gives no interval; accepted: at least two seeds for every arm.")
     executor = None if options.executor is None else load_executor(options.executor, "--executor")

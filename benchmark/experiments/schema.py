@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from envs import InputError
 from envs.inputs import Table, override, parse, read_toml, unknown_name
@@ -79,6 +79,14 @@ class Protocol(Table):
     score_margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
     fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
 
+    @field_validator("contrasts", mode="before")
+    @classmethod
+    def _are_pairs(cls, contrasts: object) -> object:
+        pairs = contrasts if isinstance(contrasts, list) else [None]
+        if any(not isinstance(pair, list) or len(pair) != len("xy") for pair in pairs):
+            raise ValueError('accepted: pairs like ["LEARNER", "LEARNER"]')
+        return contrasts
+
 
 class Experiment(Table):
     """A declared set of runs: every condition, scenario, arm and observation, each with its seeds."""
@@ -97,7 +105,7 @@ class Experiment(Table):
     # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
-    algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
+    algorithms: Annotated[dict[_Name, Arm], Field(min_length=1)]
     protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
     readings: dict[_Name, Reading] = Field(
         default_factory=lambda: {
@@ -105,6 +113,12 @@ class Experiment(Table):
         }
     )
     sweep: dict[_Name, dict[_Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
+
+    @model_validator(mode="after")
+    def _start_is_evaluated(self) -> Self:
+        if "start" not in self.evaluated_from:
+            raise ValueError(f'evaluated_from = {list(self.evaluated_from)}: accepted: "start" among them')
+        return self
 
     @model_validator(mode="after")
     def _maps_are_evaluated(self) -> Self:

@@ -146,13 +146,12 @@ def _curve(folder: Folder, file: str, curves: pd.DataFrame, key: tuple[Any, ...]
     """Returns the mean score of a learner's runs over training, with its interval."""
     scenario, arm, observation = map(str, key)
     rows = _of_learner(curves[curves["scenario"] == scenario], arm, observation)
-    mean = "score_mean" if "score_mean" in rows else "score"
     return {
         **_place(folder, file, rows),
         "step": rows["step"].tolist(),
-        "mean": _listed(rows[mean]),
-        "low": _listed(rows[f"{mean}_low"]),
-        "high": _listed(rows[f"{mean}_high"]),
+        "mean": _listed(rows["score"]),
+        "low": _listed(rows["score_low"]),
+        "high": _listed(rows["score_high"]),
     }
 
 

@@ -67,7 +67,7 @@ def number_cell(file: str, row: pd.Series, key: str, ends: tuple[str, str] | Non
       key: The column.
       ends: The columns of the interval; by default the column's name with `_low` and `_high`.
     """
-    value = float(row[key])
+    value = float(row.get(key, math.nan))  # a column without values is not in the file
     low, high = (row.get(end) for end in ends or (f"{key}_low", f"{key}_high"))
     text = number_text(value, low, high)
     source = "" if text == _NO_NUMBER else f"{file}#row={int(str(row.name)) + 2}"

@@ -36,10 +36,10 @@ class WithWeights(Training):
 def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
     algorithm = load_algorithm(name)
     settings = algorithm.settings.model_validate({"budget": 2048})
-    assert settings.discount_factor == (0.9 if name == "q_learning" else 0.99)
-    assert (algorithm.family, algorithm.placement) == (
-        ("tabular", "thread") if name == "q_learning" else ("deep", "process")
-    )
+    is_tabular = name.startswith("q_learning")
+    assert settings.discount_factor == (0.9 if is_tabular else 0.99)
+    assert algorithm.family == ("tabular" if is_tabular else "deep")
+    assert algorithm.placement == ("thread" if name == "q_learning" else "process")
 
 
 @pytest.mark.parametrize(

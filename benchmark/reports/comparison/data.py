@@ -184,7 +184,7 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
             f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners that are no "
             "checks, each with two runs of every scenario."
         )
-    left_out = "; left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
+    left_out = "left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
     groups = {name: arm.group for name, arm in experiment.algorithms.items()}
     checks = {check: checked for check, checked in checks.items() if check in learners}
     policies = {name: arm.policy for name, arm in experiment.algorithms.items()}
@@ -198,7 +198,7 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
                 )
     return Data(
         learners,
-        missing + left_out,
+        "; ".join(filter(None, [missing, left_out])),
         groups,
         checks,
         policies,

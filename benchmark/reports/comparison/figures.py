@@ -53,7 +53,7 @@ def summary(
     scenarios, learners = list(frame["scenario"].unique()), _learners(frame, context)
     parts = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
     reference = None if context.protocol is None else context.protocol.reference
-    is_decided = contrasts is not None and reference in learners
+    is_decided = contrasts is not None and bool((contrasts["y"] == str(reference)).any())
     if len(scenarios) > 1 and not is_decided:
         parts["mean over scenarios"] = overall
     without_checks = dataclasses.replace(context, checks={})
@@ -94,8 +94,8 @@ def _differences(axis: Axes, frame: pd.DataFrame, learners: Sequence[Learner], c
             axis.text(1.04, place, row["success_verdict"], va="center", transform=axis.get_yaxis_transform())
     _rows(axis, learners, {}, first=False)
     shown = frame[frame["y"] == str(context.protocol.reference)]
-    ends = shown[["success_difference_low", "success_difference_high"]].abs().to_numpy()
-    reach = max(1.5 * margin, 1.1 * float(ends.max()))
+    farthest = max(float(shown[f"success_difference_{end}"].abs().max()) for end in ("low", "high"))
+    reach = max(1.5 * margin, 1.1 * farthest)
     axis.set(title="mean difference", xlim=(-reach, reach), xticks=(-margin, 0, margin))
 
 
@@ -233,6 +233,8 @@ def improvement(frame: pd.DataFrame, context: Context) -> Figure | None:
         pairs += [pair for pair in others if pair not in pairs and pair[::-1] not in pairs]
     rows: Any = frame.set_index(["x", "y"])
     pairs = [pair for pair in pairs if pair in rows.index]
+    if not pairs:
+        return None
     with figure_of(1, 1, (8.5, 0.32 * len(pairs) + 1.3)) as (figure, axes):
         axis = axes[0, 0]
         right = axis.twinx()

@@ -102,7 +102,9 @@ class Findings:
 
     @cached_property
     def _contrasts(self) -> pd.DataFrame:
-        """The contrasts, a row each."""
+        """The contrasts, a row each; none if the learners of all of them are missing."""
+        if f"{_TABLE}.csv" not in self._published:
+            return pd.DataFrame(columns=["x", "y", "n", "success_verdict", "success_y"])
         return self._published.frame(_TABLE)
 
     def sentences(self) -> list[str]:
@@ -131,6 +133,8 @@ class Findings:
         reference = self.protocol.reference
         budgets = {self._budget(learner) for learner in self._learners}
         budget = f"With {budgets.pop()} of training" if len(budgets) == 1 else "With these budgets"
+        if self._contrasts.empty:
+            return f"{budget}, there is no verdict: runs are missing."
         if reference is None:
             n = link(str(len(self._contrasts)), _TABLE, self._contrasts)
             one = len(self._contrasts) == 1
@@ -180,7 +184,10 @@ class Findings:
         if self._published.manifest.get("partial", "").startswith("Partial: "):
             return "runs are missing"
         if (rows["success_verdict"] != NO_VERDICT).all() and has_failed(self.protocol, rows):
-            return f"no deep learner is better, and `{self.protocol.reference}` hardly ever succeeds"
+            return (
+                f"no deep learner is better, and `{self.protocol.reference}` succeeds less often than the "
+                f"margin of {self.protocol.success_margin:g}"
+            )
         return f"a verdict takes {self.protocol.fewest_runs} runs per scenario and learner"
 
     def _ceiling(self, side: pd.Series) -> str:
@@ -191,7 +198,7 @@ class Findings:
             return ""
         if room < 1e-6:
             return " The table succeeds in every run, so no learner could succeed more often."
-        return f" No learner could succeed more often than the table by more than {room:.2f}."
+        return f" No learner could succeed more often than the table by more than {room:.3f}."
 
     def _contrast(self, row: pd.Series) -> str:
         """Says how a contrast ended, on both endpoints."""
@@ -215,7 +222,7 @@ class Findings:
                 f"{row['success_margin']:g}"
             )
         if verdict == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
-            text += "; both hardly ever succeed"
+            text += "; both succeed less often than that margin"
         return f"{text}. In score: {row['score_verdict']}, {found['score']}."
 
     def _needed(self, row: pd.Series) -> str:
@@ -314,7 +321,7 @@ class Findings:
         parts = []
         for learner in self._compared:
             rows = self._rows("region", learner)
-            means = rows[["overlap", "precision", "recall"]].mean(skipna=False)
+            means = rows.reindex(columns=["overlap", "precision", "recall"]).mean(skipna=False)
             shown = ["none" if np.isnan(value) else f"{value:.2f}" for value in means]
             overlap, precision, recall = (link(text, "region", rows) for text in shown)
             parts.append(f"`{learner}` {overlap} (precision {precision}, recall {recall})")
@@ -472,18 +479,13 @@ def _and(parts: Sequence[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def _is(n: int) -> str:
-    """Returns the verb for n things."""
-    return "is" if n == 1 else "are"
-
-
 def _duration(seconds: float) -> str:
     """Returns a time with two significant digits.
 
-    >>> _duration(0.000319), _duration(0.0345), _duration(17.54)
-    ('0.32 ms', '35 ms', '18 s')
+    >>> _duration(0.000319), _duration(0.0345), _duration(0.0999), _duration(175)
+    ('0.32 ms', '34 ms', '100 ms', '180 s')
     """
-    return f"{seconds * 1000:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
+    return f"{_two_digits(seconds * 1000)} ms" if seconds < 0.1 else f"{_two_digits(seconds)} s"
 
 
 def _two_digits(value: float) -> str:

@@ -125,12 +125,14 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     per scenario and learner would probably decide an undecided contrast.
 
     Returns:
-      One row per contrast of learners that are there; None without a protocol.
+      One row per contrast of learners that are there; None if there is none.
     """
     protocol = data.protocol
     if protocol is None:
         return None
     pairs = [pair for pair in protocol.contrasts if set(pair) <= data.learners.keys()]
+    if not pairs:
+        return None
     margins = dict(zip(ENDPOINTS, (protocol.success_margin, protocol.score_margin), strict=True))
     rows: list[dict[str, Any]] = [{"x": str(x), "y": str(y)} for x, y in pairs]
     for endpoint, field in ENDPOINTS.items():

@@ -62,6 +62,11 @@ def check(experiment: Experiment) -> None:
     Raises:
       InputError: It does not.
     """
+    if experiment.protocol is not None:
+        raise InputError(
+            f"{experiment.argument}: protocol: an equivalence takes none; accepted: in an experiment whose "
+            "report is comparison or ablation."
+        )
     if not any(arm.check_of for arm in experiment.algorithms.values()):
         raise InputError(
             f"{experiment.argument}: algorithms: no arm has the key check_of; accepted: at least one check."

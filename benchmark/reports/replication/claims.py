@@ -214,12 +214,13 @@ def _averaged(name: str, values: NDArray[np.float64], note: str = "") -> Part:
 
 def _averaged_difference(name: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> Part:
     """Makes a part of the difference of two means over agents, x - y, with Welch's interval."""
-    error = math.sqrt(x.var(ddof=1) / len(x) + y.var(ddof=1) / len(y))
-    difference = float(x.mean() - y.mean())
-    if not error:
-        return Part(name, difference, difference, difference, error)
-    low, high = stats.ttest_ind(x, y, equal_var=False).confidence_interval(LEVEL)
-    return Part(name, difference, float(low), float(high), error)
+    squares = np.array([each.var(ddof=1) / len(each) for each in (x, y)])
+    error, difference = math.sqrt(squares.sum()), float(x.mean() - y.mean())
+    reach = 0.0
+    if error > 0:
+        freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
+        reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
+    return Part(name, difference, difference - reach, difference + reach, error)
 
 
 class _Signs(NamedTuple):

@@ -211,8 +211,10 @@ def _by_agents(published: Published) -> list[str]:
         for i, (_, row) in enumerate(rows[rows["sets_agreeing"] < rows["sets"]].iterrows())
     ]
     verb = "is" if len(every) == 1 else "are"
+    used = n_sets * few
+    whole = f"The {many:,} agents are" if used == many else f"Of the {many:,} agents, {used:,} are"
     share = (
-        f"The {many:,} agents are {n_sets} disjoint sets of {few:,}: seeds {shown}. {len(every)} of the "
+        f"{whole} {n_sets} disjoint sets of {few:,}: seeds {shown}. {len(every)} of the "
         f"{len(rows)} verdicts with {many:,} agents {verb} the same in every set"
     )
     return [text, f"{share}; {_listed(some)}." if some else f"{share}."]

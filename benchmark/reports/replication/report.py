@@ -119,6 +119,11 @@ def check(experiment: Experiment) -> None:
     Raises:
       InputError: It has something else.
     """
+    if experiment.protocol is not None:
+        raise InputError(
+            f"{experiment.argument}: protocol: a replication takes none; accepted: in an experiment whose "
+            "report is comparison or ablation."
+        )
     fits = False
     if len(experiment.algorithms) == 1:
         (arm,) = experiment.algorithms.values()
@@ -174,10 +179,17 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         curves={name: reading.curve for name, reading in experiment.readings.items()},
         arm=arm,
         observation=observation,
-        note=""
-        if n_agents == n_declared
-        else f"Partial: {n_agents} of the {n_declared} agents declared per scenario.",
+        note=_note(n_agents, n_declared, seeds),
     )
+
+
+def _note(n_agents: int, n_declared: int, seeds: Sequence[int] | None) -> str:
+    """Returns what readers must know of the agents; empty if they are those declared."""
+    if seeds is None:
+        return ""
+    if n_agents < n_declared:
+        return f"Partial: {n_agents} of the {n_declared} agents declared per scenario."
+    return f"Agents have the seeds {min(seeds)} to {max(seeds)} instead of those declared."
 
 
 # Tables

@@ -124,6 +124,19 @@ def test_deciding_runs_decide() -> None:
         assert outcome["verdict"] == UNDECIDED
 
 
+def test_deciding_runs_have_their_power_where_learners_are_equal() -> None:
+    """Both one-sided tests must reject, which one alone does far more often."""
+    rng, truth, margin = np.random.default_rng(0), np.array([0.5, 0.5]), 0.2
+    even = Side(truth.tolist(), [10**6] * 2)
+    n = round(deciding_runs(even, even, margin, 1))
+    decided = 0
+    for _ in range(300):
+        x, y = (Side((rng.binomial(n, truth) / n).tolist(), [n, n]) for _ in range(2))
+        (outcome,) = decide([contrast(x, y, margin)], is_allowed=[True])
+        decided += outcome["verdict"] == EQUIVALENT
+    assert 0.68 <= decided / 300 <= 0.9  # exact intervals need somewhat more than the normal approximation
+
+
 def test_deciding_runs_by_hand() -> None:
     """Normal approximation: variance 2 x 0.25, two-sided 5 %, 80 % power, difference 0.1: about 392 runs."""
     n = deciding_runs(Side([0.55], [10**6]), Side([0.45], [10**6]), 0.01, 1)

@@ -618,7 +618,7 @@ def test_answer_fits_the_first_screen(
 
 def test_names_of_rows_stay_in_view_on_a_phone(open_page: Open, results: Path) -> None:
     opened = open_page(viewport={"width": 390, "height": 844})
-    table = opened.page.locator("table", has_text="Each scenario and learner")
+    table = opened.page.locator("#comparison table", has_text="Each scenario and learner")
     first = table.locator("tbody td").first
     table.evaluate("table => { table.parentElement.scrollLeft = 300 }")
     assert table.evaluate("table => table.parentElement.scrollLeft") == 300

@@ -327,13 +327,13 @@ def test_everything_is_there(tmp_path: Path, name: str) -> None:
     for _, row in frame.iterrows():
         for arm, prefix in ((row["algorithm"], ""), (row["check"], "check_")):
             end = last[row["scenario"], arm, row["observation"]]
-            assert end[["success", "score_mean"]].tolist() == [
+            assert end[["success", "score"]].tolist() == [
                 row[f"{prefix}success"],
-                row[f"{prefix}score_mean"],
+                row[f"{prefix}score"],
             ]
         assert experiment.algorithms[row["check"]].check_of == row["algorithm"]
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    undecided = (frame["verdict"] == "undecided").sum()
+    undecided = (frame["success_verdict"] == "undecided").sum()
     assert f"in {len(frame)} pairs of populations" in readme
     assert f"and undecided in {undecided}." in readme  # two runs decide little
     page = (folder / "index.html").read_text(encoding="utf-8")

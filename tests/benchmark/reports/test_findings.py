@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from benchmark.drawing.tables import LINK, plain, write_csv
 from benchmark.page import build
 from benchmark.reports import load_report, texts
-from benchmark.reports.comparison import findings, tables
+from benchmark.reports.comparison import figures, findings, tables
 from benchmark.reports.comparison.data import Data
 from benchmark.reports.comparison.findings import Findings
 from benchmark.reports.comparison.protocol import Learner, Protocol, answer, outcome
@@ -26,7 +26,8 @@ from tests.benchmark.reports.made import compared
 
 PUBLISHED = Path(__file__).parents[3] / "results" / "compare_deep"
 MARGIN = 0.1
-START = "With 1,000 steps of training, "
+START = "With 1,000 steps of training"
+ALONE = " and by success alone, "
 
 
 class Made(NamedTuple):
@@ -77,6 +78,7 @@ def data_of(
 
 def published(folder: Path, data: Data, learners: Mapping[str, Made]) -> Published:
     """Writes the tables that sentences about verdicts are made of."""
+    folder.mkdir(exist_ok=True)
     for name in ("summary", "aggregate", "contrasts"):
         frame = getattr(tables, name)(data)
         write_csv(frame, folder / f"{name}.csv")
@@ -127,7 +129,8 @@ WEAK = Made("tabular", (0.3, 0.3))
         ({"table": WEAK._replace(n=9), "net": WINNER}, "no verdict"),
         ({"table": WEAK, "net": WINNER, "other": LOSER._replace(n=2)}, "no verdict"),
         # Policies that never succeed win nothing, not even against a table that never succeeds:
-        ({"table": Made("tabular", (0.0, 0.0)), "net": Made("deep", (0.0, 0.0))}, "does not earn"),
+        ({"table": Made("tabular", (0.0, 0.0)), "net": Made("deep", (0.0, 0.0))}, "no verdict"),
+        ({"table": Made("tabular", (0.0, 0.0)), "net": WINNER}, "earns"),
         ({"table": Made("tabular", (0.0, 0.0), n=2), "net": Made("deep", (0.0, 0.0), n=2)}, "no verdict"),
     ],
 )
@@ -142,11 +145,10 @@ def test_headline_follows_from_the_contrasts(
     assert outcome(data.protocol, frame) == expected
     headline = told(tmp_path, learners, contrasts, reference="table")[0]
     words = {
-        "earns": "deep RL earns its keep over a table here: `net, index` succeeds more often than `table",
-        "does not earn": "deep RL does not earn its keep over a table here: ",
-        "undecided": "it is undecided whether deep RL earns its keep over a table here: ",
-        "no verdict": "there is no verdict on whether deep RL earns its keep over a table: a verdict takes "
-        "10 runs per scenario and learner.",
+        "earns": f"{ALONE}deep RL earns its keep over a table here: `net, index` succeeds more often than ",
+        "does not earn": f"{ALONE}deep RL does not earn its keep over a table here: ",
+        "undecided": f"{ALONE}it is undecided whether deep RL earns its keep over a table here: ",
+        "no verdict": ", there is no verdict on whether deep RL earns its keep over a table: ",
     }
     assert [name for name, text in words.items() if headline.startswith(f"{START}{text}")] == [expected]
     titles = {
@@ -165,8 +167,51 @@ def test_missing_runs_leave_no_verdict(tmp_path: Path) -> None:
     headline, contrast, *_ = Findings(published(tmp_path, data, learners)).sentences()
     assert headline.endswith("earns its keep over a table: runs are missing.")
     assert contrast.startswith(
-        "There is no verdict against `table, index` for `net, index` in success: [+0.70]"
+        "There is no verdict on `net, index` against `table, index` in success: [+0.700]"
     )
+
+
+def test_headline_says_why_there_is_no_verdict(tmp_path: Path) -> None:
+    def reason(name: str, **learners: Made) -> str:
+        (folder := tmp_path / name).mkdir()
+        return told(folder, learners, [("net", "table")], reference="table")[0].partition("table: ")[2]
+
+    few = WINNER._replace(n=9)
+    assert reason("few", table=WEAK, net=few) == "a verdict takes 10 runs per scenario and learner."
+    none = Made("tabular", (0.0, 0.0))
+    failing = "no deep learner is better, and `table, index` succeeds less often than the margin of 0.1."
+    assert reason("none", table=none, net=Made("deep", (0.0, 0.0))) == failing
+
+
+def test_headline_says_how_little_room_a_table_leaves(tmp_path: Path) -> None:
+    def last(name: str, table: Made) -> str:
+        (folder := tmp_path / name).mkdir()
+        return told(folder, {"table": table, "net": LOSER}, [("net", "table")], reference="table")[0]
+
+    everything = last("all", Made("tabular", (1.0, 1.0)))
+    assert everything.endswith(" The table succeeds in every run, so no learner could succeed more often.")
+    most = last("most", Made("tabular", (1.0, 0.9)))
+    assert most.endswith(" No learner could succeed more often than the table by more than 0.050.")
+    assert last("some", Made("tabular", (0.5, 0.9))).endswith("].")
+
+
+def test_without_any_contrast_there_is_no_verdict(tmp_path: Path) -> None:
+    """As after an interrupt, when tables are there and nets are not."""
+    learners = {"table": TABLE, "other": WEAK, "net": WINNER}
+    data = data_of(learners, [("net", "table")], "table")
+    there = {learner: each for learner, each in data.learners.items() if learner.algorithm != "net"}
+    left = Data(there, missing="100 of 300 runs are missing", protocol=data.protocol)
+    assert tables.contrasts(left) is None
+    frames = {"summary": tables.summary(left), "aggregate": tables.aggregate(left)}
+    for name, frame in frames.items():
+        write_csv(frame, tmp_path / f"{name}.csv")
+    published(tmp_path / "whole", data, learners)  # for its manifest
+    (tmp_path / "whole" / "manifest.json").rename(tmp_path / "manifest.json")
+    headline = Findings(Published(tmp_path)).sentences()[0]
+    assert headline == f"{START}, there is no verdict: runs are missing."
+    assert figures.summary(frames["summary"], None, frames["aggregate"], left.context).axes
+    pairs = tables.improvement(left)
+    assert figures.improvement(pairs, left.context) is not None  # of the other table with the reference
 
 
 def test_learners_that_are_left_out_leave_no_verdict(tmp_path: Path) -> None:
@@ -193,20 +238,20 @@ def test_contrasts_in_words(tmp_path: Path) -> None:
     pairs = [("net", "table"), ("table", "net"), ("same", "table"), ("close", "table"), ("small", "big")]
     _, worse, better, same, undecided, small, *_ = told(tmp_path, learners, pairs, reference="table")
     assert re.fullmatch(
-        r"`net, index` is worse than `table, index` in success: -0\.90 \[-0\.9\d, -0\.8\d\]\. In score: "
-        r"equivalent, 0\.00 \[-0\.0\d, \+0\.0\d\]\.",
+        r"`net, index` is worse than `table, index` in success: -0\.900 \[-0\.9\d\d, -0\.8\d\d\]\. In score: "
+        r"equivalent, 0\.000 \[-0\.0\d\d, \+0\.0\d\d\]\.",
         worse,
     )
-    assert better.startswith("`table, index` is better than `net, index` in success: +0.90 [+0.8")
-    assert same.startswith("`same, index` is equivalent to `table, index` in success: 0.00 [-0.0")
+    assert better.startswith("`table, index` is better than `net, index` in success: +0.900 [+0.8")
+    assert same.startswith("`same, index` is equivalent to `table, index` in success: 0.000 [-0.0")
     assert "significant" not in same
-    assert undecided.startswith("`close, index` is undecided against `table, index` in success: -0.05 [-0.1")
+    assert undecided.startswith("`close, index` against `table, index` is undecided in success: -0.050 [-0.1")
     assert re.search(
-        r" \(adjusted p-values: [\d.]+ for no difference, [\d.]+ for one as large as 0\.1\); about [\d,]+ "
-        r"runs per scenario and learner would probably decide it\.",
+        r" \(p = [\d.]+ for no difference, [\d.]+ for one as large as 0\.1\); a new study would need about "
+        r"[\d,]+ runs per scenario and learner to decide it with a power of 80 %, if the means stay",
         undecided,
     )
-    assert "the difference is significant, but smaller than 0.1" in small
+    assert re.search(r"; the difference is significant \(p = [\d.e-]+\), but smaller than 0\.1\.", small)
 
 
 def test_without_a_reference_contrasts_are_counted(tmp_path: Path) -> None:
@@ -223,9 +268,9 @@ def test_no_verdict_rests_on_a_check(tmp_path: Path) -> None:
         "net": LOSER,
         "net_sb3": WINNER._replace(check_of="net", packages=("stable_baselines3",)),
     }
-    headline, contrast, successes, last = told(tmp_path, learners, [("net", "table")], reference="table")
+    headline, contrast, last = told(tmp_path, learners, [("net", "table")], reference="table")
     assert "does not earn" in headline
-    assert "net_sb3" not in headline + contrast + successes
+    assert "net_sb3" not in headline + contrast
     assert last == (
         "Checks have the settings of the learners that they check and are trained by another implementation, "
         "nets by Stable-Baselines3 itself. Success probability of each check (100 runs per scenario) and of "
@@ -252,7 +297,7 @@ def contradictions(
                 "equivalent to": abs(difference) < MARGIN - 1e-9,
             }[word]
             wrong += [] if is_right else [text]
-    headline = sentences[0]
+    headline = sentences[0].partition("\n\n")[0]
     gains = [mean[name] - mean["table"] for name in decisive]
     if "deep RL earns its keep" in headline and "whether" not in headline and max(gains) <= 1e-9:
         wrong.append(headline)
@@ -382,9 +427,9 @@ def test_terms_say_what_trains_checks(tmp_path: Path) -> None:
     by_sb3 = terms("sb3", net_sb3=WINNER._replace(check_of="net", packages=("stable_baselines3",)))
     assert by_sb3["check"] == (
         "a learner with the settings of another one, trained by another implementation: `net_sb3` checks "
-        "`net`. Stable-Baselines3's classes learn; denormal numbers count as zero, and Adam's step is fused. "
-        "Figures show it hollow, beside the learner that it checks. No verdict rests on it."
+        "`net`. Nets are those of Stable-Baselines3 itself; denormal numbers count as zero, and Adam's step "
+        "is fused. Figures show it hollow, beside the learner that it checks. No verdict rests on it."
     )
     other = terms("mine", other=WINNER._replace(check_of="net"))
-    assert "Stable-Baselines3's classes" not in other["check"]
+    assert "Stable-Baselines3" not in other["check"]
     assert "check" not in terms("none")

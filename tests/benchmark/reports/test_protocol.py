@@ -75,6 +75,10 @@ CONTRASTS = f"contrasts = [{CONTRAST}]"
         (CONTRASTS.replace("one_hot", "one-hot"), "protocol.contrasts.0: unknown learner net, one-hot (did"),
         (CONTRASTS.replace("net,", "net_sb3,"), "protocol.contrasts.0: unknown learner net_sb3"),
         ('contrasts = [["net, one_hot", "net, one_hot"]]', "accepted: two different learners"),
+        (
+            'reference = "table, index"\ncontrasts = [["table, index", "net, one_hot"]]',
+            'accepted: the reference second, ["net, one_hot", "table, index"]',
+        ),
         (f"contrasts = [{CONTRAST}, {CONTRAST}]", "it is declared twice; remove one"),
         (f'reference = "other, index"\n{CONTRASTS}', "none compares a deep learner with other, index"),
     ],

@@ -302,7 +302,8 @@ def test_own_maps_have_students_and_welchs_intervals() -> None:
     assert (part.value, part.low, part.high) == pytest.approx((x.mean() - y.mean(), *expected))
     own = parts_of("identifies", three | {"S3": three["S1"]})[4]
     expected = stats.ttest_1samp(x, 0).confidence_interval()
-    assert (own.name, own.value) == ("own maps S2", pytest.approx(x.mean()))
+    assert own.name == "own maps S2"
+    assert own.value == pytest.approx(x.mean())
     assert (own.low, own.high) == pytest.approx(tuple(expected))
     alike = parts_of("random-helps", {"S1": three["S1"], "S2": population("S2", 4, q=pings([8] * 4))})[1]
     assert alike.low < alike.value < alike.high
@@ -396,7 +397,8 @@ def test_headline_counts_the_verdicts_by_agents(tmp_path: Path) -> None:
 
 def test_sentences_say_what_verdicts_depend_on(tmp_path: Path) -> None:
     assert findings.sentences(folder(tmp_path, 10, 40)) == [
-        "Tables and figures show [10](optimal.csv#row=2) agents per scenario.",
+        "Tables and figures show [10](optimal.csv#row=2) agents per scenario, unless they name another "
+        "number.",
         "The verdict depends on the number of agents for `b` (undecided with 10, does not hold with 40).",
         "The 40 agents are 4 disjoint sets of 10: seeds 0-9, 10-19, ..., 30-39. 1 of the 3 verdicts with 40 "
         "agents is the same in every set; `b` has the same verdict in [3](claims.csv#row=7) of 4 (a share of "

@@ -23,6 +23,8 @@ function compared(a, b, sign) {
   if (a.dataset.order === undefined) return sign * a.textContent.localeCompare(b.textContent);
   const x = Number(a.dataset.order);
   const y = Number(b.dataset.order);
+  const isText = (cell) => Number.isNaN(Number(cell.dataset.order)) && cell.dataset.order !== "nan";
+  if (isText(a) && isText(b)) return sign * a.dataset.order.localeCompare(b.dataset.order);
   if (Number.isNaN(x) || Number.isNaN(y)) return Number.isNaN(x) - Number.isNaN(y); // missing numbers come last
   return x === y ? 0 : sign * (x < y ? -1 : 1);
 }
