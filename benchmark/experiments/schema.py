@@ -19,6 +19,7 @@ from envs.inputs import Table, override, parse, read_toml, unknown_name
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
 MOST_CONTRASTS: Final = 8  # of a protocol: each costs the others power
+_PAIR: Final = 2  # learners of a contrast
 _NOT_TAKEN: Final = "device"  # the setting that a check does not take: where the nets of its arm are computed
 
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # without the / and = of a condition's name
@@ -82,10 +83,10 @@ class Protocol(Table):
     @field_validator("contrasts", mode="before")
     @classmethod
     def _are_pairs(cls, contrasts: object) -> object:
-        pairs = contrasts if isinstance(contrasts, list) else [None]
-        if any(not isinstance(pair, list) or len(pair) != len("xy") for pair in pairs):
+        pairs = contrasts if isinstance(contrasts, list) else [contrasts]
+        if any(not isinstance(pair, list) or len(pair) != _PAIR for pair in pairs):
             raise ValueError('accepted: pairs like ["LEARNER", "LEARNER"]')
-        return contrasts
+        return tuple(map(tuple, pairs))
 
 
 class Experiment(Table):
