@@ -83,8 +83,8 @@ class Protocol(Table):
     @field_validator("contrasts", mode="before")
     @classmethod
     def _are_pairs(cls, contrasts: object) -> object:
-        pairs = contrasts if isinstance(contrasts, list) else [contrasts]
-        if any(not isinstance(pair, list) or len(pair) != _PAIR for pair in pairs):
+        pairs = contrasts if isinstance(contrasts, list | tuple) else [contrasts]
+        if any(not isinstance(pair, list | tuple) or len(pair) != _PAIR for pair in pairs):
             raise ValueError('accepted: pairs like ["LEARNER", "LEARNER"]')
         return tuple(map(tuple, pairs))
 

@@ -119,11 +119,6 @@ def check(experiment: Experiment) -> None:
     Raises:
       InputError: It has something else.
     """
-    if experiment.protocol is not None:
-        raise InputError(
-            f"{experiment.argument}: protocol: a replication takes none; accepted: in an experiment whose "
-            "report is comparison or ablation."
-        )
     fits = False
     if len(experiment.algorithms) == 1:
         (arm,) = experiment.algorithms.values()
@@ -137,6 +132,11 @@ def check(experiment: Experiment) -> None:
     if experiment.sweep:
         raise InputError(
             f"{experiment.argument}: sweep: accepted: none, since a replication varies its readings alone."
+        )
+    if experiment.protocol is not None:
+        raise InputError(
+            f"{experiment.argument}: protocol: a replication takes none; accepted: in an experiment whose "
+            "report is comparison or ablation."
         )
 
 
