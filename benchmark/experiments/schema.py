@@ -106,7 +106,7 @@ class Experiment(Table):
     # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
-    algorithms: Annotated[dict[_Name, Arm], Field(min_length=1)]
+    algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
     protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
     readings: dict[_Name, Reading] = Field(
         default_factory=lambda: {
@@ -114,6 +114,13 @@ class Experiment(Table):
         }
     )
     sweep: dict[_Name, dict[_Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
+
+    @model_validator(mode="after")
+    def _arms_have_names(self) -> Self:
+        for name in self.algorithms:
+            if ", " in name:  # it separates an arm from its observation
+                raise ValueError(f'algorithms."{name}": accepted: a name without a comma and a space')
+        return self
 
     @model_validator(mode="after")
     def _start_is_evaluated(self) -> Self:

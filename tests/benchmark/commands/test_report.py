@@ -8,7 +8,8 @@ from benchmark.experiments import load_experiment
 
 DECLARED = load_experiment("reproduce")
 (ARM,) = (arm.model_copy(update={"seeds": 100, "first_seed": 0}) for arm in DECLARED.algorithms.values())
-REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": ARM}})
+DEFAULT = {"default": DECLARED.readings["default"]}  # the others have fewer seeds
+REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": ARM}, "readings": DEFAULT})
 
 
 @pytest.mark.parametrize(
@@ -28,6 +29,11 @@ def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
 ) -> None:
     seeds = other_seeds(REPRODUCE, parse_seeds(given))
     assert folder_name(REPRODUCE, seeds, partial=partial) == name
+
+
+def test_readings_with_other_seeds_have_no_seeds_in_common() -> None:
+    assert other_seeds(DECLARED, parse_seeds("0-99")) == range(100)
+    assert other_seeds(DECLARED, parse_seeds("0-999")) == range(1000)
 
 
 def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_arm() -> None:

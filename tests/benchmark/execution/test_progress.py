@@ -67,7 +67,7 @@ def test_table_shows_what_is_done_running_and_failed() -> None:
     rows = {" ".join(line.split()[:2]): line.split()[2:] for line in lines[2:]}
     assert rows["q_learning, index"] == ["1/4", "0/4"]
     assert rows["dqn_sb3, one_hot"] == ["0/2", "1/2", "!1"]
-    assert "2 of 72 runs" in lines[-1]
+    assert "2 of 76 runs" in lines[-1]
     assert "dqn_sb3, one_hot" in screen.getvalue()
 
 
@@ -79,7 +79,7 @@ def test_output_that_is_no_terminal_gets_a_line() -> None:
     with display:
         display.start(job)
         display.advance([ended(run) for run in job])
-    assert file.getvalue().startswith(f"compare_deep_smoke: {1 + len(job)} of 72 runs, ")
+    assert file.getvalue().startswith(f"compare_deep_smoke: {1 + len(job)} of 76 runs, ")
     assert "updates/s" in file.getvalue()
     assert file.getvalue().count("\n") == 1
 

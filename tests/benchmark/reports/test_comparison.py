@@ -60,7 +60,7 @@ def test_everything_is_there(miniature: Path) -> None:
     assert scores["score"].between(0, 1).all()
     readme = (miniature / SMOKE.name / "README.md").read_text(encoding="utf-8")
     numbers = [line.split(".")[0] for line in readme.splitlines() if line[:1].isdecimal()]
-    assert numbers == [str(i) for i in range(1, 18)]
+    assert numbers == [str(i) for i in range(1, 17)]
     assert "there is no verdict on whether deep RL earns its keep" in readme  # two runs decide nothing
     cost = pd.read_csv(miniature / SMOKE.name / "cost.csv")
     assert cost["peak_memory_mb"].between(50, 700).all()
@@ -98,7 +98,7 @@ def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
     pairs = improvement[improvement["x"].str.contains("_sb3|_plain")]
     assert len(pairs) == n_checks
     assert (pairs["x"].str.replace("_sb3", "").str.replace("_plain", "_tuned") == pairs["y"]).all()
-    legend = "hollow: 2 runs by another implementation"  # one of the checks is a table
+    legend = "hollow: checks, 2 runs, nets by Stable-Baselines3 itself"
     for name in ("curves", "curves_cpu", "disagreements", "aggregate", "threshold", "region"):
         svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
         assert legend in svg
@@ -456,13 +456,13 @@ def test_checks_follow_what_they_check_and_take_no_colour(miniature: Path) -> No
     context = data.context
     assert context.arms == ["q_learning", "dqn", "dqn_linear"]
     assert not [learner for panel in context.panels.values() for learner in panel if learner in data.checks]
-    assert context.check_note == "hollow: 2 runs by Stable-Baselines3 itself"
+    assert context.check_note == "hollow: checks, 2 runs, nets by Stable-Baselines3 itself"
 
 
 def test_checks_are_drawn_hollow_below_and_beside_their_learners() -> None:
     data = checked_data()
     context = data.context
-    assert context.check_note == "hollow: 5 runs by another implementation"
+    assert context.check_note == "hollow: checks, 5 runs"
     dots = figures.aggregate(comparison.aggregate(data), context).axes[0]
     hollow = [line for line in dots.lines if line.get_markerfacecolor() == "white"]
     (filled,) = [line for line in dots.lines if line.get_markeredgecolor() == "white"][:1]

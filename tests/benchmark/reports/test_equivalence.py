@@ -346,7 +346,7 @@ def test_everything_is_there(tmp_path: Path, name: str) -> None:
         page = build.write(tmp_path).read_text(
             encoding="utf-8"
         )  # of the published experiments that are there
-        assert page.index('<section id="replication"') < page.index('<section id="equivalence"')
+        assert page.index('<section id="equivalence"') < page.index('<section id="replication"')
         assert 'href="equivalence/equivalence.csv#row=2"' in page
 
 

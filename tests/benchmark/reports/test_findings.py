@@ -370,7 +370,7 @@ def test_every_number_of_the_findings_is_in_the_row_that_it_links_to(folder: str
     path = PUBLISHED.parent / folder
     sentences = findings.table(Published(path))["text"]
     links = [match for text in sentences for match in LINK.findall(text)]
-    assert len(links) > 20
+    assert len(links) > 10
     n_checked = 0
     for text, file, rows in links:
         # Of several rows a number is the mean.
@@ -384,7 +384,7 @@ def test_every_number_of_the_findings_is_in_the_row_that_it_links_to(folder: str
             assert re.fullmatch(
                 r"[\d,.]+ times|[\d.]+ m?s|never|at the last evaluation|none|\d+ to \d+", text
             ), text
-    assert n_checked > 20
+    assert n_checked > 10
 
 
 @pytest.mark.parametrize("folder", ["compare_deep", "ablation"])
