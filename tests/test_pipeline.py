@@ -139,14 +139,14 @@ def test_readers_infer_the_types_of_all_columns(results: Path) -> None:
 
 def test_other_seeds_do_not_overwrite_the_declared_ones(results: Path, tmp_path: Path) -> None:
     shutil.copy(results / "runs.db", tmp_path)
-    (arm,) = load_experiment("reproduce_smoke").algorithms.values()
+    n_declared = len(load_experiment("reproduce_smoke").declared_seeds("q_learning", "default"))
     for seeds in ([], ["--seeds", "0-1"]):
         assert main(["report", "reproduce_smoke", *seeds, "--results", str(tmp_path)]) == 0
     made = contents(tmp_path / "reproduce_smoke", manifest=True)
     assert made == contents(results / "reproduce_smoke", manifest=True)  # of the declared seeds
     other = tmp_path / "reproduce_smoke_seeds_0-1"
     assert set(pd.read_csv(other / "optimal.csv")["agents"]) == {2}
-    assert f"2 of the {arm.seeds} agents" in (other / "index.html").read_text(encoding="utf-8")
+    assert f"2 of the {n_declared} agents" in (other / "index.html").read_text(encoding="utf-8")
     manifest = json.loads((other / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["command"] == "python -m benchmark run reproduce_smoke --seeds 0-1 --report"
     assert "_seeds_" not in (tmp_path / "README.md").read_text(encoding="utf-8")

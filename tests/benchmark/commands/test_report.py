@@ -8,7 +8,7 @@ from benchmark.experiments import load_experiment
 
 DECLARED = load_experiment("reproduce")
 (ARM,) = (arm.model_copy(update={"seeds": 100, "first_seed": 0}) for arm in DECLARED.algorithms.values())
-DEFAULT = {"default": DECLARED.readings["default"]}  # the others have fewer seeds
+DEFAULT = {"default": DECLARED.readings["default"].model_copy(update={"seeds": None})}
 REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": ARM}, "readings": DEFAULT})
 
 

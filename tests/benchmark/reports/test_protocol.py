@@ -70,7 +70,7 @@ CONTRASTS = f"contrasts = [{CONTRAST}]"
 @pytest.mark.parametrize(
     ("protocol", "expected"),
     [
-        (f'reference = "tabel, index"\n{CONTRASTS}', "protocol.reference: unknown table tabel, index (did"),
+        (f'reference = "tables, index"\n{CONTRASTS}', "protocol.reference: unknown table tables, index (did"),
         (f'reference = "net, one_hot"\n{CONTRASTS}', "protocol.reference: unknown table net, one_hot"),
         (CONTRASTS.replace("one_hot", "one-hot"), "protocol.contrasts.0: unknown learner net, one-hot (did"),
         (CONTRASTS.replace("net,", "net_sb3,"), "protocol.contrasts.0: unknown learner net_sb3"),
