@@ -22,7 +22,7 @@ EQUIVALENT: Final = "equivalent"
 UNDECIDED: Final = "undecided"
 NO_VERDICT: Final = "no verdict"  # too few runs, or runs are missing
 VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, UNDECIDED, NO_VERDICT)
-_POWER: Final = 0.8  # with which the number of runs that `deciding_runs` returns decides
+POWER: Final = 0.8  # probability with which a number of runs or agents that is called needed decides
 _MOST_RUNS: Final = 1_000_000
 
 
@@ -130,7 +130,7 @@ def deciding_runs(x: Side, y: Side, margin: float, n_contrasts: int) -> float:
         for mean, n in zip(side.means, side.sizes, strict=True):
             share = (mean * n + 2) / (n + 4)  # between the mean and one half, so that no variance is zero
             variance += share * (1 - share) / len(side.means) ** 2
-    difference, alpha, power = abs(x.mean - y.mean), (1 - LEVEL) / n_contrasts, stats.norm.ppf(_POWER)
+    difference, alpha, power = abs(x.mean - y.mean), (1 - LEVEL) / n_contrasts, stats.norm.ppf(POWER)
     needed = [math.inf]
     if difference > 0:
         needed.append(variance * ((stats.norm.isf(alpha / 2) + power) / difference) ** 2)
@@ -141,7 +141,7 @@ def deciding_runs(x: Side, y: Side, margin: float, n_contrasts: int) -> float:
 
 
 def _runs_for_equivalence(variance: float, difference: float, margin: float, alpha: float) -> float:
-    """Returns how many runs show with a probability of `_POWER` that a difference is smaller than the margin.
+    """Returns how many runs show with a probability of `POWER` that a difference is smaller than the margin.
 
     Both one-sided tests must reject.
 
@@ -155,7 +155,7 @@ def _runs_for_equivalence(variance: float, difference: float, margin: float, alp
     def excess(n: float) -> float:
         error = math.sqrt(variance / n)
         ends = ((margin - difference) / error, (margin + difference) / error)
-        return float(sum(stats.norm.cdf(end - stats.norm.isf(alpha)) for end in ends)) - 1 - _POWER
+        return float(sum(stats.norm.cdf(end - stats.norm.isf(alpha)) for end in ends)) - 1 - POWER
 
     most = 10.0 * _MOST_RUNS
     return math.inf if excess(most) < 0 else float(optimize.brentq(excess, 1e-3, most))

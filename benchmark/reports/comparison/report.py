@@ -473,8 +473,8 @@ ITEMS: Final = (
     ),
     Item(
         name="maps",
-        description="final values of every cell and action, without checks; figure: Q of PING, but for SB3's "
-        "own settings",
+        description="final values of every cell and action, without checks; figure: Q of PING, without "
+        "learners that have SB3's own settings",
         compute=_maps,
         display=_display_maps,
         draw=_draw_maps,
@@ -531,7 +531,7 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
     """Explains the terms of the tables."""
     manifest: Mapping[str, Any] = published.manifest
     summary = published.frame("summary")
-    return [
+    terms = [
         (
             "learner",
             "an algorithm with its settings and the form of observation that it learns from. Settings are in "
@@ -586,6 +586,11 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
             f"Diverged runs: {int(summary['diverged'].sum())}.",
         ),
     ]
+    needed = {"inf": "threshold", "values PING": "region", "probability of improvement": "improvement"}
+    left_out = {term for term, table in needed.items() if f"{table}.csv" not in published}
+    if "every_cell_success" not in summary:
+        left_out.add("every_cell")
+    return [(term, text) for term, text in terms if term not in left_out]
 
 
 def protocol_terms(published: Published) -> Sequence[tuple[str, str]]:

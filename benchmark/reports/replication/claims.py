@@ -26,6 +26,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from benchmark.analysis.contrasts import POWER
 from benchmark.analysis.intervals import LEVEL, interval, proportion_interval, simultaneous, student
 from benchmark.analysis.population import Population, overlap
 from envs.model import PING
@@ -37,7 +38,6 @@ Samples = NDArray[np.float64]  # (RESAMPLES + 1,) as measured, then resampled
 SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
 VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
 STATES: Final = ("passes", "undecided", "fails")  # of a part
-POWER: Final = 0.8  # probability that a part is decided with `agents_needed`
 _LEAST_DEVIATION: Final = 1e-6  # a smaller standard deviation over agents counts as none
 _REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(POWER))  # 1.96 + 0.84
 
