@@ -1,0 +1,27 @@
+"""Tables that are written, and read again."""
+
+from typing import ClassVar
+
+from envs.inputs import Table, parse
+
+
+class Inner(Table):
+    """A table with a key that it got later."""
+
+    later: ClassVar[frozenset[str]] = frozenset({"added"})
+    old: int = 1
+    added: int = 2
+
+
+class Outer(Table):
+    """A table that holds it."""
+
+    inner: Inner = Inner()
+
+
+def test_keys_added_later_are_written_only_if_they_differ_from_their_defaults() -> None:
+    assert Outer().model_dump(mode="json") == {"inner": {"old": 1}}
+    changed = Outer(inner=Inner(added=3))
+    assert changed.model_dump(mode="json") == {"inner": {"old": 1, "added": 3}}
+    assert parse(Outer, changed.model_dump(mode="json"), "test") == changed
+    assert parse(Outer, Outer().model_dump(mode="json"), "test") == Outer()
