@@ -35,7 +35,7 @@ class WithWeights(Training):
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
     algorithm = load_algorithm(name)
-    settings = algorithm.settings.model_validate({"budget": 2048})
+    settings = algorithm.settings.model_validate({"budget": 10_240})
     is_tabular = name.startswith("q_learning")
     assert settings.discount_factor == (0.9 if is_tabular else 0.99)
     assert algorithm.family == ("tabular" if is_tabular else "deep")

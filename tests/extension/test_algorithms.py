@@ -14,7 +14,7 @@ from pydantic import Field
 
 from agents import Schedule, load_algorithm
 from agents.sb3.algorithms import Sb3Algorithm
-from agents.sb3.method import ACTOR, Method
+from agents.sb3.method import Method
 from agents.sb3.settings import Sb3Settings
 from agents.tabular.learner import Settings, TabularAlgorithm
 from agents.tabular.updates import Successor, UpdateRule
@@ -51,7 +51,7 @@ class A2cSettings(Sb3Settings):
         return self.n_steps * self.n_envs
 
 
-A2C: Final = Sb3Algorithm(Method("stable_baselines3:A2C", A2cSettings, ACTOR))
+A2C: Final = Sb3Algorithm(Method("stable_baselines3:A2C", A2cSettings))
 
 
 EXPERIMENT = f"""
