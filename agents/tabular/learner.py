@@ -155,9 +155,13 @@ def train(
 
 def _process(model: Model) -> Process:
     """Returns a model as the kernel reads it: terminated episodes go on at the start."""
-    next_observation = np.where(model.terminated, model.n_observations, model.observation[model.next_state])
+    next_observation = np.where(
+        model.terminated, model.n_observations, model.observation[model.next_state[:, :, 0]]
+    )
     return Process(
-        next_state=np.where(model.terminated, model.start, model.next_state).astype(np.int64).ravel(),
+        next_state=np.where(model.terminated, model.start, model.next_state[:, :, 0])
+        .astype(np.int64)
+        .ravel(),
         next_observation=next_observation.astype(np.int64).ravel(),
         reward=(model.grid_reward + model.issuer_reward).ravel(),
         noise=model.issuer_noise.ravel(),

@@ -82,7 +82,7 @@ def _train(
     agent: int,
 ) -> None:
     """Trains one agent, and keeps what it comes to."""
-    next_state, terminated = model.next_state.tolist(), model.terminated.tolist()
+    next_state, terminated = model.next_state[:, :, 0].tolist(), model.terminated.tolist()
     rewards = (model.grid_reward + model.issuer_reward).tolist()
     noise, is_wrong_ping = model.issuer_noise.tolist(), model.is_wrong_ping.tolist()
     cell = model.observation.tolist()
