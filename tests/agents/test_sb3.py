@@ -13,11 +13,12 @@ import pytest
 import torch
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
+from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from agents import DeepTraining, Schedule, load_algorithm
+from agents import DeepTraining, Schedule, check_training, load_algorithm
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import ALL_ACTIONS, contains, mask_policy
 from agents.sb3 import algorithms
@@ -33,7 +34,7 @@ from agents.sb3.settings import (
 from agents.sb3.tables import policy_table
 from agents.sb3.training import make_agent, train
 from agents.sb3.vec_env import SB3VecEnv
-from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario, scenario_names
 from envs.model import PING
 from envs.observations import observation_table
 
@@ -54,20 +55,60 @@ METHODS = {name: getattr(algorithms, name.upper()).method for name in SETTINGS}
 ACTORS = ("ppo", "a2c")  # they learn probabilities
 
 
-def vec_env(n: int, scenario: str = "S1", observation: str = "coordinates", limit: int = 7) -> SB3VecEnv:
-    env = ProxemicVectorEnv(n, scenario, observation, max_episode_steps=limit, autoreset_mode="SameStep")
-    return SB3VecEnv(env)
+# Random starts, random changes of an observed phase and, in S2, random feedback.
+CHANGING: dict[str, Any] = {
+    "grid.start": [[0, 0], [9, 0], [0, 11]],
+    "observe": ["agent", "phase", "wrong_pings"],
+    "phases": [
+        {"name": "calm", "next": {"tense": 0.2}},
+        {"name": "tense", "next": {"calm": 0.4}, "regions": {"uncomfortable_radius": 2, "target_radius": 3}},
+    ],
+}
+
+
+def vec_env(
+    n: int,
+    scenario: str = "S1",
+    observation: str = "coordinates",
+    limit: int = 7,
+    overrides: dict[str, Any] | None = None,
+) -> SB3VecEnv:
+    return SB3VecEnv(
+        ProxemicVectorEnv(
+            n, scenario, observation, overrides, max_episode_steps=limit, autoreset_mode="SameStep"
+        )
+    )
 
 
 # The adapter
 
 
 @pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
-@pytest.mark.parametrize(("scenario", "n"), [("S1", 1), ("S1", 5), ("S3", 4), ("S2", 1)])
-def test_vec_env_steps_as_stable_baselines3s_own_does(scenario: str, n: int, observation: str) -> None:
-    ours: Any = vec_env(n, scenario, observation)
+@pytest.mark.parametrize(
+    ("scenario", "n", "overrides"),
+    [
+        ("S1", 1, {}),
+        ("S1", 5, {}),
+        ("S3", 4, {}),
+        ("S2", 1, {}),
+        ("S1", 1, CHANGING),
+        ("S2", 1, CHANGING),
+        ("Anywhere", 1, {}),
+    ],
+)
+def test_vec_env_steps_as_stable_baselines3s_own_does(
+    scenario: str, n: int, overrides: dict[str, Any], observation: str
+) -> None:
+    ours: Any = vec_env(n, scenario, observation, overrides=overrides)
     theirs: Any = DummyVecEnv(
-        [lambda: gymnasium.make(f"envs:Proxemic/{scenario}-v0", observation=observation, max_episode_steps=7)]
+        [
+            lambda: gymnasium.make(
+                f"envs:Proxemic/{scenario}-v0",
+                observation=observation,
+                overrides=overrides,
+                max_episode_steps=7,
+            )
+        ]
         * n
     )
     ours.seed(3)
@@ -111,6 +152,30 @@ def test_no_two_envs_of_any_run_share_draws() -> None:
         env.reset()
         draws += [env.step(np.full(4, PING))[1] for _ in range(100)]
     assert len(np.unique(np.concatenate(draws))) == 5 * 4 * 100
+
+
+def test_envs_of_a_batch_differ_in_starts_and_outcomes() -> None:
+    env: Any = vec_env(64, "S1", "index", limit=1000, overrides=CHANGING)
+    model = env.env.model
+    env.seed(0)
+    cells = env.reset() % 120
+    assert set(cells) == {0, 11, 9 * 12} == set(model.cell[model.starts])
+    # With moves up to the wall alone, episodes do not end, and the phase goes on: from calm to tense in a
+    # fifth of the steps and back in two fifths, so that a third of the time is tense.
+    phase = []
+    for _ in range(500):
+        observations, *_ = env.step(np.zeros(64, dtype=np.int64))
+        phase.append(observations // 120 % 2)
+    shares = np.mean(phase[20:])
+    assert shares == pytest.approx(1 / 3, abs=0.02)
+    changed = np.diff(phase, axis=0) != 0
+    assert len(np.unique(changed, axis=1).T) == 64  # no env repeats another
+
+
+@pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
+@pytest.mark.parametrize("scenario", scenario_names())
+def test_stable_baselines3_accepts_every_env(scenario: str, observation: str) -> None:
+    check_env(gymnasium.make(f"envs:Proxemic/{scenario}-v0", observation=observation).unwrapped)
 
 
 def test_vec_env_counts_disagreements() -> None:
@@ -237,6 +302,25 @@ def test_same_seed_gives_the_same_weights(name: str, observation: str) -> None:
         if key != "cpu_time_s":
             assert values[0].tobytes() == getattr(together, key)[1].tobytes(), key
     assert (together.weights[0] != together.weights[1]).any()
+
+
+@pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
+@pytest.mark.parametrize("name", SETTINGS)
+def test_scenes_that_change_are_learned_from_what_is_observed(name: str, observation: str) -> None:
+    model = compile_scenario(load_scenario("S2", CHANGING))
+    schedule = Schedule(400, (0, 200, 400), (0, 400))
+    seeds = [SeedSequence([4, 0]), SeedSequence([4, 1]), SeedSequence([4, 0])]
+    training = train(METHODS[name], model, SETTINGS[name], observation, seeds, schedule)
+    check_training(training, model, 3, schedule)
+    assert training.greedy.shape[2] == 120 * 2 * 5
+    assert (training.weights[0] == training.weights[2]).all()
+    assert (training.weights[0] != training.weights[1]).any()
+    assert (training.greedy[0, 0] != training.greedy[0, -1]).any()
+    assert (training.diverged_at == -1).all()
+    inputs = {"one_hot": 120 + 2 + 5, "coordinates": 2 + 1 + 1}[observation]
+    first_layers = 2 if name in ACTORS else 1
+    added = training.parameters[0] - trained(name, points=[], observation=observation).parameters[0]
+    assert added == first_layers * 64 * (inputs - {"one_hot": 120, "coordinates": 2}[observation])
 
 
 @pytest.mark.parametrize("name", SETTINGS)
