@@ -76,6 +76,7 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
 
 def _how_to_install(module: str) -> str:
     """Returns what to do about a module that is not there."""
+    module = module.partition(".")[0]
     if module in ("sb3_contrib", "stable_baselines3", "torch"):
         return "make .venv/.deep installs it"
     return f"if {module} is in a package, install that with .venv/bin/pip"
