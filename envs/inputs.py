@@ -39,7 +39,8 @@ class Table(BaseModel):
 
     def __hash__(self) -> int:
         """Hashes the values."""
-        return hash(tuple(getattr(self, key) for key in type(self).model_fields))
+        values = (getattr(self, key) for key in type(self).model_fields)
+        return hash(tuple(tuple(value.items()) if isinstance(value, dict) else value for value in values))
 
     def __getstate__(self) -> dict[Any, Any]:
         """Returns what is pickled."""

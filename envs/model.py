@@ -127,8 +127,8 @@ class Model:
 
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
-        """(F,) the states with no wrong PING so far and no feedback to come; in S1 to S3 one per cell."""
-        return np.flatnonzero(self.is_fresh)
+        """(F,) the states with no wrong PING so far and no feedback to come, no walls; in S1 the cells."""
+        return np.flatnonzero(self.is_fresh & ~self.scenario.grid.is_wall[self.cell])
 
     @cached_property
     def is_fresh(self) -> NDArray[np.bool_]:
@@ -144,7 +144,7 @@ class Model:
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
-        states = self.fresh_state[self.context[self.fresh_state] == context]
+        states = np.flatnonzero(self.is_fresh & (self.context == context))
         return np.asarray(states[: self.scenario.grid.rows * self.scenario.grid.columns])
 
     @cached_property

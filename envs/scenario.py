@@ -376,7 +376,7 @@ class Scenario(Table):
         """Returns the zone of every cell among some people, (C,)."""
         size, width = self.grid.size, self.grid.metres_per_cell or 1.0
         each = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
-        return merged(np.array(each))
+        return np.where(self.grid.is_wall, ZONES.index("outside"), merged(np.array(each))).astype(np.int8)
 
     # Checks
 

@@ -43,6 +43,8 @@ class Arm(Table):
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition
     first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0  # the others follow it
+    evaluation_every: Annotated[int, Field(ge=1, le=10**9)] | None = None  # if not the experiment's
+    map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
     policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
     tuning: Tuning | None = None
     group: str = ""  # arms of a group are drawn together; an arm without a group is drawn with every group
@@ -130,11 +132,16 @@ class Experiment(Table):
 
     @model_validator(mode="after")
     def _maps_are_evaluated(self) -> Self:
-        if self.map_every % self.evaluation_every:
-            raise ValueError(
-                f"map_every = {self.map_every}: accepted: a multiple of "
-                f"evaluation_every = {self.evaluation_every}"
+        for name in ("", *self.algorithms):
+            where = f'algorithms."{name}": ' if name else ""
+            evaluation_every, map_every = (
+                self.schedule(name) if name else (self.evaluation_every, self.map_every)
             )
+            if map_every % evaluation_every:
+                raise ValueError(
+                    f"{where}map_every = {map_every}: accepted: a multiple of evaluation_every = "
+                    f"{evaluation_every}"
+                )
         return self
 
     @model_validator(mode="after")
@@ -169,6 +176,11 @@ class Experiment(Table):
             for name, arm in self.algorithms.items()
             for observation in arm.observations
         ]
+
+    def schedule(self, arm: str) -> tuple[int, int]:
+        """Returns after how many steps an arm is evaluated, and its values are mapped."""
+        declared = self.algorithms[arm]
+        return declared.evaluation_every or self.evaluation_every, declared.map_every or self.map_every
 
     def declared_seeds(self, arm: str, condition: str) -> range:
         """Returns the seeds of an arm's runs under a condition."""

@@ -113,6 +113,11 @@ class Data:
         learners = {learner: each for learner, each in self.learners.items() if learner not in self.checks}
         return replace(self, learners=learners, checks={})
 
+    @property
+    def mapped(self) -> Iterator[tuple[Learner, str, Population]]:
+        """The populations without checks in scenarios whose observations are cells, which a map shows."""
+        return (each for each in self.without_checks.populations if each[2].model.observes_cells)
+
     def policy(self, learner: Learner) -> str:
         """Returns the policy that a learner is compared by, `"greedy"` or `"stochastic"`."""
         return self.policies.get(learner.algorithm, "greedy")

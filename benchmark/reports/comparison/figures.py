@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.differences import differences
-from benchmark.drawing.maps import colour_bar, dots, heat, region_legend, triangles
+from benchmark.drawing.maps import colour_bar, dots, heat, region_legend
 from benchmark.drawing.style import arm_style, figure_of
 from benchmark.reports.comparison.data import Context
 from benchmark.reports.comparison.protocol import Learner, answer
@@ -282,44 +282,32 @@ def maps(
     frame: pd.DataFrame,
     models: Mapping[str, Model],
     learners: Sequence[Learner],
-    action: str,
     label: str,
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Draws the same map of every learner and scenario, on one colour scale.
+    """Draws the map of PING's values of every learner and scenario, on one colour scale.
 
     Args:
       frame: `benchmark.reports.comparison.tables.maps`.
-      models: Scenario to compiled scenario, the columns.
+      models: Scenario to compiled scenario, the columns; those without maps are left out.
       learners: The rows.
-      action: `"PING"`, or `"moves"` for all others at once.
       label: What the colours are.
       limits: The ends of the colour scale; by default those of the middle 98 % of the values.
     """
-    is_ping = frame["action"] == "PING"
     is_shown = np.logical_or.reduce([_is(frame, learner) for learner in learners])
-    shown = frame[is_shown & (is_ping if action == "PING" else ~is_ping)]
+    shown = frame[is_shown & (frame["action"] == "PING")]
+    models = {scenario: model for scenario, model in models.items() if model.observes_cells}
     norm = Normalize(*(limits or colour_limits(shown["value"].to_numpy())))
     with figure_of(len(learners), len(models), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
         for row, learner in enumerate(learners):
             for column, (scenario, model) in enumerate(models.items()):
-                values, axis, scene = _of(shown, learner, scenario), axes[row, column], scene_of(model)
-                if action == "PING":
-                    heat(axis, scene, values["value"].to_numpy(), norm)
-                    dots(axis, values[values["marked"] > 0.5])
-                else:
-                    triangles(axis, scene, values, norm, "value")
+                values, axis = _of(shown, learner, scenario), axes[row, column]
+                heat(axis, scene_of(model), values["value"].to_numpy(), norm)
+                dots(axis, values[values["marked"] > 0.5])
                 axis.set(title=f"{scenario}: {', '.join(learner)}")
         colour_bar(figure, list(axes.flat), norm, label, extend="neither" if limits else "both")
-        marks = {
-            "PING": Line2D(
-                [], [], ls="", marker="o", color="black", ms=3, label="where most runs value PING"
-            ),
-            "moves": Line2D(
-                [], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"
-            ),
-        }
-        region_legend(figure, marks[action])
+        mark = "where most runs value PING"
+        region_legend(figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label=mark))
     return figure
 
 
