@@ -58,7 +58,7 @@ class Memoryless:
     """The search as an algorithm, see `agents.contract.Algorithm`."""
 
     version: int = VERSION
-    family: Literal["tabular", "deep"] = "tabular"
+    family: Literal["tabular", "deep", "planner"] = "planner"
     settings: type[MemorylessSettings] = MemorylessSettings
     observations: tuple[str, ...] = ("index",)
     packages: tuple[str, ...] = ("numba",)

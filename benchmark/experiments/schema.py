@@ -91,6 +91,14 @@ class Protocol(Table):
         return tuple(map(tuple, pairs))
 
 
+class Effect(Table):
+    """Two scenarios that differ in one thing, so that the difference of a learner's results is its effect."""
+
+    name: Annotated[str, Field(min_length=1, max_length=60)]  # what differs, in words
+    scenario: str  # with it
+    against: str  # without it
+
+
 class Experiment(Table):
     """A declared set of runs: every condition, scenario, arm and observation, each with its seeds."""
 
@@ -110,6 +118,7 @@ class Experiment(Table):
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
     algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
     protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
+    effects: tuple[Effect, ...] = ()  # of scenarios on every learner, for a report on scenes
     readings: dict[_Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
@@ -122,6 +131,18 @@ class Experiment(Table):
         for name in self.algorithms:
             if ", " in name:  # it separates an arm from its observation
                 raise ValueError(f'algorithms."{name}": accepted: a name without a comma and a space')
+        return self
+
+    @model_validator(mode="after")
+    def _effects_are_of_scenarios(self) -> Self:
+        names = [Path(scenario).stem for scenario in self.scenarios]
+        for i, effect in enumerate(self.effects):
+            for key in ("scenario", "against"):
+                if getattr(effect, key) not in names:
+                    accepted = ", ".join(names)
+                    raise ValueError(f"effects.{i}.{key} = {getattr(effect, key)}: accepted: {accepted}")
+            if effect.scenario == effect.against:
+                raise ValueError(f"effects.{i}: accepted: two different scenarios")
         return self
 
     @model_validator(mode="after")

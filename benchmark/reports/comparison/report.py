@@ -109,7 +109,7 @@ def _write_film(data: Data, _: Frames, directory: "Path") -> None:
         title = f"{scenario}: {learner}, seed {population.seeds[agent]} (median)"
         return film.film_of(title, population, agent)
 
-    families: dict[str, list[Learner]] = {"tabular": [], "deep": []}
+    families: dict[str, list[Learner]] = {"tabular": [], "deep": [], "planner": []}
     for learner, populations in data.without_checks.learners.items():
         families[next(iter(populations.values())).algorithm.family].append(learner)
     films = [
