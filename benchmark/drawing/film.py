@@ -298,6 +298,9 @@ class _Painter:
         greedy = contains(film.greedy[moment.place])
         unvisited = film.is_unvisited(moment.place)
         for cell in range(self.scene.n_cells):
+            if self.scene.is_wall[cell]:
+                self._wall(cell)
+                continue
             if unvisited[cell] and not self.scene.is_over[cell]:
                 self._hatching(cell)
                 continue
@@ -308,8 +311,10 @@ class _Painter:
         for outline in self.scene.outlines:
             for loop in outline.loops:
                 self._border(loop, is_dashed=outline.is_dashed)
-        for cell in self.scene.cells_of("issuer"):
-            self._star(cell)
+        for person in self.scene.glyphs_of("issuer"):
+            if person.heading is not None:
+                self.draw.polygon(self._shape(person.cell, 1.5 * person.nose), _WHITE, _BLACK)
+            self._star(person.cell)
         for cell in self.scene.cells_of("start"):
             self._square(cell)
         self._path(moment.cells)
@@ -338,11 +343,19 @@ class _Painter:
 
     def _hatching(self, cell: int) -> None:
         """Paints a cell of which the agent has learned nothing."""
+        self._strokes(cell, COLOURS["no value"], COLOURS["line"])
+
+    def _wall(self, cell: int) -> None:
+        """Paints a wall, hatched, since the colours of values include greys."""
+        self._strokes(cell, COLOURS["wall"], COLOURS["line"])
+
+    def _strokes(self, cell: int, colour: Colour, stroke: Colour) -> None:
+        """Paints a cell with two strokes, from the lower left to the upper right."""
         (x, y), half = self._at(cell), self.unit / 2
-        self.draw.rectangle((x - half, y - half, x + half, y + half), COLOURS["no value"])
-        for along in (-half / 2, half / 2):  # two strokes, from the lower left to the upper right
+        self.draw.rectangle((x - half, y - half, x + half, y + half), colour)
+        for along in (-half / 2, half / 2):
             ends = (x + along - half / 2, y + along + half / 2, x + along + half / 2, y + along - half / 2)
-            self.draw.line(ends, COLOURS["line"], width=max(self.unit // 20, 1))
+            self.draw.line(ends, stroke, width=max(self.unit // 20, 1))
 
     def _marks(self, cell: int, actions: Sequence[int], *, has_marks: bool) -> None:
         """Marks the greedy actions of a cell."""

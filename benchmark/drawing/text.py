@@ -48,7 +48,7 @@ def to_text(film: Film, moment: Moment) -> Text:
         text.append(f"{before}{sign}{after}", style=style)
         if (cell + 1) % scene.columns == 0:
             text.append("\n")
-    text.append(_LEGEND, style="dim")
+    text.append(_LEGEND + ("          # wall" if scene.is_wall.any() else ""), style="dim")
     return text
 
 

@@ -65,8 +65,8 @@ def _headline(published: Published, protocol: Protocol) -> str:
             parts.append(f"in {link(str(len(names)), 'contrasts', rows)} {text} ({_and(names)})")
     budgets = published.frame("summary").groupby(["algorithm", "observation"])["budget"].first()
     steps = {
-        int(budgets[learner])
-        for learner in [protocol.reference, *protocol.decisive]
+        int(budgets.loc[learner])
+        for learner in filter(None, [protocol.reference, *protocol.decisive])
         if learner in budgets.index
     }
     budget = f"With {steps.pop():,} steps of training" if len(steps) == 1 else "With the budgets declared"
