@@ -35,6 +35,7 @@ ALGORITHMS: Final = {
     "batched_dqn": "agents.batched.algorithms:DQN",
     "batched_ppo": "agents.batched.algorithms:PPO",
     "dqn": "agents.sb3.algorithms:DQN",
+    "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
     "qrdqn": "agents.sb3.algorithms:QRDQN",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
