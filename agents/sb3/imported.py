@@ -17,7 +17,7 @@ from agents.sb3.algorithms import Sb3Algorithm
 from agents.sb3.method import Method
 from agents.sb3.settings import OUR_SETTINGS, Count, Sb3Settings, Share
 from agents.sb3.signatures import ArgumentTable, lenient, one_of, read_signature
-from envs.inputs import InputError, parse
+from envs.inputs import InputError, Table, parse
 
 _SET_HERE: Final = {
     "policy": "agents have the class's MlpPolicy",
@@ -94,8 +94,7 @@ def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
       InputError: The class cannot be trained here, for example because its actions are not discrete.
     """
     settings = _settings_of(cls, path)
-    fields = settings.model_fields.values()
-    if not any(field.is_required() for field in fields):  # else the settings will show it
+    if not _needs_values(settings):  # else only the settings can show whether an agent can be made
         defaults = {name: field.default for name, field in settings.model_fields.items()}
         rollout = _steps(defaults)
         parse(settings, {"budget": -(-10_000 // rollout) * rollout}, f"algorithm {path}")
@@ -126,11 +125,16 @@ def _settings_of(cls: Any, path: str) -> type[ImportedSettings]:
     table: Any = create_model(
         f"{cls.__name__}Settings",
         __base__=ImportedSettings,
-        policy_kwargs=(policy_table, policy_table()),
+        policy_kwargs=(policy_table, ... if _needs_values(policy_table) else policy_table()),
         **fields,
     )
     table.path, table.refused = path, refused
     return table
+
+
+def _needs_values(table: type[Table]) -> bool:
+    """Returns whether a table has keys without a default."""
+    return any(field.is_required() for field in table.model_fields.values())
 
 
 def _steps(settings: Mapping[str, Any]) -> int:
