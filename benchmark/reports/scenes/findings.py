@@ -106,7 +106,7 @@ def _where_better(published: Published, protocol: Protocol) -> list[str]:
 
 
 def _learned(published: Published) -> list[str]:
-    """Says after how many steps each learner has learned each scene, where some net needs fewer than a table."""
+    """Says after how many steps a scene is learned, where some net needs fewer than every table."""
     steps, arms = published.frame("steps"), published.manifest["algorithms"]
     family = steps["algorithm"].map(lambda name: arms[name].get("family", ""))
     written = []
@@ -127,13 +127,15 @@ def _learned(published: Published) -> list[str]:
         )
         if math.isfinite(best["step"]):
             text += (
-                f", that of the fastest table, `{_name(best)}`, from step {link(f'{best.step:,.0f}', 'steps', best)} on: "
+                f", that of the fastest table, `{_name(best)}`, from step "
+                f"{link(f'{best.step:,.0f}', 'steps', best)} on: "
                 f"{best['step'] / net['step']:.2g} times as many"
             )
         else:
             longest = tables.loc[tables["budget"].idxmax()]
             text += (
-                f"; that of no table does, `{_name(longest)}` with {link(f'{longest.budget:,.0f}', 'steps', longest)} steps "
+                f"; that of no table does, `{_name(longest)}` with "
+                f"{link(f'{longest.budget:,.0f}', 'steps', longest)} steps "
                 f"among them"
             )
         written.append(f"{text}. Steps are those of the evaluations.")
@@ -158,7 +160,8 @@ def _effects(published: Published) -> list[str]:
         first = rows.iloc[0]
         title = str(name)[0].upper() + str(name)[1:]
         written.append(
-            f"{title}: {first['scenario']} minus {first['against']} in success, in score and in disagreements "
+            f"{title}: {first['scenario']} minus {first['against']} in success, in score and in "
+            "disagreements "
             f"per 1,000 steps of training. {'; '.join(parts)}."
         )
     return written
@@ -179,8 +182,10 @@ def _hidden(published: Published) -> list[str]:
         return [f"In every scene the best memoryless policy found in {n} searches is optimal."]
     rest = len(frame) - len(parts)
     return [
-        f"Scores of the best memoryless policy found in {n} searches, where 1 is an agent that knows the state: "
-        f"{'; '.join(parts)}. In the other {rest} scenes it is optimal, though the number of wrong PINGs may be hidden. "
+        f"Scores of the best memoryless policy found in {n} searches, where 1 is an agent that knows the "
+        "state: "
+        f"{'; '.join(parts)}. In the other {rest} scenes it is optimal, though the number of wrong PINGs may "
+        "be hidden. "
         "The search climbs, so there may be better policies."
     ]
 

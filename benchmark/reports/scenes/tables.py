@@ -60,14 +60,12 @@ def scenes(data: Data) -> pd.DataFrame:
             "random_success": float(evaluate(model, uniform_policy(model), population.horizon).success),
             "optimal_return": optimal,
         }
-        found = [
-            p
-            for learner, name, p in data.populations
-            if name == scenario and learner not in learners(data).learners
-        ]
+        found = [learner for learner in data.learners if learner not in learners(data).learners]
         if found:
-            returns = np.concatenate([each.arrays["stochastic_grid_return"][:, -1] for each in found])
-            success = np.concatenate([each.arrays["stochastic_success"][:, -1] for each in found])
+            returns, success = (
+                np.concatenate([data.results(learner, scenario, name)[:, -1] for learner in found])
+                for name in ("grid_return", "success")
+            )
             best = int(returns.argmax())
             row |= {"restarts": len(returns), "memoryless_return": returns[best]}
             row |= {"memoryless_success": success[best]}
