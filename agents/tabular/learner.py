@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings, Schedule, Training, check_request
 from agents.tabular import updates
-from agents.tabular.kernel import CHOICES, Constants, Plan, Process, Results, compile_kernel
+from agents.tabular.kernel import CHOICES, OUTCOME, Constants, Decay, Plan, Process, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
 from envs.model import ACTIONS, Model
 
@@ -113,10 +113,12 @@ def train(
     kernel = compile_kernel(update)
     process = _process(model)
     constants = Constants(
-        learning_rate=settings.learning_rate,
+        learning_rate=Decay(settings.learning_rate, settings.learning_rate, 0),
+        visit_exponent=0.0,
         discount=settings.discount,
-        epsilon=settings.epsilon,
-        explore_below=np.uint64(round(settings.epsilon * 2**32)),
+        epsilon=Decay(settings.epsilon, settings.epsilon, 0),
+        initial_value=0.0,
+        trace_decay=0.0,
         takes_lowest=settings.ties == "lowest",
         choices=CHOICES,
         time_limit=settings.time_limit or 2**62,
@@ -154,16 +156,22 @@ def train(
 
 
 def _process(model: Model) -> Process:
-    """Returns a model as the kernel reads it: terminated episodes go on at the start."""
-    next_observation = np.where(model.terminated, model.n_observations, model.observation[model.next_state])
+    """Returns a model as the kernel reads it."""
+    next_state = model.next_state[..., None]  # (S, A, K)
+    terminated = model.terminated[..., None]
+    outcomes = np.empty(next_state.shape, dtype=OUTCOME)
+    outcomes["reward"] = (model.grid_reward + model.issuer_reward)[..., None]
+    outcomes["next_state"] = next_state
+    outcomes["next_observation"] = np.where(terminated, model.n_observations, model.observation[next_state])
+    n_outcomes = next_state.shape[-1]
     return Process(
-        next_state=np.where(model.terminated, model.start, model.next_state).astype(np.int64).ravel(),
-        next_observation=next_observation.astype(np.int64).ravel(),
-        reward=(model.grid_reward + model.issuer_reward).ravel(),
+        outcomes=outcomes.ravel(),
+        probability_up_to=np.empty(0),
+        n_outcomes=n_outcomes,
         noise=model.issuer_noise.ravel(),
         is_wrong_ping=model.is_wrong_ping.ravel(),
-        observation=model.observation.astype(np.int64),
-        start=model.start,
+        observation=model.observation.astype(np.uint32),
+        starts=np.array([model.start], dtype=np.uint32),
         is_noisy=model.is_noisy,
     )
 
