@@ -44,9 +44,21 @@ class Solution:
     value: NDArray[np.float64]  # (S,)
 
 
+def from_starts(model: Model) -> NDArray[np.float64]:
+    """Returns the model's distribution over start states, (S,)."""
+    return _uniform(model, model.starts)
+
+
 def every_cell(model: Model) -> NDArray[np.float64]:
-    """Returns the uniform distribution, (S,), over all cells but the issuer's, with no wrong PING so far."""
-    states = model.fresh_state[~model.is_over[model.fresh_state]]
+    """Returns the uniform distribution, (S,), over all states in which the agent may be before any PING.
+
+    In S1 to S3 these are all cells but the issuer's.
+    """
+    return _uniform(model, model.fresh_state[~model.is_over[model.fresh_state]])
+
+
+def _uniform(model: Model, states: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Returns the uniform distribution over some states, (S,)."""
     start = np.zeros(len(model.observation))
     start[states] = 1 / len(states)
     return start
@@ -62,7 +74,7 @@ def evaluate(
       policy: Action probabilities, (..., O, A) float64, rows summing to one; leading axes are a
         batch of policies.
       horizon: Steps until truncation, at least 1.
-      start: Probability of starting in each state, (S,); the model's start by default.
+      start: Probability of starting in each state, (S,); by default that of the model.
 
     Raises:
       ValueError: `policy` was built for another model or its rows are not probabilities, `horizon` is below
@@ -77,17 +89,21 @@ def evaluate(
     if horizon < 1:
         raise ValueError(f"horizon = {horizon}; at least 1.")
     if start is None:
-        start = np.zeros(len(model.observation))
-        start[model.start] = 1.0
+        start = from_starts(model)
     is_over = model.is_over
     if start.shape != is_over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[is_over].any():
         raise ValueError("start: accepted: probabilities of states in which the episode goes on.")
     starts = np.flatnonzero(start)
+    # An episode never leaves the states of its place, so places are swept one after the other, which keeps
+    # what a sweep reads in the caches.
+    n_block = len(start) // model.n_places
+    group = np.searchsorted(starts, n_block * np.arange(model.n_places + 1))
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
     _sweep(
         batch,
         model.next_state,
+        model.probability,
         model.grid_reward,
         model.issuer_reward,
         model.terminated,
@@ -97,6 +113,8 @@ def evaluate(
         model.observation,
         starts,
         start[starts],
+        group,
+        n_block,
         horizon,
         sums,
     )
@@ -115,6 +133,7 @@ def evaluate(
 def _sweep(
     policies: NDArray[np.float64],
     next_state: NDArray[np.int32],
+    outcome: NDArray[np.float64],
     grid_reward: NDArray[np.float64],
     issuer_reward: NDArray[np.float64],
     terminated: NDArray[np.bool_],
@@ -124,6 +143,8 @@ def _sweep(
     observation: NDArray[np.int32],
     starts: NDArray[np.int64],
     start_probability: NDArray[np.float64],
+    group: NDArray[np.int64],
+    n_block: int,
     horizon: int,
     sums: NDArray[np.float64],
 ) -> None:
@@ -131,75 +152,87 @@ def _sweep(
 
     First it finds the states that the policy can reach, for a greedy policy very few, and lists the
     transitions between them, ordered by target. Then every step is a pass over that list.
+
+    Group g has the starts group[g] to group[g + 1] - 1, all among the states g * n_block to
+    (g + 1) * n_block - 1, which an episode never leaves.
     """
-    n_states, n_actions = next_state.shape
-    place = np.full(n_states, -1, dtype=np.int64)  # a state's index in `reached`
-    reached = np.empty(n_states, dtype=np.int64)  # the states reached, in the order of their discovery
-    first = np.empty(n_states + 1, dtype=np.int64)  # index of the first transition into each place
-    source = np.empty(n_states * n_actions, dtype=np.int64)  # the place where each transition starts
-    probability = np.empty(n_states * n_actions)  # of each transition
-    here = np.empty(n_states)  # probability of each place before the step
-    there = np.empty(n_states)  # probability of each place after the step
-    visits = np.empty(n_states)  # expected number of steps that start in each place
+    n_states, n_actions, n_outcomes = next_state.shape
+    place = np.full(n_states, -1, dtype=np.int32)  # a state's index in `reached`
+    reached = np.empty(n_block, dtype=np.int64)  # the states reached, in the order of their discovery
+    first = np.empty(n_block + 1, dtype=np.int64)  # index of the first transition into each place
+    source = np.empty(n_block * n_actions * n_outcomes, dtype=np.int32)  # the place where each starts
+    probability = np.empty(n_block * n_actions * n_outcomes)  # of each transition
+    here = np.empty(n_block)  # probability of each place before the step
+    there = np.empty(n_block)  # probability of each place after the step
+    visits = np.empty(n_block)  # expected number of steps that start in each place
     for n in range(policies.shape[0]):
         policy = policies[n]
-        n_reached = len(starts)
-        for i in range(n_reached):
-            place[starts[i]] = i
-            reached[i] = starts[i]
-        first[:] = 0
-        i = 0
-        while i < n_reached:
-            s = reached[i]
-            for a in range(n_actions):
-                if policy[observation[s], a] > 0.0 and not terminated[s, a]:
-                    s_next = next_state[s, a]
-                    if place[s_next] < 0:
-                        place[s_next] = n_reached
-                        reached[n_reached] = s_next
-                        n_reached += 1
-                    first[place[s_next] + 1] += 1
-            i += 1
-        for i in range(n_reached):
-            first[i + 1] += first[i]
-        for i in range(n_reached):
-            s = reached[i]
-            for a in range(n_actions):
-                if policy[observation[s], a] > 0.0 and not terminated[s, a]:
-                    j = place[next_state[s, a]]
-                    source[first[j]] = i
-                    probability[first[j]] = policy[observation[s], a]
-                    first[j] += 1  # ends as the index of the next place's first transition
-
-        here[:n_reached] = 0.0
-        here[: len(starts)] = start_probability
-        visits[:n_reached] = 0.0
-        for _ in range(horizon):
-            going = 0.0
-            transition = 0
+        for g in range(len(group) - 1):
+            n_starts = group[g + 1] - group[g]
+            if n_starts == 0:
+                continue
+            n_reached = n_starts
+            for i in range(n_starts):
+                place[starts[group[g] + i]] = i
+                reached[i] = starts[group[g] + i]
+            first[:] = 0
+            i = 0
+            while i < n_reached:
+                s = reached[i]
+                for a in range(n_actions):
+                    if policy[observation[s], a] > 0.0 and not terminated[s, a]:
+                        for k in range(n_outcomes):
+                            if outcome[s, a, k] > 0.0:
+                                s_next = next_state[s, a, k]
+                                if place[s_next] < 0:
+                                    place[s_next] = n_reached
+                                    reached[n_reached] = s_next
+                                    n_reached += 1
+                                first[place[s_next] + 1] += 1
+                i += 1
             for i in range(n_reached):
-                visits[i] += here[i]
-                arriving = 0.0
-                while transition < first[i]:
-                    arriving += here[source[transition]] * probability[transition]
-                    transition += 1
-                there[i] = arriving
-                going += arriving
-            here, there = there, here
-            if going == 0.0:
-                break
+                first[i + 1] += first[i]
+            for i in range(n_reached):
+                s = reached[i]
+                for a in range(n_actions):
+                    if policy[observation[s], a] > 0.0 and not terminated[s, a]:
+                        for k in range(n_outcomes):
+                            if outcome[s, a, k] > 0.0:
+                                j = place[next_state[s, a, k]]
+                                source[first[j]] = i
+                                probability[first[j]] = policy[observation[s], a] * outcome[s, a, k]
+                                first[j] += 1  # ends as the index of the next place's first transition
 
-        for i in range(n_reached):
-            s = reached[i]
-            place[s] = -1
-            for a in range(n_actions):
-                p = visits[i] * policy[observation[s], a]
-                sums[n, 0] += p * grid_reward[s, a]
-                sums[n, 1] += p * issuer_reward[s, a]
-                sums[n, 2] += p * is_success[s, a]
-                sums[n, 3] += p
-                sums[n, 4] += p * is_wrong_ping[s, a]
-                sums[n, 5 + zone[next_state[s, a]]] += p
+            here[:n_reached] = 0.0
+            here[:n_starts] = start_probability[group[g] : group[g + 1]]
+            visits[:n_reached] = 0.0
+            for _ in range(horizon):
+                going = 0.0
+                transition = 0
+                for i in range(n_reached):
+                    visits[i] += here[i]
+                    arriving = 0.0
+                    while transition < first[i]:
+                        arriving += here[source[transition]] * probability[transition]
+                        transition += 1
+                    there[i] = arriving
+                    going += arriving
+                here, there = there, here
+                if going == 0.0:
+                    break
+
+            for i in range(n_reached):
+                s = reached[i]
+                place[s] = -1
+                for a in range(n_actions):
+                    p = visits[i] * policy[observation[s], a]
+                    sums[n, 0] += p * grid_reward[s, a]
+                    sums[n, 1] += p * issuer_reward[s, a]
+                    sums[n, 2] += p * is_success[s, a]
+                    sums[n, 3] += p
+                    sums[n, 4] += p * is_wrong_ping[s, a]
+                    for k in range(n_outcomes):
+                        sums[n, 5 + zone[next_state[s, a, k]]] += p * outcome[s, a, k]
 
 
 def solve(
@@ -207,8 +240,9 @@ def solve(
 ) -> Solution:
     """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
-    An agent that observes the cell alone can reach at most these values. It can reach them where the optimum
-    needs no wrong PING, as in the paper's scenarios.
+    An agent from which something is hidden can reach at most these values. It can reach them where the
+    optimum needs nothing of it, as in the paper's scenarios, where the optimum has no wrong PING. For what
+    such an agent can reach elsewhere, see `agents.memoryless`.
 
     Args:
       model: Compiled scenario.
@@ -226,12 +260,20 @@ def solve(
     q = np.zeros_like(reward)
     step = 0
     while horizon is None or step < horizon:
-        q = reward + discount * np.where(model.terminated, 0.0, value[model.next_state])
+        q = reward + discount * np.where(model.terminated, 0.0, expected(model, value))
         best = q.max(axis=1)
         # Rounding may make the last digit alternate for ever, so equality is not required.
         converged = np.abs(best - value).max() <= 1e-15 * max(1.0, np.abs(best).max())
+        unchanged = converged and np.array_equal(best, value)  # as it will be from here on
         value = best
         step += 1
-        if converged and discount < 1:
+        if unchanged or (converged and discount < 1):
             break
     return Solution(q=q, value=value)
+
+
+def expected(model: Model, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the expected value of the next state, (S, A), from the values of all states, (S,)."""
+    if model.n_outcomes == 1:
+        return np.asarray(value[model.next_state[:, :, 0]])
+    return np.asarray((value[model.next_state] * model.probability).sum(axis=2))

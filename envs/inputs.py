@@ -29,6 +29,24 @@ class Table(BaseModel):
     # written before, and the digests of runs, stay the same.
     later: ClassVar[frozenset[str]] = frozenset()
 
+    # What a table has cached is neither compared nor pickled.
+
+    def __eq__(self, other: object) -> bool:
+        """Compares types and values."""
+        return type(self) is type(other) and all(
+            getattr(self, key) == getattr(other, key) for key in type(self).model_fields
+        )
+
+    def __hash__(self) -> int:
+        """Hashes the values."""
+        return hash(tuple(getattr(self, key) for key in type(self).model_fields))
+
+    def __getstate__(self) -> dict[Any, Any]:
+        """Returns what is pickled."""
+        state = super().__getstate__()
+        fields = type(self).model_fields
+        return state | {"__dict__": {key: v for key, v in state["__dict__"].items() if key in fields}}
+
     @model_serializer(mode="wrap")
     def _without_later_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         written: dict[str, Any] = handler(self)

@@ -1,12 +1,21 @@
 """Compiles a scenario into arrays: the only place where moves, events and rewards are computed.
 
-A scenario is a finite Markov decision process. Its state is (cell, wrong PINGs so far), numbered
-`pings * O + row * columns + column` with O cells and `ping_limit` values of `pings`: 120 cells and
-600 states in the paper's scenarios. An agent observes only the cell, so the task is partially
-observed. Everything that acts, learns, plans or evaluates reads the arrays. A time limit is not in
-the arrays: it truncates an episode, and learners bootstrap through it.
+A scenario is a finite Markov decision process. Its state is (place of the issuer, tick of the clock, whether
+feedback is to come, wrong PINGs so far, the agent's cell), numbered in this order, the cell last. In the
+paper's scenarios all but the last two have a single value, so the number is `pings * C + row * columns +
+column` with C cells: 120 cells and 600 states. The place is drawn at the start of an episode and stays.
+
+In a step the agent acts first. Event and rewards follow from where everyone stood before the step, and in
+which phase. Then the clock moves on. A person who walks waits while the agent stands in the way, so that
+nobody but the agent runs into anyone. A PING is answered by the nearest person; of equally near ones, by the
+first declared.
+
+An agent observes the parts that the scenario names, the cell at least. What it does not observe is hidden, so
+the task is partially observed. Everything that acts, learns, plans or evaluates reads the arrays. A time
+limit is not in the arrays: it truncates an episode, and learners bootstrap through it.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -15,8 +24,17 @@ from typing import Final, NamedTuple, TypeVar, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.regions import ZONES, zones
-from envs.scenario import DistanceFeedback, NoFeedback, Scenario, UniformFeedback
+from envs.regions import ZONES
+from envs.scenario import (
+    BinaryFeedback,
+    DelayedFeedback,
+    DistanceFeedback,
+    NoFeedback,
+    NoisyFeedback,
+    Scenario,
+    Someone,
+    UniformFeedback,
+)
 
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters the dynamics
 
@@ -39,30 +57,48 @@ Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 class Transition(NamedTuple):
     """The outcome of an action in a state, as Python values."""
 
-    next_state: int
+    next_states: list[int]  # (K,)
+    probability: list[float]  # (K,) of each next state
     grid_reward: float
     issuer_reward: float  # mean
     issuer_noise: float  # half-width of the uniform noise around the mean
     terminated: bool
     event: int  # index into EVENTS
-    zone: int  # of the next state, index into ZONES
     wrong_pings: int  # so far in the episode, including this action
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """A part of an observation."""
+
+    name: str
+    of_state: NDArray[np.int32]  # (S,) its value, 0 to size - 1
+    coordinates: NDArray[np.float64]  # (size, D) each in [0, 1]
+
+    @property
+    def size(self) -> int:
+        """How many values it has."""
+        return len(self.coordinates)
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
-    """A compiled scenario: S states, A = 5 actions, O observations (cells); arrays are read-only."""
+    """A compiled scenario. S states, A = 5 actions, K outcomes, O observations, C cells; read-only arrays."""
 
     scenario: Scenario
-    start: int  # the state in which every episode starts
-    next_state: NDArray[np.int32]  # (S, A); a PING that ends the episode stays in its state
+    starts: NDArray[np.int32]  # (B,) the states in which an episode starts, all equally likely
+    next_state: NDArray[np.int32]  # (S, A, K); a PING that ends the episode stays in its state
+    probability: NDArray[np.float64]  # (S, A, K) of each outcome
     grid_reward: NDArray[np.float64]  # (S, A)
     issuer_reward: NDArray[np.float64]  # (S, A) mean
     issuer_noise: NDArray[np.float64]  # (S, A) half-width of the uniform noise
     terminated: NDArray[np.bool_]  # (S, A)
     event: NDArray[np.int8]  # (S, A) index into EVENTS
     wrong_pings: NDArray[np.int32]  # (S, A) wrong PINGs in the episode after the action
-    observation: NDArray[np.int32]  # (S,) the cell, row * columns + column
+    observation: NDArray[np.int32]  # (S,) 0 to O - 1: the number of the observed parts, the agent's cell last
+    parts: tuple[Part, ...]  # what is observed, the agent's cell first
+    cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
+    context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
 
     def __reduce__(self) -> tuple[Callable[[Scenario], "Model"], tuple[Scenario]]:
@@ -70,29 +106,61 @@ class Model:
         return compile_scenario, (self.scenario,)
 
     @property
-    def n_observations(self) -> int:
-        """O, the number of cells."""
-        return self.scenario.grid.rows * self.scenario.grid.columns
+    def start(self) -> int:
+        """The first of the states in which an episode starts; the only one in the paper's scenarios."""
+        return int(self.starts[0])
 
     @cached_property
-    def fresh_state(self) -> NDArray[np.int32]:
-        """(O,) the state of each cell with no wrong PING so far."""
-        _, first = np.unique(self.observation, return_index=True)  # states are ordered by wrong PINGs
-        return first.astype(np.int32)
+    def n_observations(self) -> int:
+        """O, the product of the parts' sizes."""
+        return math.prod(part.size for part in self.parts)
+
+    @property
+    def n_outcomes(self) -> int:
+        """K."""
+        return int(self.next_state.shape[2])
+
+    @property
+    def n_places(self) -> int:
+        """J; the states of a place are contiguous, and an episode never leaves them."""
+        return len(self.scenario.places)
+
+    @cached_property
+    def fresh_state(self) -> NDArray[np.int64]:
+        """(F,) the states with no wrong PING so far and no feedback to come; in S1 to S3 one per cell."""
+        return np.flatnonzero(self.is_fresh)
+
+    @cached_property
+    def is_fresh(self) -> NDArray[np.bool_]:
+        """(S,) whether a state has no wrong PING so far and no feedback to come."""
+        size = self.scenario.grid.rows * self.scenario.grid.columns
+        block = size * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
+        return np.asarray(np.arange(len(self.observation)) % block < size)
+
+    @cached_property
+    def observes_cells(self) -> bool:
+        """Whether an observation is the agent's cell, and there are a single place and phase, as in S1."""
+        return len(self.parts) == 1 and not self.context.any()
+
+    def states_of(self, context: int) -> NDArray[np.int64]:
+        """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
+        states = self.fresh_state[self.context[self.fresh_state] == context]
+        return np.asarray(states[: self.scenario.grid.rows * self.scenario.grid.columns])
 
     @cached_property
     def position(self) -> NDArray[np.int_]:
-        """(O, 2) row and column of each cell."""
-        return np.stack(np.divmod(np.arange(self.n_observations), self.scenario.grid.columns), axis=1)
+        """(C, 2) row and column of each cell."""
+        grid = self.scenario.grid
+        return np.stack(np.divmod(np.arange(grid.rows * grid.columns), grid.columns), axis=1)
 
     @property
     def zone_of_cell(self) -> NDArray[np.int8]:
-        """(O,) index into ZONES."""
+        """(F,) index into ZONES of each fresh state; in S1 to S3 of each cell."""
         return self.zone[self.fresh_state]
 
     @cached_property
     def is_over(self) -> NDArray[np.bool_]:
-        """(S,) whether the episode is over in a state, so that no action changes anything."""
+        """(S,) whether no action changes anything: the episode is over, or the cell is a wall."""
         return np.asarray(self.terminated.all(axis=1))
 
     @cached_property
@@ -105,30 +173,40 @@ class Model:
         """Whether the issuer's reward is random, so that a step needs a draw."""
         return bool(self.issuer_noise.any())
 
+    def transitions(self, state: int) -> list[Transition]:
+        """Returns the arrays of a state as Python values, by action: the fast way to step a single env."""
+        known = self._transitions.get(state)
+        if known is None:
+            columns = (
+                self.next_state[state].tolist(),
+                self.probability[state].tolist(),
+                self.grid_reward[state].tolist(),
+                self.issuer_reward[state].tolist(),
+                self.issuer_noise[state].tolist(),
+                self.terminated[state].tolist(),
+                self.event[state].tolist(),
+                self.wrong_pings[state].tolist(),
+            )
+            known = self._transitions[state] = [Transition(*row) for row in zip(*columns, strict=True)]
+        return known
+
     @cached_property
-    def transitions(self) -> list[list[Transition]]:
-        """The arrays as Python values, `transitions[state][action]`: the fast way to step a single env."""
-        columns = (
-            self.next_state.tolist(),
-            self.grid_reward.tolist(),
-            self.issuer_reward.tolist(),
-            self.issuer_noise.tolist(),
-            self.terminated.tolist(),
-            self.event.tolist(),
-            self.zone[self.next_state].tolist(),
-            self.wrong_pings.tolist(),
-        )
-        return [[Transition(*row) for row in zip(*rows, strict=True)] for rows in zip(*columns, strict=True)]
+    def _transitions(self) -> dict[int, list[Transition]]:
+        """What `transitions` has returned so far, by state."""
+        return {}
 
     @cached_property
     def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
         """`P[state][action] = [(probability, next state, mean reward, terminated)]`, as in toy-text."""
         return {
             state: {
-                action: [(1.0, t.next_state, t.grid_reward + t.issuer_reward, t.terminated)]
-                for action, t in enumerate(actions)
+                action: [
+                    (probability, following, t.grid_reward + t.issuer_reward, t.terminated)
+                    for probability, following in zip(t.probability, t.next_states, strict=True)
+                ]
+                for action, t in enumerate(self.transitions(state))
             }
-            for state, actions in enumerate(self.transitions)
+            for state in range(len(self.observation))
         }
 
 
@@ -149,16 +227,21 @@ def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbe
 @lru_cache(maxsize=64)
 def compile_scenario(scenario: Scenario) -> Model:
     """Compiles a scenario; equal scenarios share one `Model`."""
-    rows, columns = scenario.grid.rows, scenario.grid.columns
-    n_cells, n_pings = rows * columns, scenario.ping_limit
-    pings, cell = np.divmod(np.arange(n_pings * n_cells), n_cells)  # (S,) each
-    position = np.stack(np.divmod(cell, columns), axis=1)  # (S, 2) row, column
-    offset = np.abs(position - scenario.issuer.position)  # (S, 2)
-    zone = zones(scenario)[cell]
+    rows, columns = scenario.grid.size
+    n_cells, n_pings, n_delays = rows * columns, scenario.ping_limit, 1 + scenario.is_delayed
+    n_ticks, n_phases = len(scenario.ticks), len(scenario.stages)
+    shape = len(scenario.places), n_ticks, n_delays, n_pings, n_cells
+    place, tick, delayed, pings, cell = np.unravel_index(np.arange(math.prod(shape)), shape)  # (S,) each
+    context = place * n_phases + scenario.ticks[tick]
+    zone_of = scenario.zone.reshape(-1, n_cells)  # (J * P, C)
+    zone = zone_of[context, cell]
 
-    moved = np.clip(position[:, None] + MOVES, 0, (rows - 1, columns - 1))  # (S, 4, 2)
-    next_cell = np.column_stack([moved @ (columns, 1), cell])  # (S, A)
-    entered = zone[next_cell[:, :PING]]
+    # The agent's part: event, grid reward and next cell
+    position = np.stack(np.divmod(np.arange(n_cells), columns), axis=1)  # (C, 2) row, column
+    moved = np.clip(position[:, None] + MOVES, 0, (rows - 1, columns - 1)) @ (columns, 1)  # (C, 4)
+    moved = np.where(scenario.grid.is_wall[moved], np.arange(n_cells)[:, None], moved)
+    next_cell = np.column_stack([moved[cell], cell])  # (S, A)
+    entered = zone_of[context[:, None], next_cell[:, :PING]]
     move_event = np.select(
         [entered == ZONES.index("issuer"), entered == ZONES.index("uncomfortable")],
         [EVENTS.index("issuer_reached"), EVENTS.index("uncomfortable")],
@@ -172,8 +255,6 @@ def compile_scenario(scenario: Scenario) -> Model:
     event = np.column_stack([move_event, ping_event])  # (S, A)
     is_wrong = np.isin(event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
     wrong_pings = pings[:, None] + is_wrong
-    next_state = np.minimum(wrong_pings, n_pings - 1) * n_cells + next_cell
-
     rewards = scenario.rewards
     reward_of_event = {
         "none": 0.0,
@@ -187,31 +268,69 @@ def compile_scenario(scenario: Scenario) -> Model:
     grid_reward = np.array([reward_of_event[name] for name in EVENTS])[event]
     too_close = (event == EVENTS.index("wrong_ping")) & (zone == ZONES.index("uncomfortable"))[:, None]
     grid_reward[too_close] = rewards.wrong_ping_uncomfortable
-    issuer_reward = np.zeros(event.shape)
-    issuer_noise = np.zeros(event.shape)
-    issuer_reward[:, PING], issuer_noise[:, PING] = _issuer_feedback(scenario, offset.sum(axis=1))
     terminated = np.isin(
         event, [EVENTS.index(name) for name in ("issuer_reached", "target_ping", "last_wrong_ping")]
     )
 
-    over = zone == ZONES.index("issuer")  # absorbing: the move into this cell ended the episode
-    next_state[over] = np.flatnonzero(over)[:, None]
+    # The issuer's part: feedback, and the next tick
+    mean, noise, comes_late = (values[context, cell] for values in _feedback(scenario, position))  # (S,) each
+    issuer_reward = np.zeros(event.shape)
+    issuer_noise = np.zeros(event.shape)
+    issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)
+    issuer_noise[:, PING] = noise
+    issuer_reward[delayed == 1] += mean[delayed == 1, None]
+    next_delayed = np.zeros(event.shape, dtype=np.int64)
+    next_delayed[:, PING] = comes_late
+    ticks, chances = scenario.following
+    next_tick = np.broadcast_to(ticks[tick][:, None], (*event.shape, ticks.shape[1]))  # (S, A, K)
+    if scenario.moves:
+        is_person = zone_of == ZONES.index("issuer")  # (J * P, C)
+        next_context = place[:, None, None] * n_phases + scenario.ticks[next_tick]
+        waits = is_person[next_context, next_cell[:, :, None]] & ~terminated[:, :, None]
+        next_tick = np.where(waits, tick[:, None, None], next_tick)
+    next_tick = np.where(terminated[:, :, None], tick[:, None, None], next_tick)
+    next_state = np.ravel_multi_index(
+        (
+            np.broadcast_to(place[:, None, None], next_tick.shape),
+            next_tick,
+            np.broadcast_to(
+                np.where(terminated, delayed[:, None], next_delayed)[:, :, None], next_tick.shape
+            ),
+            np.broadcast_to(np.minimum(wrong_pings, n_pings - 1)[:, :, None], next_tick.shape),
+            np.broadcast_to(next_cell[:, :, None], next_tick.shape),
+        ),
+        shape,
+    )
+
+    over = (zone == ZONES.index("issuer")) | scenario.grid.is_wall[cell]  # absorbing
+    next_state[over] = np.flatnonzero(over)[:, None, None]
     wrong_pings[over] = pings[over, None]
     event[over] = EVENTS.index("none")
     grid_reward[over] = issuer_reward[over] = issuer_noise[over] = 0.0
     terminated[over] = True
 
+    j, first_tick, first_cell = scenario.starts.T
+    zero = np.zeros(len(j), dtype=np.int64)
+    parts = _parts(scenario, place, tick, pings, cell)
+    observation, size = np.zeros(len(cell), dtype=np.int64), 1
+    for part in parts:
+        observation += size * part.of_state
+        size *= part.size
     model = Model(
         scenario=scenario,
-        start=scenario.grid.start[0] * columns + scenario.grid.start[1],
+        starts=np.ravel_multi_index((j, first_tick, zero, zero, first_cell), shape).astype(np.int32),
         next_state=next_state.astype(np.int32),
+        probability=np.ascontiguousarray(np.broadcast_to(chances[tick][:, None], next_state.shape)),
         grid_reward=grid_reward,
         issuer_reward=issuer_reward,
         issuer_noise=issuer_noise,
         terminated=terminated,
         event=event.astype(np.int8),
         wrong_pings=wrong_pings.astype(np.int32),
-        observation=cell.astype(np.int32),
+        observation=observation.astype(np.int32),
+        parts=parts,
+        cell=cell.astype(np.int32),
+        context=context.astype(np.int32),
         zone=zone,
     )
     for value in vars(model).values():
@@ -220,18 +339,82 @@ def compile_scenario(scenario: Scenario) -> Model:
     return model
 
 
-def _issuer_feedback(
-    scenario: Scenario, manhattan: NDArray[np.int_]
-) -> tuple[NDArray[np.float64] | float, float]:
-    """Returns mean and half-width of the issuer's reward for a PING at each L1 distance from the issuer."""
-    feedback = scenario.issuer.feedback
+def _parts(
+    scenario: Scenario,
+    place: NDArray[np.int_],
+    tick: NDArray[np.int_],
+    pings: NDArray[np.int_],
+    cell: NDArray[np.int_],
+) -> tuple[Part, ...]:
+    """Returns the observed parts of all states, given (S,) each what the states consist of."""
+    grid = scenario.grid
+    largest = np.maximum((grid.rows - 1, grid.columns - 1), 1)
+    position = np.stack(np.divmod(np.arange(grid.rows * grid.columns), grid.columns), axis=1)
+    stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
+    cells, where = np.unique(stands @ (grid.columns, 1), return_inverse=True)
+    n_phases = len(scenario.stages)
+    known = {
+        "agent": (cell, position / largest),
+        "issuer": (where.reshape(stands.shape[:2])[place, scenario.ticks[tick]], position[cells] / largest),
+        "phase": (scenario.ticks[tick], np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
+        "wrong_pings": (pings, np.arange(scenario.ping_limit)[:, None] / max(scenario.ping_limit - 1, 1)),
+    }
+    return tuple(
+        Part(name, known[name][0].astype(np.int32), np.asarray(known[name][1])) for name in scenario.observe
+    )
+
+
+def _feedback(
+    scenario: Scenario, position: NDArray[np.int_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Returns mean, half-width and lateness of the reward for a PING, (J * P, C) each, by the nearest person.
+
+    Args:
+      scenario: As checked.
+      position: (C, 2) row and column of each cell.
+    """
+    starts = position[np.unique(scenario.starts[:, 2])]
+    zone = scenario.zone.reshape(-1, len(position))
+    contexts = [people for stages in scenario.people for people in stages]
+    firsts = [stages[0] for stages in scenario.people for _ in stages]  # where people are in the first phase
+    shape = len(contexts), len(position)
+    mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
+    for i, (people, first) in enumerate(zip(contexts, firsts, strict=True)):
+        far = np.array([np.abs(position - person.cell).sum(axis=1) for person in people])  # (people, C)
+        nearest = far.argmin(axis=0)
+        for k, person in enumerate(people):
+            from_start = np.abs(starts - first[k].cell).sum(axis=1).max()
+            is_near = nearest == k
+            values = _answer(person, far[k], from_start, zone[i])
+            for array, value in zip((mean, noise, is_late), values, strict=True):
+                array[i] = np.where(is_near, value, array[i])
+    return mean, noise, is_late
+
+
+def _answer(
+    person: Someone, manhattan: NDArray[np.int_], from_start: int, zone: NDArray[np.int8]
+) -> tuple[NDArray[np.float64] | float, float, bool]:
+    """Returns mean, half-width and lateness of a person's reward for a PING in every cell.
+
+    Args:
+      person: Who answers.
+      manhattan: (C,) L1 distance of each cell from the person.
+      from_start: The same for the start cell, the largest if there are several.
+      zone: (C,) index into ZONES.
+    """
+    feedback = person.feedback
     match feedback:
         case UniformFeedback():
-            return (feedback.low + feedback.high) / 2, (feedback.high - feedback.low) / 2
+            return (feedback.low + feedback.high) / 2, (feedback.high - feedback.low) / 2, False
         case DistanceFeedback():
-            from_start = np.abs(np.subtract(scenario.grid.start, scenario.issuer.position)).sum()
-            return -manhattan / from_start, 0.0
+            return -manhattan / from_start, 0.0, False
+        case NoisyFeedback():
+            return -manhattan / from_start, feedback.noise, False
+        case DelayedFeedback():
+            return -manhattan / from_start, 0.0, True
+        case BinaryFeedback():
+            return np.where(zone == ZONES.index("target"), feedback.high, feedback.low), 0.0, False
         case NoFeedback():
-            return 0.0, 0.0
+            return 0.0, 0.0, False
         case _:
             assert_never(feedback)

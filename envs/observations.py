@@ -1,4 +1,4 @@
-"""Forms of observation: what the agent sees of its cell, as tables with one row per cell."""
+"""Forms of observation: what the agent is given of the observed parts, as tables of all observations."""
 
 from typing import Any, Final
 
@@ -12,26 +12,38 @@ from envs.model import Model
 OBSERVATIONS: Final = ("index", "one_hot", "coordinates")
 
 
+def observation_blocks(model: Model) -> NDArray[np.int64]:
+    """Returns which columns of the one-hot form are 1, (O, parts): one of each part's block."""
+    values = np.unravel_index(np.arange(model.n_observations), [part.size for part in reversed(model.parts)])
+    firsts = np.cumsum([0, *(part.size for part in model.parts[:-1])])
+    return np.asarray(np.stack(values[::-1], axis=1) + firsts)
+
+
 def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np.float32]:
-    """Returns the observations of all cells.
+    """Returns all observations.
 
     Args:
-      model: Compiled scenario with O cells.
-      kind: `"index"`: the cell's number, (O,) int64; `"one_hot"`: (O, O) float32;
-        `"coordinates"`: (O, 2) float32, row and column, each divided by its maximum.
+      model: Compiled scenario with O observations, which consist of parts.
+      kind: `"index"`: the observation's number, (O,) int64; `"one_hot"`: a block per part, (O, sum of their
+        sizes) float32; `"coordinates"`: the coordinates of every part in turn, (O, sum of their numbers) float32,
+        row and column of a cell, or a number, each divided by its maximum.
 
     Raises:
       InputError: Unknown `kind`.
     """
-    n_cells = model.n_observations
     if kind == "index":
-        return np.arange(n_cells)
-    if kind == "one_hot":
-        return np.eye(n_cells, dtype=np.float32)
-    if kind != "coordinates":
+        return np.arange(model.n_observations)
+    if kind not in OBSERVATIONS:
         unknown_name("observation", "form", str(kind), OBSERVATIONS)
-    grid = model.scenario.grid
-    return (model.position / np.maximum((grid.rows - 1, grid.columns - 1), 1)).astype(np.float32)
+    sizes = [part.size for part in model.parts]
+    columns = observation_blocks(model)
+    if kind == "one_hot":
+        table = np.zeros((len(columns), sum(sizes)), dtype=np.float32)
+        np.put_along_axis(table, columns, 1, axis=1)
+        return table
+    values = columns - np.cumsum([0, *sizes[:-1]])
+    parts = [part.coordinates[values[:, i]] for i, part in enumerate(model.parts)]
+    return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:

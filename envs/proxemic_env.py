@@ -1,7 +1,9 @@
 """The Gymnasium env: steps through a compiled `Model` and adds no rules."""
 
+import bisect
 import operator
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Any
 
 import gymnasium
@@ -106,8 +108,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         table = observation_table(self.model, observation)
         self.observation_space = observation_space(table)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
-        cells: list[Observation] = table.tolist() if table.ndim == 1 else list(table)
-        self._observations = [cells[cell] for cell in self.model.observation.tolist()]  # (S,)
+        self._observations: list[Observation] = table.tolist() if table.ndim == 1 else list(table)  # (O,)
+        self._observed = self.model.observation.tolist()  # (S,)
         self._window: render.Window | None = None
         self.s = self.model.start  # the hidden state, called `s` as in toy-text; it may be set
         self._event = 0
@@ -120,9 +122,12 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Moves the agent to the start."""
+        """Moves the agent to the start, one of the starts if there are several."""
         super().reset(seed=seed, options=options)
-        self.s = self.model.start
+        starts = self.model.starts
+        self.s = (
+            int(starts[int(self.np_random.random() * len(starts))]) if len(starts) > 1 else self.model.start
+        )
         self._event = 0
         if self.render_mode == "human":
             self.render()
@@ -142,14 +147,18 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
             raise InputError(
                 f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1} ({', '.join(ACTIONS)})."
             )
-        t = self.model.transitions[self.s][index]
+        t = self.model.transitions(self.s)[index]
         uniform = self.np_random.random() if self.model.is_noisy else 0.5
         issuer_reward = draw_issuer_reward(t.issuer_reward, t.issuer_noise, uniform)
-        self.s = t.next_state
+        outcome = 0
+        if self.model.n_outcomes > 1:
+            outcome = bisect.bisect_right(list(accumulate(t.probability[:-1])), self.np_random.random())
+        self.s = t.next_states[outcome]
         self._event = t.event
         if self.render_mode == "human":
             self.render()
-        info = _info(t.event, t.zone, t.wrong_pings, t.grid_reward, issuer_reward)
+        zone = int(self.model.zone[self.s])
+        info = _info(t.event, zone, t.wrong_pings, t.grid_reward, issuer_reward)
         return self._observe(), t.grid_reward + issuer_reward, t.terminated, False, info
 
     def render(self) -> Any:
@@ -157,7 +166,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make takes.")
             return None
-        scene, agent = scene_of(self.model), int(self.model.observation[self.s])
+        scene, agent = scene_of(self.model, int(self.model.context[self.s])), int(self.model.cell[self.s])
         if self.render_mode == "ansi":
             return render.to_text(scene, agent, EVENTS[self._event])
         image = render.to_image(scene, agent)
@@ -176,7 +185,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     def _observe(self) -> Observation:
         """Returns a copy of the agent's observation."""
-        observation = self._observations[self.s]
+        observation = self._observations[self._observed[self.s]]
         return observation if isinstance(observation, int) else observation.copy()
 
 

@@ -1,17 +1,32 @@
-"""The regions around the issuer: zones of cells, distances from the target region, and outlines.
+"""The regions around a person: their shapes, the zones of cells, and outlines.
 
-This is the only place that knows the regions' shape: everything else reads zones, distances and outlines.
-The O cells are numbered `row * columns + column`.
+This is the only place that knows what shape a region has: everything else reads zones, distances and
+outlines. The C cells are numbered `row * columns + column`.
+
+A region holds every cell whose centre lies in its shape, in cells or in metres. A shape with a front turns
+with the person's heading.
 """
 
-from typing import Final
+from functools import lru_cache
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
-from envs.scenario import Scenario
+from envs.inputs import InputError, Table
 
 ZONES: Final = ("outside", "target", "uncomfortable", "issuer")
+Cell = tuple[int, int]  # (row, column), (0, 0) top left
+Heading = Literal["up", "down", "left", "right"]
+HEADINGS: Final[dict[Heading, tuple[int, int]]] = {  # (row, column)
+    "up": (-1, 0),
+    "down": (1, 0),
+    "left": (0, -1),
+    "right": (0, 1),
+}
+Length = Annotated[float, Field(ge=0, le=1000)]  # in cells, or in metres
+Offsets = NDArray[np.float64]  # from the person, in the unit of the lengths
 
 # (row, column) of a crossing of grid lines; cell (r, c) lies between the corners (r, c) and (r + 1, c + 1).
 Corner = tuple[int, int]
@@ -19,24 +34,212 @@ Corner = tuple[int, int]
 # on the right of the line, so that it runs clockwise, or anticlockwise around a hole.
 Loop = tuple[Corner, ...]
 
+# Lengths that are rounded in metres must not decide whether a cell on the border belongs to a region.
+_TOLERANCE: Final = 1e-9
 
-def zones(scenario: Scenario) -> NDArray[np.int8]:
-    """Returns the zone of every cell, (O,) index into ZONES."""
-    distance = _from_issuer(scenario)
-    regions = scenario.regions
-    inside = [distance == 0, distance <= regions.uncomfortable_radius, distance <= regions.target_radius]
+
+class Square(Table):
+    """A square around the person, by Chebyshev distance."""
+
+    has_front: ClassVar[bool] = False
+    kind: Literal["square"]
+    radius: Length
+
+    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
+        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
+        return np.asarray(np.maximum(abs(ahead), abs(aside)) <= self.radius + _TOLERANCE)
+
+
+class Circle(Table):
+    """A circle around the person, by Euclidean distance."""
+
+    has_front: ClassVar[bool] = False
+    kind: Literal["circle"]
+    radius: Length
+
+    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
+        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
+        return np.asarray(np.hypot(ahead, aside) <= self.radius + _TOLERANCE)
+
+
+class Ellipse(Table):
+    """An ellipse around the person: `length` ahead and behind, `width` to either side."""
+
+    has_front: ClassVar[bool] = True
+    kind: Literal["ellipse"]
+    length: Annotated[float, Field(gt=0, le=1000)]
+    width: Annotated[float, Field(gt=0, le=1000)]
+
+    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
+        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
+        return np.asarray(np.hypot(ahead / self.length, aside / self.width) <= 1 + _TOLERANCE)
+
+
+class Egg(Table):
+    """Two half ellipses that meet beside the person, who keeps more room in front than behind.
+
+    By default, `side` is two thirds and `back` half of `front`, as the spreads of personal space in Kirby,
+    Simmons and Forlizzi (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Navigation".
+    """
+
+    later: ClassVar[frozenset[str]] = frozenset({"side", "back"})
+
+    has_front: ClassVar[bool] = True
+    kind: Literal["egg"]
+    front: Annotated[float, Field(gt=0, le=1000)]
+    side: Annotated[float, Field(gt=0, le=1000)] | None = None
+    back: Annotated[float, Field(gt=0, le=1000)] | None = None
+
+    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
+        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
+        side = self.front * 2 / 3 if self.side is None else self.side
+        back = self.front / 2 if self.back is None else self.back
+        length = np.where(ahead >= 0, self.front, back)
+        return np.asarray(np.hypot(ahead / length, aside / side) <= 1 + _TOLERANCE)
+
+
+class Mask(Table):
+    """Any set of cells, drawn for a person who looks up: `I` the person, `#` the region, `.` no cell."""
+
+    has_front: ClassVar[bool] = True
+    kind: Literal["mask"]
+    cells: str
+
+    @model_validator(mode="after")
+    def _is_drawn(self) -> Self:
+        lines = self.cells.split()
+        if len({len(line) for line in lines}) != 1 or set("".join(lines)) - set("I#."):
+            raise ValueError('cells: accepted: lines of equal length, of the characters "I", "#" and "."')
+        if "".join(lines).count("I") != 1:
+            raise ValueError('cells: accepted: exactly one "I", the person')
+        return self
+
+    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
+        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
+        drawn = np.array([list(line) for line in self.cells.split()])
+        ((row, column),) = np.argwhere(drawn == "I")
+        rows, columns = row - np.rint(ahead).astype(int), column + np.rint(aside).astype(int)
+        is_drawn = (rows >= 0) & (rows < drawn.shape[0]) & (columns >= 0) & (columns < drawn.shape[1])
+        held = np.zeros(rows.shape, dtype=np.bool_)
+        held[is_drawn] = drawn[rows[is_drawn], columns[is_drawn]] != "."
+        return held
+
+
+Shape = Annotated[Square | Circle | Ellipse | Egg | Mask, Field(discriminator="kind")]
+
+
+class Regions(Table):
+    """The regions around a person: squares by their radii, or any two shapes.
+
+    The uncomfortable region is what lies in its shape, the target region what lies in its own shape and not
+    in the uncomfortable region. Radii are Chebyshev distances in cells. Lengths of shapes are in cells, or in
+    metres if `unit` says so.
+    """
+
+    later: ClassVar[frozenset[str]] = frozenset(
+        {"uncomfortable_radius", "target_radius", "unit", "uncomfortable", "target"}
+    )
+
+    uncomfortable_radius: Annotated[int, Field(ge=0)] | None = None
+    target_radius: Annotated[int, Field(ge=1)] | None = None
+    unit: Literal["cells", "metres"] = "cells"
+    uncomfortable: Shape | None = None
+    target: Shape | None = None
+
+    @model_validator(mode="after")
+    def _nested(self) -> Self:
+        radii = self.uncomfortable_radius, self.target_radius
+        shapes = self.uncomfortable, self.target
+        if (None in radii, None in shapes) not in ((True, False), (False, True)) or (
+            None in radii and radii != (None, None)
+        ):
+            raise ValueError(
+                "accepted: the keys uncomfortable_radius and target_radius, or the tables uncomfortable "
+                "and target"
+            )
+        if radii[0] is not None and radii[1] is not None and radii[1] <= radii[0]:
+            raise ValueError(
+                f"target_radius = {radii[1]} must be larger than uncomfortable_radius = {radii[0]}"
+            )
+        if self.unit == "metres" and any(isinstance(shape, Mask) for shape in shapes):
+            raise ValueError('unit = "metres": accepted: "cells", since a mask is drawn in cells')
+        return self
+
+    @property
+    def shapes(self) -> tuple[Square | Circle | Ellipse | Egg | Mask, Square | Circle | Ellipse | Egg | Mask]:
+        """The shapes of the uncomfortable region, and of the target region with what lies inside."""
+        if self.uncomfortable is not None and self.target is not None:
+            return self.uncomfortable, self.target
+        assert self.uncomfortable_radius is not None
+        assert self.target_radius is not None
+        return (
+            Square(kind="square", radius=self.uncomfortable_radius),
+            Square(kind="square", radius=self.target_radius),
+        )
+
+
+def zones(
+    regions: Regions, heading: Heading, cell: Cell, size: tuple[int, int], metres_per_cell: float = 1.0
+) -> NDArray[np.int8]:
+    """Returns the zone of every cell around a person, (C,) index into ZONES.
+
+    Args:
+      regions: Of the person.
+      heading: Where the person looks.
+      cell: Where the person stands.
+      size: Rows and columns of the grid.
+      metres_per_cell: The width of a cell, for lengths in metres.
+    """
+    window = _window(regions, heading, size, metres_per_cell if regions.unit == "metres" else 1.0)
+    top, left = size[0] - 1 - cell[0], size[1] - 1 - cell[1]
+    return window[top : top + size[0], left : left + size[1]].ravel()
+
+
+@lru_cache(maxsize=256)
+def _window(regions: Regions, heading: Heading, size: tuple[int, int], cell_width: float) -> NDArray[np.int8]:
+    """Returns the zone at every offset from a person that a grid can have, (2 rows - 1, 2 columns - 1)."""
+    down, right = np.meshgrid(
+        np.arange(1 - size[0], size[0]) * cell_width,
+        np.arange(1 - size[1], size[1]) * cell_width,
+        indexing="ij",
+    )
+    row, column = HEADINGS[heading]
+    ahead, aside = down * row + right * column, right * -row + down * column
+    inner, outer = (shape.holds(ahead, aside) for shape in regions.shapes)
+    inside = [(down == 0) & (right == 0), inner, outer]
     names = "issuer", "uncomfortable", "target"
     return np.select(inside, [ZONES.index(name) for name in names], ZONES.index("outside")).astype(np.int8)
 
 
-def target_distance(scenario: Scenario) -> NDArray[np.int_]:
-    """Returns the Chebyshev distance of every cell from the target region, (O,).
+def merged(zones_of_people: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Returns the zone of every cell among several people, (C,), from their own, (people, C).
+
+    A cell is uncomfortable if anyone feels so, and counts as target only if no one does.
+    """
+    return np.asarray(zones_of_people.max(axis=0))  # ZONES are ordered by nearness
+
+
+def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:
+    """Returns the Chebyshev distance of every cell from the target region around a person, (C,).
 
     The region counts as complete even if the grid's edge cuts it.
+
+    Args:
+      regions: Of the person; squares by their radii.
+      cell: Where the person stands.
+      size: Rows and columns of the grid.
+
+    Raises:
+      InputError: The regions are no squares by their radii.
     """
-    distance, regions = _from_issuer(scenario), scenario.regions
+    if regions.uncomfortable_radius is None or regions.target_radius is None:
+        raise InputError(
+            "regions: the distance from the target region needs uncomfortable_radius and target_radius."
+        )
+    row, column = np.indices(size).reshape(2, -1)
+    distance = np.maximum(abs(row - cell[0]), abs(column - cell[1]))
     outside, within = distance - regions.target_radius, regions.uncomfortable_radius + 1 - distance
-    return np.maximum(np.maximum(outside, within), 0)
+    return np.asarray(np.maximum(np.maximum(outside, within), 0))
 
 
 def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
@@ -78,10 +281,3 @@ def _turn(before: Corner, at: Corner, to: Corner) -> int:
     """Returns -1 for a turn to the right, 0 for straight on, 1 for a turn to the left."""
     (r0, c0), (r1, c1), (r2, c2) = before, at, to
     return int(np.sign((r1 - r0) * (c2 - c1) - (c1 - c0) * (r2 - r1)))
-
-
-def _from_issuer(scenario: Scenario) -> NDArray[np.int_]:
-    """Returns the Chebyshev distance of every cell from the issuer, (O,)."""
-    row, column = np.indices((scenario.grid.rows, scenario.grid.columns)).reshape(2, -1)
-    issuer = scenario.issuer.position
-    return np.asarray(np.maximum(abs(row - issuer[0]), abs(column - issuer[1])))

@@ -40,9 +40,9 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     image = image.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
     image[::CELL_PIXELS] = COLOURS["line"]
     image[:, ::CELL_PIXELS] = COLOURS["line"]
-    issuer = scene.cell_of("issuer")
-    _paint_disc(image, scene.centre(issuer), 0.42, COLOURS["person"])
-    _paint_disc(image, scene.centre(issuer), 0.30, COLOURS[scene.zone[issuer]])
+    for issuer in scene.cells_of("issuer"):
+        _paint_disc(image, scene.centre(issuer), 0.42, COLOURS["person"])
+        _paint_disc(image, scene.centre(issuer), 0.30, COLOURS[scene.zone[issuer]])
     _paint_disc(image, scene.centre(agent), 0.26, COLOURS["agent"])
     return image
 

@@ -1,31 +1,89 @@
-"""Scenarios: grid, issuer, regions and rewards, read from TOML and checked.
+"""Scenarios: grid, people, regions, change and rewards, read from TOML and checked.
 
 `envs.model` computes a scenario's dynamics. The shipped scenarios are in `envs/scenarios/*.toml`; comments
-there name the paper's term for each value.
+there say what each is about, and in S1 to S3 which term of the paper a value has.
 """
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
-from pydantic import Field, model_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator, model_validator
 
 from envs.inputs import InputError, Table, override, parse, read_toml, unknown_name
+from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, merged, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
+PARTS: Final = (
+    "agent",
+    "issuer",
+    "phase",
+    "wrong_pings",
+)  # what can be observed, in the order of an observation
 
 Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
-Cell = tuple[int, int]  # (row, column), (0, 0) top left
+Steps = Annotated[int, Field(ge=1, le=1000)]
+_CELL_LENGTH: Final = 2
+_CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
+
+
+def _place(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
+        value = tuple(tuple(each) if isinstance(each, list) else each for each in value)
+    try:
+        place = handler(value)
+    except ValidationError as error:
+        raise ValueError('accepted: a cell [ROW, COLUMN], a list of cells, or "anywhere"') from error
+    if place == ():
+        raise ValueError("accepted: at least one cell")
+    return place
+
+
+# A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
+Place = Annotated[Cell | tuple[Cell, ...] | Literal["anywhere"], WrapValidator(_place)]
 
 
 class Grid(Table):
-    """Size of the floor, and the cell in which every episode starts."""
+    """Size of the floor, the cell in which episodes start, and walls."""
+
+    later: ClassVar[frozenset[str]] = frozenset({"walls", "metres_per_cell"})
 
     rows: Annotated[int, Field(ge=1, le=1000)]
     columns: Annotated[int, Field(ge=1, le=1000)]
-    start: Cell
+    start: Place  # of the agent; of several cells, those outside every region count
+    walls: str = ""  # a line of text per row: "#" a wall, "." floor; nobody can enter a wall
+    metres_per_cell: Annotated[float, Field(gt=0, le=100)] | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    @cached_property
+    def is_wall(self) -> NDArray[np.bool_]:
+        """(C,) which cells are walls."""
+        signs = "".join(self.walls.split()) or "." * (self.rows * self.columns)
+        return np.array([sign == "#" for sign in signs])
+
+    @model_validator(mode="after")
+    def _walls_fill_the_grid(self) -> Self:
+        lines = self.walls.split()
+        if lines and (
+            len(lines) != self.rows
+            or {len(line) for line in lines} != {self.columns}
+            or set(self.walls) - set("#. \n")
+        ):
+            raise ValueError(
+                f'walls: accepted: {self.rows} lines of {self.columns} characters, "#" a wall, "." floor'
+            )
+        return self
 
 
 class NoFeedback(Table):
@@ -51,36 +109,92 @@ class UniformFeedback(Table):
 
 
 class DistanceFeedback(Table):
-    """The issuer's reward is minus its L1 distance from the agent, relative to that from the start cell."""
+    """The issuer's reward is minus its L1 distance from the agent, relative to that from the start cell.
+
+    If there are several start cells, the one farthest from the issuer counts.
+    """
 
     label: ClassVar[str] = "feedback by distance"
     kind: Literal["distance"]
 
 
+class NoisyFeedback(Table):
+    """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
+
+    label: ClassVar[str] = "noisy feedback by distance"
+    kind: Literal["noisy"]
+    noise: Annotated[float, Field(gt=0, le=1e6)]
+
+
+class DelayedFeedback(Table):
+    """Feedback by distance that comes with the action after the PING; that on the last PING never comes."""
+
+    label: ClassVar[str] = "delayed feedback by distance"
+    kind: Literal["delayed"]
+
+
+class BinaryFeedback(Table):
+    """The issuer's reward is `high` for a PING in its target region, and `low` for any other."""
+
+    label: ClassVar[str] = "binary feedback"
+    kind: Literal["binary"]
+    low: Reward
+    high: Reward
+
+
+Feedback = Annotated[
+    NoFeedback | UniformFeedback | DistanceFeedback | NoisyFeedback | DelayedFeedback | BinaryFeedback,
+    Field(discriminator="kind"),
+]
+
+
+class Walk(Table):
+    """A walk in straight lines from the issuer's position to each corner in turn, and back; then again.
+
+    The issuer looks where it goes.
+    """
+
+    corners: Annotated[tuple[Cell, ...], Field(min_length=1, max_length=100)]
+    steps: Steps = 1  # of the agent for each cell of the walk
+
+
 class Issuer(Table):
     """The person whose personal space matters, and the reward that this person adds to every PING."""
 
+    later: ClassVar[frozenset[str]] = frozenset({"heading", "walk"})
+
+    position: Place
+    feedback: Feedback
+    heading: Heading = "up"
+    walk: Walk | None = None
+
+
+class Person(Table):
+    """Another issuer, who stays in one cell."""
+
+    later: ClassVar[frozenset[str]] = frozenset({"heading"})
+
     position: Cell
-    feedback: Annotated[NoFeedback | UniformFeedback | DistanceFeedback, Field(discriminator="kind")]
+    feedback: Feedback
+    regions: Regions
+    heading: Heading = "up"
 
 
-class Regions(Table):
-    """Square regions around the issuer, by Chebyshev distance in cells.
+class Phase(Table):
+    """What is different about the issuer for some time, and how the phase ends.
 
-    Uncomfortable: distance 1 to `uncomfortable_radius`. Target: beyond it, up to `target_radius`.
+    Either every phase lasts a number of `steps`, and the first follows the last; or every phase names with
+    which probability which other phase follows after each step (`next`), and stays otherwise.
     """
 
-    uncomfortable_radius: Annotated[int, Field(ge=0)]
-    target_radius: Annotated[int, Field(ge=1)]
+    later: ClassVar[frozenset[str]] = frozenset({"position", "heading", "regions", "steps", "next"})
 
-    @model_validator(mode="after")
-    def _nested(self) -> Self:
-        if self.target_radius <= self.uncomfortable_radius:
-            raise ValueError(
-                f"target_radius = {self.target_radius} must be larger than "
-                f"uncomfortable_radius = {self.uncomfortable_radius}"
-            )
-        return self
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    position: Cell | None = None
+    heading: Heading | None = None
+    regions: Regions | None = None
+    steps: Steps | None = None
+    next: dict[str, Annotated[float, Field(gt=0, le=1)]] | None = None
 
 
 class Rewards(Table):
@@ -95,8 +209,26 @@ class Rewards(Table):
     other: Reward
 
 
+class Someone(NamedTuple):
+    """A person at some moment."""
+
+    cell: Cell
+    heading: Heading
+    regions: Regions
+    feedback: (
+        NoFeedback | UniformFeedback | DistanceFeedback | NoisyFeedback | DelayedFeedback | BinaryFeedback
+    )
+
+
 class Scenario(Table):
-    """A checked scenario, named after its file."""
+    """A checked scenario, named after its file.
+
+    An episode has one of J places of the issuer, drawn at its start. It goes through P phases, which pass by
+    the ticks of a clock: a phase of three steps has three ticks. J = P = 1 unless the scenario says
+    otherwise.
+    """
+
+    later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase"})
 
     name: str
     description: str
@@ -105,35 +237,298 @@ class Scenario(Table):
     regions: Regions
     ping_limit: Annotated[int, Field(ge=1)]  # the wrong PING that ends the episode
     rewards: Rewards
+    observe: tuple[Literal["agent", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
+    others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
+    phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
+    first_phase: Literal["first", "any"] = (
+        "first"  # the tick at which an episode starts: the first, or any one
+    )
+
+    # What the tables come to
+
+    @cached_property
+    def stages(self) -> tuple[Phase, ...]:
+        """(P,) the phases; those of a walk are its cells, and without any there is a single one."""
+        walk = self.issuer.walk
+        if walk is None:
+            return self.phases or (Phase(name="always"),)
+        stages: list[Phase] = []
+        for (row, column), (to_row, to_column) in pairwise(_round(self.issuer.position, walk)):
+            step = int(np.sign(to_row - row)), int(np.sign(to_column - column))
+            heading: Heading = next(name for name, way in HEADINGS.items() if way == step)
+            for k in range(abs(to_row - row) + abs(to_column - column)):
+                cell = row + k * step[0], column + k * step[1]
+                stages.append(
+                    Phase(name=f"{len(stages) + 1}", position=cell, heading=heading, steps=walk.steps)
+                )
+        return tuple(stages)
+
+    @cached_property
+    def ticks(self) -> NDArray[np.int_]:
+        """(ticks,) the phase of each tick of the clock."""
+        return np.repeat(np.arange(len(self.stages)), [stage.steps or 1 for stage in self.stages])
+
+    @cached_property
+    def following(self) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
+        """The K ticks that may follow each tick, (ticks, K), and their probabilities."""
+        n, stages = len(self.ticks), self.stages
+        if stages[0].next is None:
+            return (np.arange(n)[:, None] + 1) % n, np.ones((n, 1))
+        index = {stage.name: i for i, stage in enumerate(stages)}
+        n_outcomes = 1 + max(len(stage.next or {}) for stage in stages)
+        ticks, probability = np.arange(n)[:, None].repeat(n_outcomes, axis=1), np.zeros((n, n_outcomes))
+        for i, stage in enumerate(stages):
+            chances = stage.next or {}
+            for k, (name, chance) in enumerate(chances.items(), start=1):
+                ticks[i, k], probability[i, k] = index[name], chance
+            probability[i, 0] = max(1.0 - math.fsum(chances.values()), 0.0)
+        return ticks, probability
+
+    @cached_property
+    def places(self) -> tuple[Cell, ...]:
+        """(J,) where the issuer may stand when an episode starts, and then stays unless a phase moves it."""
+        return tuple(place for place, _ in self._stays)
+
+    @cached_property
+    def people(self) -> tuple[tuple[tuple[Someone, ...], ...], ...]:
+        """(J, P, people) the issuer, and the others, in each place and phase."""
+        return tuple(
+            tuple(tuple(self._people(place, stage)) for stage in self.stages) for place in self.places
+        )
+
+    @cached_property
+    def zone(self) -> NDArray[np.int8]:
+        """(J, P, C) index into `envs.regions.ZONES`: the zone of every cell in each place and phase."""
+        return np.array([[self._zones(list(people)) for people in stages] for stages in self.people])
+
+    @cached_property
+    def starts(self) -> NDArray[np.int_]:
+        """(B, 3) place, tick and cell of every start of an episode, all equally likely."""
+        return np.concatenate(
+            [np.column_stack([np.full(len(rest), j), rest]) for j, (_, rest) in enumerate(self._stays)]
+        )
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """What varies and is not observed: parts, "clock" and "feedback to come"."""
+        clock = len(self.ticks) > len(self.stages)
+        varies = {
+            "issuer": len(self.places) > 1
+            or len({people[0][0].cell for people in zip(*self.people, strict=True)}) > 1,
+            "phase": len(self.stages) > 1,
+            "wrong_pings": self.ping_limit > 1,
+        }
+        parts = [part for part, does in varies.items() if does and part not in self.observe]
+        return (*parts, *(["clock"] if clock else []), *(["feedback to come"] if self.is_delayed else []))
+
+    @property
+    def has_front(self) -> bool:
+        """Whether it matters where someone looks."""
+        people = {person for stages in self.people for stage in stages for person in stage}
+        return any(shape.has_front for person in people for shape in person.regions.shapes)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the issuer moves during an episode."""
+        return any(stage.position is not None for stage in self.stages)
+
+    @property
+    def is_delayed(self) -> bool:
+        """Whether some feedback comes with the action after a PING."""
+        feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
+        return any(isinstance(each, DelayedFeedback) for each in feedback)
+
+    @cached_property
+    def _stays(self) -> list[tuple[Cell, NDArray[np.int_]]]:
+        """Where the issuer may stand, each with (starts, 2) ticks and cells of the agent."""
+        grid = self.grid
+        ticks = np.arange(len(self.ticks)) if self.first_phase == "any" else np.zeros(1, dtype=int)
+        allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
+        allowed[[row * grid.columns + column for row, column in _cells(grid.start, grid)]] = True
+        stays = []
+        for place in _cells(self.issuer.position, grid):
+            if self.issuer.position == "anywhere" and self._is_taken(place):
+                continue
+            zone = np.array([self._zones(list(self._people(place, stage))) for stage in self.stages])
+            free = allowed & (zone[self.ticks[ticks]] == ZONES.index("outside")) & ~grid.is_wall  # (ticks, C)
+            tick, cell = np.nonzero(free)
+            if len(tick):
+                stays.append((place, np.column_stack([ticks[tick], cell])))
+        return stays
+
+    def _is_taken(self, cell: Cell) -> bool:
+        """Returns whether a cell is a wall, or another person stands there."""
+        is_wall = bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
+        return is_wall or cell in [person.position for person in self.others]
+
+    def _people(self, place: Cell, stage: Phase) -> Iterator[Someone]:
+        """Returns the issuer in a phase, and the others."""
+        yield Someone(
+            stage.position or place,
+            stage.heading or self.issuer.heading,
+            stage.regions or self.regions,
+            self.issuer.feedback,
+        )
+        for person in self.others:
+            yield Someone(person.position, person.heading, person.regions, person.feedback)
+
+    def _zones(self, people: list[Someone]) -> NDArray[np.int8]:
+        """Returns the zone of every cell among some people, (C,)."""
+        size, width = self.grid.size, self.grid.metres_per_cell or 1.0
+        each = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
+        return merged(np.array(each))
+
+    # Checks
+
+    @model_validator(mode="after")
+    def _observes_in_order(self) -> Self:
+        if "agent" not in self.observe or len(set(self.observe)) < len(self.observe):
+            raise ValueError(f'observe = {list(self.observe)}: accepted: "agent", and other parts once each')
+        if self.observe != (ordered := tuple(part for part in PARTS if part in self.observe)):
+            raise ValueError(f"observe = {list(self.observe)}: accepted: in this order, {list(ordered)}")
+        return self
+
+    @model_validator(mode="after")
+    def _phases_follow_each_other(self) -> Self:
+        names = [phase.name for phase in self.phases]
+        for i, phase in enumerate(self.phases):
+            where = f"phases.{i}"
+            if (phase.steps is None) == (phase.next is None) or (phase.next is None) != (
+                self.phases[0].next is None
+            ):
+                raise ValueError(
+                    f"{where} ({phase.name}): accepted: steps in every phase, or next in every phase"
+                )
+            if names.count(phase.name) > 1:
+                raise ValueError(f"{where}.name = {phase.name}: accepted: another name, since it is taken")
+            for name in phase.next or {}:
+                if name not in names or name == phase.name:
+                    accepted = ", ".join(other for other in names if other != phase.name) or "no phase"
+                    raise ValueError(f"{where}.next: {name} is not another phase; accepted: {accepted}")
+            if math.fsum((phase.next or {}).values()) > 1 + _CERTAINTY_TOLERANCE:
+                raise ValueError(f"{where}.next: the probabilities sum to more than 1; accepted: at most 1")
+        return self
+
+    @model_validator(mode="after")
+    def _issuer_has_one_way_to_move(self) -> Self:
+        position, walk = self.issuer.position, self.issuer.walk
+        is_fixed = isinstance(position, tuple) and isinstance(position[0], int)
+        if walk is not None and self.phases:
+            raise ValueError("issuer.walk and phases: accepted: one of them")
+        if walk is not None and not is_fixed:
+            raise ValueError(f"issuer.walk with issuer.position = {_written(position)}: accepted: a cell")
+        if not is_fixed and any(phase.position is not None for phase in self.phases):
+            raise ValueError(
+                f"phases with positions and issuer.position = {_written(position)}: accepted: a cell"
+            )
+        if walk is not None and isinstance(position, tuple):
+            for here, there in pairwise(_round(position, walk)):
+                if (here[0] == there[0]) == (here[1] == there[1]):
+                    raise ValueError(
+                        f"issuer.walk.corners: from {_written(here)} to {_written(there)}: accepted: "
+                        "another cell of the same row or column, also on the way back"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _metres_are_known(self) -> Self:
+        regions = [self.regions, *(person.regions for person in self.others)]
+        regions += [phase.regions for phase in self.phases if phase.regions is not None]
+        if self.grid.metres_per_cell is None and any(each.unit == "metres" for each in regions):
+            raise ValueError('regions.unit = "metres": accepted with grid.metres_per_cell')
+        return self
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        rows, columns = self.grid.rows, self.grid.columns
-        for key, (row, column) in (
-            ("grid.start", self.grid.start),
-            ("issuer.position", self.issuer.position),
-        ):
-            if not (0 <= row < rows and 0 <= column < columns):
-                raise ValueError(
-                    f"{key} = [{row}, {column}] is off the grid; accepted: rows 0 to {rows - 1}, "
-                    f"columns 0 to {columns - 1}"
-                )
-        distance = max(abs(a - b) for a, b in zip(self.grid.start, self.issuer.position, strict=True))
-        if distance <= self.regions.target_radius:
-            raise ValueError(
-                f"grid.start = {list(self.grid.start)} lies inside a region of the issuer at "
-                f"{list(self.issuer.position)}; accepted: a Chebyshev distance above "
-                f"regions.target_radius = {self.regions.target_radius}"
-            )
-        states = rows * columns * self.ping_limit
-        if states > MAX_STATES:
-            raise ValueError(
-                f"grid.rows x grid.columns x ping_limit = {states} states; accepted: at most {MAX_STATES}"
-            )
+        rows, columns = self.grid.size
+        stands = {"issuer.position": _cells(self.issuer.position, self.grid)}
+        stands |= {f"others.{i}.position": [person.position] for i, person in enumerate(self.others)}
+        stands |= {
+            f"phases.{i}.position": [phase.position] for i, phase in enumerate(self.phases) if phase.position
+        }
+        if self.issuer.walk is not None:
+            stands["issuer.walk.corners"] = list(self.issuer.walk.corners)
+        for key, cells in {"grid.start": _cells(self.grid.start, self.grid), **stands}.items():
+            for row, column in cells:
+                if not (0 <= row < rows and 0 <= column < columns):
+                    raise ValueError(
+                        f"{key} = [{row}, {column}] is off the grid; accepted: rows 0 to {rows - 1}, "
+                        f"columns 0 to {columns - 1}"
+                    )
+        if self.issuer.walk is not None:
+            stands["issuer.walk.corners"] = [stage.position for stage in self.stages if stage.position]
+        others = [person.position for person in self.others]
+        for key, cells in stands.items():
+            for cell in cells if self.issuer.position != "anywhere" else ():
+                is_wall = self.grid.is_wall[cell[0] * columns + cell[1]]
+                if is_wall or others.count(cell) > key.startswith("others"):
+                    why = "is a wall" if is_wall else "is taken by another person"
+                    raise ValueError(f"{key}: {_written(cell)} {why}; accepted: another cell")
+        self._has_few_states()
+        self._has_starts()
         return self
+
+    def _has_starts(self) -> None:
+        """Checks that an episode can start.
+
+        Raises:
+          ValueError: Nowhere outside every region.
+        """
+        if self._stays:
+            return
+        start, position = self.grid.start, self.issuer.position
+        radius = self.regions.target_radius
+        accepted = (
+            f"a Chebyshev distance above regions.target_radius = {radius}"
+            if radius is not None
+            else "a cell outside all regions that is no wall"
+        )
+        raise ValueError(
+            f"grid.start = {_written(start)} lies inside a region of the issuer at {_written(position)}; "
+            f"accepted: {accepted}"
+        )
+
+    def _has_few_states(self) -> None:
+        """Checks that the scenario has at most MAX_STATES states.
+
+        Raises:
+          ValueError: It has more; the message names what their number is the product of.
+        """
+        factors = {
+            "cells (grid.rows x grid.columns)": self.grid.rows * self.grid.columns,
+            "wrong PINGs (ping_limit)": self.ping_limit,
+            "cells for the issuer (issuer.position)": len(_cells(self.issuer.position, self.grid)),
+            "steps of a round (phases, or issuer.walk)": len(self.ticks),
+            "with and without feedback to come (issuer.feedback)": 2 if self.is_delayed else 1,
+        }
+        n_states = math.prod(factors.values())
+        if n_states > MAX_STATES:
+            product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
+            raise ValueError(f"{product} = {n_states} states; accepted: at most {MAX_STATES}")
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, Any]
+
+
+def _cells(place: Any, grid: Grid) -> list[Cell]:
+    """Returns the cells that a place names."""
+    if place == "anywhere":
+        return [divmod(cell, grid.columns) for cell in range(grid.rows * grid.columns)]
+    if len(place) == _CELL_LENGTH and isinstance(place[0], int):
+        return [place]
+    return list(dict.fromkeys(place))
+
+
+def _round(position: Any, walk: Walk) -> list[Cell]:
+    """Returns where a walk turns, from the issuer's position and back."""
+    return [position, *walk.corners, position]
+
+
+def _written(place: Any) -> str:
+    """Returns a place as a scenario's file has it."""
+    if isinstance(place, str):
+        return f'"{place}"'
+    return str([list(each) if isinstance(each, tuple) else each for each in place])
 
 
 def is_name(text: str) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.model import MOVES, Model
-from envs.regions import ZONES, Loop, outlines
+from envs.regions import HEADINGS, ZONES, Loop, outlines
 
 Colour = tuple[int, int, int]
 
@@ -73,6 +73,7 @@ class Glyph:
 
     kind: str  # "issuer" (a star), "start" (a square)
     cell: int
+    heading: tuple[int, int] | None = None  # (row, column) where a person looks, if that matters
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,7 @@ class Scene:
     columns: int
     zone: tuple[str, ...]  # (O,) one of ZONES
     is_over: NDArray[np.bool_]  # (O,) in which cells the episode is over, so that nothing can be done
+    is_wall: NDArray[np.bool_]  # (O,)
     outlines: tuple[Outline, ...]  # the outermost first
     glyphs: tuple[Glyph, ...]
 
@@ -101,9 +103,9 @@ class Scene:
         row, column = divmod(cell, self.columns)
         return row + 0.5, column + 0.5
 
-    def cell_of(self, kind: str) -> int:
-        """Returns the cell of a glyph."""
-        return next(glyph.cell for glyph in self.glyphs if glyph.kind == kind)
+    def cells_of(self, kind: str) -> list[int]:
+        """Returns the cells of the glyphs of a kind."""
+        return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]
 
     def as_json(self) -> dict[str, Any]:
         """Returns the scene for the page's script."""
@@ -123,11 +125,27 @@ class Scene:
 
 
 @lru_cache(maxsize=64)
-def scene_of(model: Model) -> Scene:
-    """Returns the map of a model's cells."""
-    grid = model.scenario.grid
-    zone = model.zone_of_cell.reshape(grid.rows, grid.columns)
-    issuer_row, issuer_column = model.scenario.issuer.position
+def scene_of(model: Model, context: int = 0) -> Scene:
+    """Returns the map of a model's cells.
+
+    Args:
+      model: Compiled scenario.
+      context: Which place and phase, see `Model.context`.
+    """
+    scenario = model.scenario
+    grid, states = scenario.grid, model.states_of(context)
+    zone = model.zone[states].reshape(grid.size)
+    place, phase = divmod(context, len(scenario.stages))
+    has_front = scenario.has_front
+    people = [
+        Glyph(
+            "issuer",
+            person.cell[0] * grid.columns + person.cell[1],
+            HEADINGS[person.heading] if has_front else None,
+        )
+        for person in scenario.people[place][phase]
+    ]
+    starts = model.cell[model.starts[model.context[model.starts] // len(scenario.stages) == place]]
     within = {
         "target": zone != ZONES.index("outside"),
         "uncomfortable": np.isin(zone, [ZONES.index("uncomfortable"), ZONES.index("issuer")]),
@@ -135,16 +153,15 @@ def scene_of(model: Model) -> Scene:
     return Scene(
         rows=grid.rows,
         columns=grid.columns,
-        zone=tuple(ZONES[index] for index in model.zone_of_cell),
-        is_over=model.is_over[model.fresh_state],
+        zone=tuple(ZONES[index] for index in zone.ravel()),
+        is_over=model.is_over[states],
+        is_wall=grid.is_wall,
         outlines=tuple(
             Outline(region, label, is_dashed, outlines(within[region]))
             for region, (label, is_dashed) in BORDERS.items()
         ),
-        glyphs=(
-            Glyph("issuer", issuer_row * grid.columns + issuer_column),
-            Glyph("start", int(model.observation[model.start])),
-        ),
+        # Of many start cells none is marked.
+        glyphs=(*people, *([Glyph("start", int(starts[0]))] if len(set(starts.tolist())) == 1 else [])),
     )
 
 

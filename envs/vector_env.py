@@ -86,7 +86,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, n)
 
         model = self.model  # flat: the index state * A + action serves all tables over states and actions
-        self._next_state = model.next_state.astype(np.intp).ravel()
+        self._next_state = model.next_state.astype(np.intp).reshape(-1, model.n_outcomes)
+        self._first_state = self._next_state[:, 0].copy()
+        self._cumulated = model.probability.reshape(-1, model.n_outcomes)[:, :-1].cumsum(axis=1)
         self._grid_reward = model.grid_reward.ravel()
         self._issuer_reward = model.issuer_reward.ravel()
         self._issuer_noise = model.issuer_noise.ravel()
@@ -101,7 +103,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._over = np.zeros(n, dtype=np.bool_)  # episodes that wait for a reset; none in SameStep
 
         self._generators: list[tuple[np.random.Generator, int] | None] = [None] * n  # with their seeds
-        self._draws = np.empty((n, _BLOCK if model.is_noisy else 0))
+        self._starts = model.starts.astype(np.intp)
+        self._draws = np.empty((n, _BLOCK))
         self._first_draw = np.arange(n) * _BLOCK  # of each env, in the flat array of draws
         self._n_used = np.full(n, _BLOCK)  # draws of each env that are used up
 
@@ -144,7 +147,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 if seeds[i] is not None:
                     self._generators[i] = seeding.np_random(seeds[i])
                     self._n_used[i] = _BLOCK
-        self.restart(envs)
+        self.restart(envs, self.draw_starts(envs))
         self._over[envs] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
         self._write_fresh_info(info, envs)
@@ -184,9 +187,11 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 f"actions: the episodes of envs {fresh.tolist()} are over; "
                 "accepted: actions after a reset of these envs."
             )
-        uniform = self._draw() if self.model.is_noisy else None
+        # An env that is about to be reset takes no draws for its step.
+        uniform = self._draw(np.flatnonzero(~self._over)) if self.model.is_noisy else None
+        outcome = self._draw(np.flatnonzero(~self._over)) if self.model.n_outcomes > 1 else None
         taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
-            actions.astype(np.intp), uniform
+            actions.astype(np.intp), uniform, outcome
         )
         info = {
             "event": self._event.take(taken),
@@ -196,7 +201,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             "issuer_reward": issuer_reward,
         }
         if len(fresh):  # NextStep: these envs are reset instead
-            self.restart(fresh)
+            self.restart(fresh, self.draw_starts(fresh))
             terminated[fresh] = truncated[fresh] = False
             self._write_fresh_info(info, fresh)
         rewards = grid_reward + issuer_reward
@@ -207,13 +212,16 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         elif ended.any():
             envs = np.flatnonzero(ended)
             final = self._final(info, ended, envs)
-            self.restart(envs)
+            self.restart(envs, self.draw_starts(envs))
             self._write_fresh_info(info, envs)
         info = _with_masks(info, np.ones(self.num_envs, dtype=np.bool_)) | final
         return self.observe(), rewards, terminated, truncated, info
 
     def advance(
-        self, actions: NDArray[Any], uniform: NDArray[np.float64] | None
+        self,
+        actions: NDArray[Any],
+        uniform: NDArray[np.float64] | None,
+        outcome: NDArray[np.float64] | None = None,
     ) -> tuple[
         NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
     ]:
@@ -224,13 +232,19 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         Args:
           actions: (N,) integers, 0 to 4.
           uniform: (N,) draws from [0, 1) for the issuer's rewards; unused if `model.is_noisy` is False.
+          outcome: (N,) draws from [0, 1) for the outcomes; unused if there is one each.
 
         Returns:
           (N,) each: `state * A + action` before the move; the grid's reward; the issuer's reward;
           terminated; truncated.
         """
         taken = self._state * len(ACTIONS) + actions
-        self._state = self._next_state.take(taken)
+        if self.model.n_outcomes > 1:
+            assert outcome is not None
+            chosen = (outcome[:, None] >= self._cumulated[taken]).sum(axis=1)
+            self._state = self._next_state[taken, chosen]
+        else:
+            self._state = self._first_state.take(taken)
         self._steps += 1
         issuer_reward = self._issuer_reward.take(taken)
         if self.model.is_noisy:
@@ -239,10 +253,23 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         truncated = self._steps >= self._limit
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
-    def restart(self, envs: NDArray[np.intp]) -> None:
-        """Moves the agents of these envs to the start."""
-        self._state[envs] = self.model.start
+    def restart(self, envs: NDArray[np.intp], uniform: NDArray[np.float64] | None) -> None:
+        """Moves the agents of these envs to a start.
+
+        Args:
+          envs: (n,) which envs.
+          uniform: (n,) draws from [0, 1), which choose among several starts; unused if there is one.
+        """
+        if len(self._starts) > 1:
+            assert uniform is not None
+            self._state[envs] = self._starts[(uniform * len(self._starts)).astype(np.intp)]
+        else:
+            self._state[envs] = self._starts[0]
         self._steps[envs] = 0
+
+    def draw_starts(self, envs: NDArray[np.intp]) -> NDArray[np.float64] | None:
+        """Returns the next draws of these envs for their starts, (n,); None if there is a single start."""
+        return self._draw(envs)[envs] if len(self._starts) > 1 else None
 
     def observe(self) -> NDArray[Any]:
         """Returns a copy of the observations, (N, ...)."""
@@ -255,8 +282,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             self._generators[env] = generator = seeding.np_random()
         return generator
 
-    def _draw(self) -> NDArray[np.float64]:
-        """Returns the next draw of every env, (N,); an env that is about to be reset does not use it up.
+    def _draw(self, envs: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Returns the next draws of these envs, and meaningless numbers for the others, (N,).
 
         Draws are taken in blocks, which is many times as fast, and gives the numbers of single draws.
         """
@@ -265,7 +292,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             self._generator(i)[0].random(out=self._draws[i])
         self._n_used[empty] = 0
         uniform: NDArray[np.float64] = self._draws.take(self._first_draw + self._n_used)
-        self._n_used += ~self._over
+        self._n_used[envs] += 1
         return uniform
 
     def _final(self, info: Info, ended: NDArray[np.bool_], envs: NDArray[np.intp]) -> Info:
@@ -282,7 +309,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """Replaces the info of these envs by that after a reset."""
         for name in _INFO:
             info[name][envs] = 0
-        info["zone"][envs] = self._zone[self.model.start]
+        info["zone"][envs] = self._zone[self._state[envs]]
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
         """Returns a reset mask.

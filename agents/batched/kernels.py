@@ -70,7 +70,7 @@ class Rollout(NamedTuple):
 def world_of(model: Model, time_limit: int | None) -> World:
     """Returns a model as the kernels read it."""
     return World(
-        next_state=model.next_state.astype(np.int64).ravel(),
+        next_state=model.next_state[:, :, 0].astype(np.int64).ravel(),
         grid_reward=model.grid_reward.ravel(),
         issuer_reward=model.issuer_reward.ravel(),
         issuer_noise=model.issuer_noise.ravel(),

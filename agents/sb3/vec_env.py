@@ -69,7 +69,7 @@ class SB3VecEnv(VecEnv):
             for i in ended:
                 infos[i]["terminal_observation"] = observations[i].copy()
                 infos[i]["TimeLimit.truncated"] = not terminated[i]
-            self.env.restart(ended)
+            self.env.restart(ended, None)
             observations = self.env.observe()
         self.disagreements += int(np.count_nonzero(self._is_disagreement.take(taken)))
         return observations, (grid_reward + issuer_reward).astype(np.float32), dones, infos

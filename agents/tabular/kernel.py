@@ -61,7 +61,9 @@ class Process(NamedTuple):
     """A compiled scenario; state and action are one index, `state * A + action`."""
 
     outcomes: NDArray[np.void]  # (S * A * K,) of type OUTCOME
-    probability_up_to: NDArray[np.float64]  # (S * A * K,) sums over the outcomes up to each; infinite at the last
+    probability_up_to: NDArray[
+        np.float64
+    ]  # (S * A * K,) sums over the outcomes up to each; infinite at the last
     n_outcomes: int  # K
     noise: NDArray[np.float64]  # (S * A,) half-width of the uniform noise of the reward
     is_wrong_ping: NDArray[np.bool_]  # (S * A,)
@@ -279,9 +281,17 @@ def _train(
     """
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     outcomes, probability_up_to, n_outcomes, noise, is_wrong_ping, observation, starts, is_noisy = process
-    rates, visit_exponent, discount, epsilons, initial_value, trace_decay, takes_lowest, choices, time_limit = (
-        constants
-    )
+    (
+        rates,
+        visit_exponent,
+        discount,
+        epsilons,
+        initial_value,
+        trace_decay,
+        takes_lowest,
+        choices,
+        time_limit,
+    ) = constants
     budget, by_episode, record_every, points, map_index = plan
     n_observations = results.q.shape[1]
     n_pairs = n_observations * N_ACTIONS
@@ -364,7 +374,13 @@ def _train(
                     if begins or not (greedy[o] >> a) & U(1):
                         n_traces = 0
                     n_traces = _trace(
-                        traced, traces, trace_rates, n_traces, discount * trace_decay, o * U(N_ACTIONS) + a, rate
+                        traced,
+                        traces,
+                        trace_rates,
+                        n_traces,
+                        discount * trace_decay,
+                        o * U(N_ACTIONS) + a,
+                        rate,
                     )
                     error = target - q[o, a]
                     for j in range(n_traces):

@@ -1,13 +1,14 @@
 """The walk of a greedy policy through the compiled model, as the film, `watch` and the page show it.
 
-**The rule.** The walk starts in the model's start state. At every step one number is drawn from the
+**The rule.** The walk starts in the model's first start state. At every step one number is drawn from the
 generator below, also if there is a single greedy action; the action taken is number
-`floor(draw * number of greedy actions)` of the greedy actions in the order of their numbers. The walk
-ends, by the first of these that is true after a step, when
+`floor(draw * number of greedy actions)` of the greedy actions in the order of their numbers. If the model has
+several outcomes, another number chooses among them. The walk ends, by the first of these that is true after a
+step, when
 
 1. the episode has ended;
 2. the policy goes in circles: the state is one in which the walk has been before and since it last had a
-   choice between several greedy actions. From there on it would repeat itself for ever;
+   choice between several greedy actions or outcomes. From there on it would repeat itself for ever;
 3. it has made as many steps as the horizon allows.
 
 The generator is mulberry32 with seed 2021, so that equal policies walk alike. The page's script follows the
@@ -35,7 +36,7 @@ class Walk:
     """A walk of L steps."""
 
     states: tuple[int, ...]  # (L + 1,) the start first
-    cells: tuple[int, ...]  # (L + 1,) the observation of each state
+    cells: tuple[int, ...]  # (L + 1,) the agent's cell in each state
     actions: tuple[int, ...]  # (L,)
     ending: str  # the event that ended the episode, or CIRCLE, or HORIZON
 
@@ -56,12 +57,16 @@ def walk(model: Model, greedy: NDArray[np.uint8], horizon: int) -> Walk:
         state = states[-1]
         choice = choices[model.observation[state]]
         action = choice[next(draws) * len(choice) // _WORD]
-        if len(choice) > 1:
+        chance = model.probability[state, action]
+        if len(choice) > 1 or chance[0] < 1:
             since_choice.clear()
         else:
             since_choice.add(state)
+        outcome = 0
+        if model.n_outcomes > 1:
+            outcome = int(np.searchsorted(chance[:-1].cumsum(), next(draws) / _WORD, side="right"))
         actions.append(action)
-        states.append(int(model.next_state[state, action]))
+        states.append(int(model.next_state[state, action, outcome]))
         if model.terminated[state, action]:
             ending = EVENTS[model.event[state, action]]
         elif states[-1] in since_choice:
@@ -70,7 +75,7 @@ def walk(model: Model, greedy: NDArray[np.uint8], horizon: int) -> Walk:
             ending = HORIZON
         else:
             continue
-        return Walk(tuple(states), tuple(model.observation[states].tolist()), tuple(actions), ending)
+        return Walk(tuple(states), tuple(model.cell[states].tolist()), tuple(actions), ending)
 
 
 def mulberry32(seed: int) -> Iterator[int]:

@@ -285,8 +285,10 @@ class _Painter:
         for outline in self.scene.outlines:
             for loop in outline.loops:
                 self._border(loop, is_dashed=outline.is_dashed)
-        self._star(self.scene.cell_of("issuer"))
-        self._square(self.scene.cell_of("start"))
+        for cell in self.scene.cells_of("issuer"):
+            self._star(cell)
+        for cell in self.scene.cells_of("start"):
+            self._square(cell)
         self._path(moment.cells)
 
     def _at(self, cell: int) -> tuple[float, float]:

@@ -41,7 +41,7 @@ def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any
         # The planner's arrays, with the env's next draw.
         uniform = draws.random() if model.is_noisy else 0.5
         issuer = model.issuer_reward[state, action] + model.issuer_noise[state, action] * (2 * uniform - 1)
-        following = model.next_state[state, action]
+        following = model.next_state[state, action, 0]
         assert (observation, terminated, truncated) == (
             model.observation[following],
             model.terminated[state, action],
@@ -86,7 +86,7 @@ def test_batch_for_stable_baselines3_has_a_single_generator() -> None:
         steps += 1
         over = model.terminated[state, actions] | (steps == 9)
         assert (dones == over).all()
-        state = np.where(over, model.start, model.next_state[state, actions])
+        state = np.where(over, model.start, model.next_state[state, actions, 0])
         steps[over] = 0
         n_ends += over.sum()
     assert n_ends > 100
@@ -102,7 +102,7 @@ def test_env_from_every_state(name: str) -> None:
         for action in range(5):
             env.s = state
             observation, _, terminated, _, info = env.step(action)
-            assert env.s == env.model.next_state[state, action]
+            assert env.s == env.model.next_state[state, action, 0]
             assert observation == env.s % 120
             assert terminated == env.model.terminated[state, action]
             assert info["grid_reward"] == env.model.grid_reward[state, action]

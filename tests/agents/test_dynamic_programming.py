@@ -23,7 +23,7 @@ def model_of(name: str, **overrides: Any) -> Model:
 
 def linear_programme(model: Model, discount: float) -> NDArray[np.float64]:
     """Optimal values by the primal linear programme (Puterman 1994, section 6.9.1)."""
-    n_states, n_actions = model.next_state.shape
+    n_states, n_actions, _ = model.next_state.shape
     rows = np.arange(n_states * n_actions)
     state = rows // n_actions
     following = model.next_state.ravel()
@@ -102,7 +102,7 @@ def backward(model: Model, policy: NDArray[np.float64], horizon: int) -> NDArray
     )
     for _ in range(horizon):
         for i, reward in enumerate(rewards):
-            following = np.where(model.terminated, 0.0, totals[i][model.next_state])
+            following = np.where(model.terminated, 0.0, totals[i][model.next_state[:, :, 0]])
             totals[i] = (chosen * (reward + following)).sum(axis=1)
     return totals[:, model.start]
 

@@ -59,7 +59,7 @@ def test_every_state_and_action_follows_the_reward_table(name: str) -> None:
                     assert model.terminated[state, action] == over
                     assert EVENTS[model.event[state, action]] == event
                     assert model.wrong_pings[state, action] == pings + wrong
-                    following = model.next_state[state, action]
+                    following = model.next_state[state, action, 0]
                     assert following == min(pings + wrong, 4) * 120 + cell[0] * 12 + cell[1]
                     is_ping = name_of_action == "PING"
                     distance = abs(row - 6) + abs(column - 8)
@@ -85,7 +85,7 @@ def test_fresh_states_have_no_wrong_ping_and_states_that_are_over_absorb() -> No
     assert wrong.sum() == 12 * 13 - 16 - 1  # every cell but the target region's and the issuer's
     row, column = model.position.T
     assert (row * 13 + column == np.arange(12 * 13)).all()
-    stays = model.next_state == np.arange(len(model.next_state))[:, None]
+    stays = model.next_state[:, :, 0] == np.arange(len(model.next_state))[:, None]
     assert (model.is_over == (stays & model.terminated).all(axis=1)).all()
 
 
@@ -128,7 +128,7 @@ def test_transition_table_is_a_distribution_over_the_same_process(name: str) -> 
         for action, outcomes in actions.items():
             assert sum(outcome[0] for outcome in outcomes) == 1.0
             ((_, following, reward, terminated),) = outcomes
-            assert following == model.next_state[state, action]
+            assert following == model.next_state[state, action, 0]
             assert reward == model.grid_reward[state, action] + model.issuer_reward[state, action]
             assert terminated == model.terminated[state, action]
             assert type(reward) is float

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from envs import ZONES, load_scenario
-from envs.regions import outlines, target_distance, zones
+from envs import ZONES, Scenario, load_scenario
+from envs.regions import outlines, target_distance
 
 SIGNS = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
 
@@ -18,8 +18,12 @@ def drawn(values: NDArray[np.int8], columns: int) -> list[str]:
     return ["".join(signs[i : i + columns]) for i in range(0, len(signs), columns)]
 
 
+def distances(scenario: Scenario) -> NDArray[np.int_]:
+    return target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
+
+
 def test_zones_of_the_paper() -> None:
-    assert drawn(zones(load_scenario("S1")), 12) == [
+    assert drawn(load_scenario("S1").zone[0, 0], 12) == [
         "............",
         "............",
         "............",
@@ -42,7 +46,7 @@ def test_zones_are_cut_by_the_edge_of_the_grid_and_grow_with_the_radii() -> None
         "regions.uncomfortable_radius": 0,
         "regions.target_radius": 3,
     }
-    assert drawn(zones(load_scenario("S1", overrides)), 7) == [
+    assert drawn(load_scenario("S1", overrides).zone[0, 0], 7) == [
         ".......",
         "...++++",
         "...++++",
@@ -52,7 +56,7 @@ def test_zones_are_cut_by_the_edge_of_the_grid_and_grow_with_the_radii() -> None
 
 
 def test_target_distance_by_hand() -> None:
-    distance = target_distance(load_scenario("S1")).reshape(10, 12)
+    distance = distances(load_scenario("S1")).reshape(10, 12)
     assert distance[6].tolist() == [6, 5, 4, 3, 2, 1, 0, 1, 2, 1, 0, 1]  # the issuer's row
     assert distance[:, 7].tolist() == [4, 3, 2, 1, 0, 1, 1, 1, 0, 1]  # the column left of the issuer
     assert distance[0, 0] == 6  # six columns and four rows from the region's corner
@@ -61,7 +65,7 @@ def test_target_distance_by_hand() -> None:
 def test_target_distance_beyond_the_edge_counts_the_whole_region() -> None:
     # The issuer in the top row: the region's rows above it are off the grid.
     scenario = load_scenario("S1", {"issuer.position": [0, 8]})
-    assert target_distance(scenario).reshape(10, 12)[0, 5:].tolist() == [1, 0, 1, 2, 1, 0, 1]
+    assert distances(scenario).reshape(10, 12)[0, 5:].tolist() == [1, 0, 1, 2, 1, 0, 1]
 
 
 @pytest.mark.parametrize(

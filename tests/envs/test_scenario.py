@@ -16,7 +16,7 @@ S1 = read_toml(SCENARIO_DIRECTORY / "S1.toml") | {"name": "S1"}
 
 
 def test_paper_scenarios_are_shipped() -> None:
-    assert scenario_names()[:3] == ["S1", "S2", "S3"]
+    assert {"S1", "S2", "S3"} <= set(scenario_names())
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,10 @@ def test_paper_scenarios_are_shipped() -> None:
         ({"grid.rows": 0}, "grid.rows = 0: input should be greater than or equal to 1"),
         ({"grid.rows": 9.5}, "grid.rows = 9.5"),
         ({"grid.rows": True}, "grid.rows = true"),
-        ({"grid.depth": 3}, "[grid]: unknown key depth; accepted: columns, rows, start."),
+        (
+            {"grid.depth": 3},
+            "[grid]: unknown key depth; accepted: columns, metres_per_cell, rows, start, walls.",
+        ),
         ({"grid.colums": 3}, "unknown key colums (did you mean columns?)"),
         ({"rewards.target_ping": "much"}, 'rewards.target_ping = "much"'),
         ({"rewards.target_ping": float("nan")}, "rewards.target_ping"),
@@ -41,7 +44,10 @@ def test_paper_scenarios_are_shipped() -> None:
         ({"issuer.feedback.volume": 1.0}, "[issuer.feedback.none]: unknown key volume; accepted: kind."),
         ({"issuer.feedback": "none"}, 'issuer.feedback = "none": accepted: a table'),
         ({"issuer.feedback": {}}, "accepted: a table with a key kind"),
-        ({"grid.start": [0, 0, 0]}, "grid.start = [0, 0, 0]: accepted: at most 2 items"),
+        (
+            {"grid.start": [0, 0, 0]},
+            'grid.start = [0, 0, 0]: accepted: a cell [ROW, COLUMN], a list of cells, or "anywhere"',
+        ),
         ({"rewards.other": -1e308}, "rewards.other = -1e+308"),
         ({"ping_limit": 0}, "ping_limit = 0"),
         ({"ping_limit": 10**6}, "120000000 states; accepted: at most 100000"),
@@ -165,7 +171,7 @@ def test_any_scenario_compiles_or_is_refused_in_a_sentence(
         return
     model = compile_scenario(parse(Scenario, data, "drawn"))
     n_states = rows * columns * ping_limit
-    assert model.next_state.shape == (n_states, len(ACTIONS))
+    assert model.next_state.shape == (n_states, len(ACTIONS), 1)
     assert model.next_state.min() >= 0
     assert model.next_state.max() < n_states
     assert np.isfinite(model.grid_reward + model.issuer_reward).all()
@@ -174,8 +180,8 @@ def test_any_scenario_compiles_or_is_refused_in_a_sentence(
     assert ZONES[model.zone[model.start]] == "outside"
     # No wall is crossed and no step is longer than one: rows and columns change by at most one, together.
     row, column = np.divmod(model.observation, columns)
-    next_row, next_column = (x[model.next_state] for x in (row, column))
+    next_row, next_column = (x[model.next_state[:, :, 0]] for x in (row, column))
     assert (abs(next_row - row[:, None]) + abs(next_column - column[:, None])).max() <= 1
     # Wrong PINGs never fall, and rise by at most one.
     pings = np.arange(n_states) // (rows * columns)
-    assert np.isin(pings[model.next_state] - pings[:, None], [0, 1]).all()
+    assert np.isin(pings[model.next_state[:, :, 0]] - pings[:, None], [0, 1]).all()

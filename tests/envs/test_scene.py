@@ -20,8 +20,8 @@ def test_scene_of_the_paper_by_hand() -> None:
         ("target", False, (((4, 6), (4, 11), (9, 11), (9, 6)),)),
         ("uncomfortable", True, (((5, 7), (5, 10), (8, 10), (8, 7)),)),
     ]
-    assert scene.cell_of("issuer") == 6 * 12 + 8
-    assert scene.cell_of("start") == 0
+    assert scene.cells_of("issuer") == [6 * 12 + 8]
+    assert scene.cells_of("start") == [0]
     assert scene.centre(13) == (1.5, 1.5)
     assert scene.position[[0, 11, 12, 119]].tolist() == [[0, 0], [0, 11], [1, 0], [9, 11]]
     assert np.flatnonzero(scene.is_over).tolist() == [6 * 12 + 8]

@@ -100,18 +100,18 @@ def textbook_sarsa(model: Model, settings: Settings, seed: SeedSequence) -> NDAr
     while n_steps < settings.budget:
         state, action = model.start, choose_in(model.start)
         for step in range(1, (settings.time_limit or settings.budget) + 1):
-            after = model.transitions[state][action]
+            after = model.transitions(state)[action]
             noise = after.issuer_noise
             issuer_reward = after.issuer_reward + (noise * (2 * uniform(next(stream)) - 1) if noise else 0)
             target = after.grid_reward + issuer_reward
             following = -1
             if not after.terminated:
-                following = choose_in(after.next_state)
-                target += settings.discount * q[model.observation[after.next_state], following]
+                following = choose_in(after.next_states[0])
+                target += settings.discount * q[model.observation[after.next_states[0]], following]
             o = model.observation[state]
             q[o, action] += settings.learning_rate * (target - q[o, action])
             n_steps += 1
-            state, action = after.next_state, following
+            state, action = after.next_states[0], following
             if after.terminated or n_steps == settings.budget or step == settings.time_limit:
                 break
     return q
@@ -144,7 +144,7 @@ def test_expected_sarsa_learns_the_best_epsilon_greedy_values() -> None:
     expected = np.zeros_like(q)
     for _ in range(500):  # 0.9**500 is below 1e-22
         value = 0.7 * expected.mean(axis=1) + 0.3 * expected.max(axis=1)
-        following = np.where(model.terminated, 0.0, value[model.next_state])
+        following = np.where(model.terminated, 0.0, value[model.next_state[:, :, 0]])
         expected = model.grid_reward + model.issuer_reward + 0.9 * following
     assert q == pytest.approx(expected, abs=1e-9)
 

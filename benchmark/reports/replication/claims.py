@@ -327,7 +327,9 @@ def _focus(population: Population) -> Samples:
     q = population.arrays["q"][:, :, :PING]
     mass = np.maximum(population.weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
-    return _ratio(mass @ target_distance(population.model.scenario), mass.sum(axis=1))
+    scenario = population.model.scenario
+    distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
+    return _ratio(mass @ distance, mass.sum(axis=1))
 
 
 def _moves_focused(populations: Populations, _: str) -> list[Part]:

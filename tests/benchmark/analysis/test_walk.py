@@ -48,7 +48,7 @@ def test_a_walk_follows_the_model() -> None:
     assert len(walked.states) == len(walked.cells) == len(walked.actions) + 1 > 5
     for before, action, after in zip(walked.states[:-1], walked.actions, walked.states[1:], strict=True):
         assert greedy[S1.observation[before]] >> action & 1
-        assert S1.next_state[before, action] == after
+        assert S1.next_state[before, action, 0] == after
     assert walked.cells == tuple(S1.observation[list(walked.states)])
 
 

@@ -73,7 +73,7 @@ def test_scenes_are_those_of_the_compiled_scenarios(data: dict[str, Any]) -> Non
         model = compile_scenario(Scenario.model_validate_json(declared))
         scene = data["scenes"][agent["scene"]]
         assert {key: scene[key] for key in scene_of(model).as_json()} == scene_of(model).as_json()
-        assert np.array_equal(np.reshape(scene["next"], (-1, len(ACTIONS))), model.next_state)
+        assert np.array_equal(np.reshape(scene["next"], model.next_state.shape), model.next_state)
         assert [scene["observation"][state] for state in scene["fresh"]] == list(range(model.n_observations))
 
 
