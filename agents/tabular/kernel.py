@@ -425,7 +425,7 @@ def _train(
 
 @lru_cache
 def compile_kernel(
-    update: UpdateRule, draws_outcomes: bool = False, counts_visits: bool = False
+    update: UpdateRule, *, draws_outcomes: bool, counts_visits: bool
 ) -> Callable[[Process, Constants, Plan, Any, Results], None]:
     """Returns the kernel of an update rule, compiled when it is first called.
 

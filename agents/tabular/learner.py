@@ -163,7 +163,9 @@ def train(
         episodes_ended=np.empty(n_agents, dtype=np.int64),
     )
     is_mapped = schedule.is_mapped
-    kernel = compile_kernel(update, model.n_outcomes > 1, settings.visit_exponent is not None)
+    kernel = compile_kernel(
+        update, draws_outcomes=model.n_outcomes > 1, counts_visits=settings.visit_exponent is not None
+    )
     process = _process(model)
     constants = Constants(
         learning_rate=settings.learning_rates,
