@@ -35,6 +35,7 @@ ALGORITHMS: Final = {
     "double_q_learning": "agents.tabular.double_q_learning:DOUBLE_Q_LEARNING",
     "dqn": "agents.sb3.algorithms:DQN",
     "expected_sarsa": "agents.tabular.expected_sarsa:EXPECTED_SARSA",
+    "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "q_learning_plain": "agents.tabular.plain:Q_LEARNING",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from agents.batched import kernels
-from agents.batched.nets import Nets, Parameters, layer_shapes
+from agents.batched.nets import MANY, Nets, Parameters, layer_shapes
 from agents.batched.settings import BatchedDqnSettings
 from agents.batched.training import (
     N_ACTIONS,
@@ -95,10 +95,26 @@ def exploration_rate(settings: BatchedDqnSettings, taken: int) -> float:
     return first + progress * (last - first) / settings.exploration_fraction
 
 
+def reads_tables(settings: BatchedDqnSettings, n_observations: int) -> bool:
+    """Returns whether to read the target nets for all observations after each synchronisation.
+
+    Else they are read for the next observations of every mini-batch. With many observations, the fewer rows
+    decide; the same whatever the number of agents, on which results must not depend.
+
+    >>> settings = BatchedDqnSettings(batch_size=64, train_freq=2, target_update_interval=200)
+    >>> [reads_tables(settings, n_observations) for n_observations in (120, 6400, 6401)]
+    [True, True, False]
+    """
+    n_updates = settings.rollout if settings.gradient_steps < 0 else settings.gradient_steps
+    n_rollouts = max(settings.target_update_interval / settings.rollout, 1.0)  # per synchronisation
+    return n_observations <= max(MANY, n_rollouts * n_updates * settings.batch_size)
+
+
 class QNets:
     """The nets and the replay buffers of N agents.
 
-    Between two synchronisations the target nets are read as tables, since there are only O observations.
+    Between two synchronisations the target nets do not change, so they may be read as tables over all O
+    observations, see `reads_tables`.
     """
 
     def __init__(
@@ -114,16 +130,16 @@ class QNets:
         self._device = device
         self._n_agents = n_agents
         self._all_observations = all_observations(model, n_agents, device)
-        table = input_table(model, observation, device)
-        inputs = model.n_observations if table is None else table.shape[1]
-        shapes = list(layer_shapes(inputs, settings.policy_kwargs.net_arch, N_ACTIONS))
+        table, n_inputs = input_table(model, observation, device)
+        shapes = list(layer_shapes(n_inputs, settings.policy_kwargs.net_arch, N_ACTIONS))
         self.parameters = Parameters(
             n_agents, shapes, settings.learning_rate, _ADAM_EPSILON, settings.max_grad_norm, device
         )
         self._nets = Nets(self.parameters.values, self.parameters.gradients, "relu", table)
         self._target = [value.clone() for value in self.parameters.values]
         self._target_nets = Nets(self._target, [], "relu", table)
-        self._next_value: NDArray[np.float32] | None = None  # (N, O) of the target nets; None: out of date
+        self._reads_tables = reads_tables(settings, model.n_observations)
+        self._next_value: Tensor | None = None  # (N * O,) of the target nets; None: out of date
         n_rows = max(settings.arguments["buffer_size"] // settings.n_envs, 1)
         shape = n_agents, n_rows, settings.n_envs
         self.replay = kernels.Replay(
@@ -136,11 +152,18 @@ class QNets:
         )
         self._n_written = 0  # rows
         self.no_values = np.zeros((n_agents, settings.n_envs, N_ACTIONS), dtype=np.float32)
+        self._n_observations = model.n_observations
         self._first_observation = np.arange(n_agents)[:, None] * model.n_observations  # (N, 1)
         batch = n_agents, settings.batch_size
         self._rows, self._envs = np.empty(batch, dtype=np.int64), np.empty(batch, dtype=np.int64)
-        self._observed, self._actions = np.empty(batch, dtype=np.int64), np.empty(batch, dtype=np.int64)
-        self._targets = np.empty(batch, dtype=np.float32)
+        self._batches = kernels.Batches(
+            observed=np.empty(batch, dtype=np.int64),
+            action=np.empty(batch, dtype=np.int64),
+            target=np.empty(batch, dtype=np.float32),
+            next_observed=np.empty(batch, dtype=np.int64),
+            discount=np.empty(batch, dtype=np.float32),
+            terminated=np.empty(batch, dtype=np.bool_),
+        )
         self._gradient = torch.zeros(*batch, N_ACTIONS, device=device)
 
     def draw_weights(self, generators: Sequence[torch.Generator]) -> None:
@@ -163,18 +186,15 @@ class QNets:
     def compile(self, world: kernels.World, agents: kernels.Agents) -> None:
         """Compiles the kernels, before any clock runs."""
         none, replay = kernels.none_of(agents), kernels.none_of(self.replay)
-        batches = [
-            batch[:0] for batch in (self._rows, self._envs, self._observed, self._actions, self._targets)
-        ]
+        batches, rows, envs = kernels.none_of(self._batches), self._rows[:0], self._envs[:0]
         kernels.act(world, none, self.no_values[:0], 0.0, replay, 0)
-        kernels.draw_batches(none.streams, 1, 1, *batches[:2])
-        kernels.read_batches(
-            replay, *batches[:2], 0, 1, self._settings.gamma, self.no_values[:0, 0], *batches[2:]
-        )
+        kernels.draw_batches(none.streams, 1, 1, rows, envs)
+        kernels.read_batches(replay, rows, envs, 0, 1, self._settings.gamma, 1, batches)
+        kernels.add_next_values(batches, batches.target)
 
     def action_values(self) -> Tensor:
         """Returns the action values of all observations, (N, O, A); they are overwritten by the next call."""
-        return self._nets.forward(self._all_observations)
+        return self._nets.read(self._all_observations)
 
     def values_of(self, observations: NDArray[np.int64]) -> NDArray[np.float32]:
         """Returns the action values of observations (N, E), (N, E, A)."""
@@ -204,27 +224,35 @@ class QNets:
           rows: (N, B) of the transitions in the buffers.
           envs: (N, B) of the same.
         """
-        if self._next_value is None:
-            values = self._target_nets.forward(self._all_observations).amax(dim=2)
-            self._next_value = values.cpu().numpy()
+        settings, batches = self._settings, self._batches
         kernels.read_batches(
             self.replay,
             rows,
             envs,
             self._last_row,
-            self._settings.n_steps,
-            self._settings.gamma,
-            self._next_value,
-            self._observed,
-            self._actions,
-            self._targets,
+            settings.n_steps,
+            settings.gamma,
+            self._n_observations,
+            batches,
         )
+        kernels.add_next_values(batches, self._next_values(batches.next_observed))
         observed, actions, targets = (
             torch.from_numpy(values).to(self._device)
-            for values in (self._observed, self._actions, self._targets)
+            for values in (batches.observed, batches.action, batches.target)
         )
         taken = actions[..., None]
         error = self._nets.forward(observed).gather(2, taken).sub_(targets[..., None])
         self._gradient.zero_().scatter_(2, taken, error.clamp_(-1.0, 1.0).div_(rows.shape[1]))
         self._nets.backward(self._gradient)
         self.parameters.step()
+
+    def _next_values(self, observed: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Returns the target nets' largest action value of observations (N, B), (N, B)."""
+        places = torch.from_numpy(observed).to(self._device)
+        if self._reads_tables:
+            if self._next_value is None:
+                self._next_value = self._target_nets.read(self._all_observations).amax(dim=2).flatten()
+            values = self._next_value.take(places)
+        else:
+            values = self._target_nets.forward(places).amax(dim=2)
+        return np.asarray(values.cpu().numpy())

@@ -2,8 +2,8 @@
 
 Every agent draws from streams of its own, xoshiro256++ as in `agents.tabular.kernel`.
 
-Axis letters: N agents, E envs of an agent, O observations, A actions, C rows of a replay buffer, B rows of a
-mini-batch, L steps of a rollout.
+Axis letters: N agents, E envs of an agent, S states, O observations, A actions, K outcomes, C rows of a replay
+buffer, B rows of a mini-batch, L steps of a rollout.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -24,14 +24,15 @@ _draw_issuer_reward = numba.njit(draw_issuer_reward)
 class World(NamedTuple):
     """A compiled scenario; state and action are one index, `state * A + action`."""
 
-    next_state: NDArray[np.int64]  # (S * A,)
+    next_state: NDArray[np.int64]  # (S * A, K)
+    cumulated: NDArray[np.float64]  # (S * A, K - 1) probabilities of the outcomes, summed up to each
     grid_reward: NDArray[np.float64]  # (S * A,)
     issuer_reward: NDArray[np.float64]  # (S * A,) mean
     issuer_noise: NDArray[np.float64]  # (S * A,) half-width
     terminated: NDArray[np.bool_]  # (S * A,)
     is_wrong_ping: NDArray[np.bool_]  # (S * A,)
     observation: NDArray[np.int64]  # (S,)
-    start: int
+    starts: NDArray[np.int64]  # the states in which an episode starts, all equally likely
     is_noisy: bool
     time_limit: int
 
@@ -56,8 +57,19 @@ class Replay(NamedTuple):
     truncated: NDArray[np.bool_]  # (N, C, E) by the time limit alone
 
 
+class Batches(NamedTuple):
+    """The mini-batches of all agents, of B transitions each."""
+
+    observed: NDArray[np.int64]  # (N, B) agent * O + observation
+    action: NDArray[np.int64]  # (N, B)
+    target: NDArray[np.float32]  # (N, B)
+    next_observed: NDArray[np.int64]  # (N, B) agent * O + observation where the return ends
+    discount: NDArray[np.float32]  # (N, B) of the value there
+    terminated: NDArray[np.bool_]  # (N, B) whether the episode ends there, so that there is none
+
+
 class Rollout(NamedTuple):
-    """The rollouts of all agents, as Stable-Baselines3 flattens them: env after env."""
+    """The rollouts of all agents, as Stable-Baselines3 flattens them: env after env. What updates read."""
 
     observed: NDArray[np.int64]  # (N, E * L) agent * O + observation
     action: NDArray[np.int64]  # (N, E * L)
@@ -67,17 +79,28 @@ class Rollout(NamedTuple):
     value_target: NDArray[np.float32]  # (N, E * L) Stable-Baselines3's `returns`
 
 
+class Results(NamedTuple):
+    """What the steps of the same rollouts brought."""
+
+    reward: NDArray[np.float32]  # (N, E * L)
+    next_observed: NDArray[np.int64]  # (N, E * L) agent * O + observation, before any reset
+    terminated: NDArray[np.bool_]  # (N, E * L)
+    truncated: NDArray[np.bool_]  # (N, E * L) by the time limit alone
+
+
 def world_of(model: Model, time_limit: int | None) -> World:
     """Returns a model as the kernels read it."""
+    n_pairs, n_outcomes = model.grid_reward.size, model.n_outcomes
     return World(
-        next_state=model.next_state[:, :, 0].astype(np.int64).ravel(),
+        next_state=model.next_state.astype(np.int64).reshape(n_pairs, n_outcomes),
+        cumulated=model.probability[:, :, :-1].cumsum(axis=2).reshape(n_pairs, n_outcomes - 1),
         grid_reward=model.grid_reward.ravel(),
         issuer_reward=model.issuer_reward.ravel(),
         issuer_noise=model.issuer_noise.ravel(),
         terminated=model.terminated.ravel(),
         is_wrong_ping=model.is_wrong_ping.ravel(),
         observation=model.observation.astype(np.int64),
-        start=model.start,
+        starts=model.starts.astype(np.int64),
         is_noisy=model.is_noisy,
         time_limit=time_limit or 2**62,
     )
@@ -97,6 +120,22 @@ def _draw(streams: NDArray[np.uint64], n: int) -> float:
 
 
 @numba.njit(cache=True)
+def _draw_start(world: World, streams: NDArray[np.uint64], n: int) -> int:
+    """Returns the state in which an agent's next episode starts."""
+    n_starts = len(world.starts)
+    return int(world.starts[int(_draw(streams, n) * n_starts) if n_starts > 1 else 0])
+
+
+@numba.njit(cache=True)
+def start(world: World, agents: Agents) -> None:
+    """Starts an episode in every env."""
+    for n in range(agents.state.shape[0]):
+        for e in range(agents.state.shape[1]):
+            agents.state[n, e] = _draw_start(world, agents.streams, n)
+            agents.steps[n, e] = 0
+
+
+@numba.njit(cache=True)
 def _step(world: World, agents: Agents, n: int, e: int, action: int) -> tuple[float, int, bool, bool]:
     """Steps an env; returns reward, next observation before any reset, terminated, and truncated alone."""
     taken = agents.state[n, e] * _N_ACTIONS + action
@@ -106,12 +145,17 @@ def _step(world: World, agents: Agents, n: int, e: int, action: int) -> tuple[fl
             issuer_reward, world.issuer_noise[taken], _draw(agents.streams, n)
         )
     agents.disagreements[n] += world.is_wrong_ping[taken]
-    state = world.next_state[taken]
+    outcome, n_outcomes = 0, world.next_state.shape[1]
+    if n_outcomes > 1:
+        draw = _draw(agents.streams, n)
+        while outcome < n_outcomes - 1 and draw >= world.cumulated[taken, outcome]:
+            outcome += 1
+    state = world.next_state[taken, outcome]
     observation = world.observation[state]
     terminated = world.terminated[taken]
     truncated = not terminated and agents.steps[n, e] + 1 >= world.time_limit
     if terminated or truncated:
-        agents.state[n, e] = world.start
+        agents.state[n, e] = _draw_start(world, agents.streams, n)
         agents.steps[n, e] = 0
     else:
         agents.state[n, e] = state
@@ -178,12 +222,10 @@ def read_batches(
     last_row: int,
     n_steps: int,
     gamma: float,
-    next_value: NDArray[np.float32],
-    observed: NDArray[np.int64],
-    actions: NDArray[np.int64],
-    targets: NDArray[np.float32],
+    n_observations: int,
+    batches: Batches,
 ) -> None:
-    """Reads mini-batches and computes their targets: returns of up to `n_steps` steps, and what follows.
+    """Reads mini-batches, and computes returns of up to `n_steps` steps.
 
     A return ends where the episode ends, or at the row written last.
 
@@ -194,18 +236,15 @@ def read_batches(
       last_row: The row that was written last.
       n_steps: Steps of a return, at most.
       gamma: The discount.
-      next_value: (N, O) the target nets' largest action value of each observation.
-      observed: Where to write agent * O + observation, (N, B).
-      actions: Where to write actions, (N, B).
-      targets: Where to write targets, (N, B).
+      n_observations: O.
+      batches: Where to write.
     """
-    n_observations = next_value.shape[1]
     capacity = replay.reward.shape[1]
     for n in range(rows.shape[0]):
         for b in range(rows.shape[1]):
             row, e = rows[n, b], envs[n, b]
-            observed[n, b] = n * n_observations + replay.observation[n, row, e]
-            actions[n, b] = replay.action[n, row, e]
+            batches.observed[n, b] = n * n_observations + replay.observation[n, row, e]
+            batches.action[n, b] = replay.action[n, row, e]
             total = np.float32(0.0)
             discount = np.float32(1.0)
             for k in range(n_steps):
@@ -215,9 +254,24 @@ def read_batches(
                     break
                 if k + 1 < n_steps:
                     row = (row + 1) % capacity
-            if not replay.terminated[n, row, e]:
-                total += discount * next_value[n, replay.next_observation[n, row, e]]
-            targets[n, b] = total
+            batches.target[n, b] = total
+            batches.next_observed[n, b] = n * n_observations + replay.next_observation[n, row, e]
+            batches.discount[n, b] = discount
+            batches.terminated[n, b] = replay.terminated[n, row, e]
+
+
+@numba.njit(cache=True)
+def add_next_values(batches: Batches, next_value: NDArray[np.float32]) -> None:
+    """Adds what follows on the returns to the targets of mini-batches.
+
+    Args:
+      batches: As `read_batches` left them.
+      next_value: (N, B) the target nets' largest action value of each next observation.
+    """
+    for n in range(next_value.shape[0]):
+        for b in range(next_value.shape[1]):
+            if not batches.terminated[n, b]:
+                batches.target[n, b] += batches.discount[n, b] * next_value[n, b]
 
 
 @numba.njit(cache=True)
@@ -226,61 +280,88 @@ def roll_out(
     agents: Agents,
     probability: NDArray[np.float32],
     log_probability: NDArray[np.float32],
-    value: NDArray[np.float32],
-    gamma: float,
-    gae_lambda: float,
+    is_of_envs: bool,
+    first: int,
+    after: int,
+    n_observations: int,
     rollout: Rollout,
+    results: Results,
     disagreements: NDArray[np.int64],
 ) -> None:
-    """Lets all agents act by their probabilities, and estimates advantages by GAE (Schulman et al. 2016).
+    """Lets all agents act by their probabilities, in some steps of a rollout.
 
     Args:
       world: The scenario.
       agents: Who acts.
-      probability: (N, O, A) of the actions.
-      log_probability: (N, O, A) of the same.
-      value: (N, O) of the critics.
-      gamma: The discount.
-      gae_lambda: GAE's lambda.
-      rollout: Where to write.
+      probability: (N, O, A) of the actions, or (N, E, A) for the present observation of each env.
+      log_probability: Their logarithms.
+      is_of_envs: Whether they are for the present observations, which are those of a single step.
+      first: The first of these steps, 0 to L - 1.
+      after: The step after the last of them.
+      n_observations: O.
+      rollout: Where to write observations, actions and their log-probabilities.
+      results: Where to write results.
       disagreements: Where to write the counts after each step of the envs, (N, L).
     """
-    n_observations = probability.shape[1]
     n_envs, n_steps = agents.state.shape[1], disagreements.shape[1]
-    reward = np.empty((n_envs, n_steps), np.float32)
-    ended = np.empty((n_envs, n_steps), np.bool_)
     for n in range(agents.state.shape[0]):
-        for t in range(n_steps):
+        for t in range(first, after):
             for e in range(n_envs):
                 i = e * n_steps + t
                 o = world.observation[agents.state[n, e]]
+                row = e if is_of_envs else o
                 draw = _draw(agents.streams, n)
-                action, cumulated = 0, probability[n, o, 0]
+                action, cumulated = 0, probability[n, row, 0]
                 while action < _N_ACTIONS - 1 and not draw < cumulated:
                     action += 1
-                    cumulated += probability[n, o, action]
+                    cumulated += probability[n, row, action]
                 rollout.observed[n, i] = n * n_observations + o
                 rollout.action[n, i] = action
-                rollout.old_log_probability[n, i] = log_probability[n, o, action]
-                rollout.old_value[n, i] = value[n, o]
-                received, following, terminated, truncated = _step(world, agents, n, e, action)
-                reward[e, t] = received
-                if truncated:
-                    reward[e, t] += np.float32(gamma) * value[n, following]
-                ended[e, t] = terminated or truncated
+                rollout.old_log_probability[n, i] = log_probability[n, row, action]
+                reward, following, terminated, truncated = _step(world, agents, n, e, action)
+                results.reward[n, i] = reward
+                results.next_observed[n, i] = n * n_observations + following
+                results.terminated[n, i] = terminated
+                results.truncated[n, i] = truncated
             disagreements[n, t] = agents.disagreements[n]
+
+
+@numba.njit(cache=True)
+def estimate_advantages(
+    rollout: Rollout,
+    results: Results,
+    next_value: NDArray[np.float32],
+    n_envs: int,
+    gamma: float,
+    gae_lambda: float,
+) -> None:
+    """Estimates advantages by GAE (Schulman et al. 2016), as Stable-Baselines3 does.
+
+    Args:
+      rollout: Has the critics' values of the observations, and gets advantages and targets.
+      results: Of the same steps.
+      next_value: (N, E * L) the critics' values of the next observations.
+      n_envs: E.
+      gamma: The discount.
+      gae_lambda: GAE's lambda.
+    """
+    n_steps = next_value.shape[1] // n_envs
+    for n in range(next_value.shape[0]):
         for e in range(n_envs):
-            next_value = value[n, world.observation[agents.state[n, e]]]
+            last = (e + 1) * n_steps - 1
+            following = next_value[n, last]
             advantage = np.float32(0.0)
-            for t in range(n_steps - 1, -1, -1):
-                i = e * n_steps + t
-                if ended[e, t]:
-                    next_value = advantage = np.float32(0.0)
-                delta = reward[e, t] + np.float32(gamma) * next_value - rollout.old_value[n, i]
+            for i in range(last, last - n_steps, -1):
+                reward = results.reward[n, i]
+                if results.truncated[n, i]:
+                    reward += np.float32(gamma) * next_value[n, i]
+                if results.terminated[n, i] or results.truncated[n, i]:
+                    following = advantage = np.float32(0.0)
+                delta = reward + np.float32(gamma) * following - rollout.old_value[n, i]
                 advantage = delta + np.float32(gamma * gae_lambda) * advantage
                 rollout.advantage[n, i] = advantage
                 rollout.value_target[n, i] = advantage + rollout.old_value[n, i]
-                next_value = rollout.old_value[n, i]
+                following = rollout.old_value[n, i]
 
 
 @numba.njit(cache=True)

@@ -4,7 +4,7 @@ Every layer is one call over all agents. On the CPU, an agent's numbers do not d
 are multiplied separately, sums and norms run within an agent, and the rest is element by element. A test
 checks it for batches of two agents and more.
 
-Axis letters: N agents, O observations, B rows of a mini-batch, P parameters of an agent.
+Axis letters: N agents, O observations, B rows of a mini-batch.
 """
 
 import math
@@ -19,6 +19,8 @@ from torch import Tensor
 Activation = Literal["relu", "tanh"]
 
 _BETAS: Final = (0.9, 0.999)
+MANY: Final = 2000  # observations that are too many for one call: some layers would take 100 MB and more
+_CHUNK: Final = 512  # rows of a call if there are many
 _LANES: Final = 64  # of the flat arrays; a remainder that fills no vector register might be rounded otherwise
 
 
@@ -115,7 +117,7 @@ class Nets:
         values: Sequence[Tensor],
         gradients: Sequence[Tensor],
         activation: Activation,
-        table: Tensor | None,
+        table: Tensor,
     ) -> None:
         """Takes the parameters.
 
@@ -123,16 +125,24 @@ class Nets:
           values: Weights (N, inputs, outputs) and biases (N, 1, outputs) of each layer in turn.
           gradients: Where to write the gradients of the same.
           activation: After each layer but the last.
-          table: (O, inputs) observations; None if they are one-hot, so that inputs = O.
+          table: (O, inputs) float32 observations; or (O, parts) int64, which inputs are 1, if all others are 0.
         """
         self._weights, self._biases = values[::2], values[1::2]
         self._weight_gradients, self._bias_gradients = gradients[::2], gradients[1::2]
         self._is_relu = activation == "relu"
-        n_agents = len(self._weights[0])
-        self._table = None if table is None else table.repeat(n_agents, 1)  # (N * O, inputs)
-        self._buffers: dict[int, list[Tensor]] = {}  # by B: for each layer its outputs, and their gradients
+        n_agents, n_inputs, _ = self._weights[0].shape
+        self._table: Tensor | None = None
+        self._places: list[Tensor] = []  # (N * O,) of each part, agent * inputs + input
+        if table.is_floating_point():
+            self._table = table.repeat(n_agents, 1)  # (N * O, inputs)
+        else:
+            first = torch.arange(n_agents, device=table.device)[:, None] * n_inputs
+            self._places = [(first + part).view(-1) for part in table.T]
+        self._outputs: dict[int, list[Tensor]] = {}  # by B: of each layer
+        self._output_gradients: dict[int, list[Tensor]] = {}  # by B: of each layer but the last
         self._inputs: Tensor | None = None
-        self._observed = torch.empty(0, dtype=torch.int64)
+        self._chosen: list[Tensor] = []  # (N * B,) of each part
+        self._hidden: list[Tensor] = []  # of the last call
 
     def forward(self, observed: Tensor) -> Tensor:
         """Returns the outputs for mini-batches, (N, B, outputs); they are overwritten by the next call.
@@ -141,22 +151,42 @@ class Nets:
           observed: (N, B) int64, agent * O + observation.
         """
         n_agents, n_rows = observed.shape
-        self._observed = observed.reshape(-1)
-        self._rows = self._of_rows(n_agents, n_rows)
-        hidden = self._rows[0]
+        self._hidden = _buffers(self._outputs, n_rows, self._weights)
+        hidden = self._hidden[0]
+        observed = observed.reshape(-1)
         if self._table is None:
-            weights = self._weights[0]
-            torch.index_select(weights.flatten(0, 1), 0, self._observed, out=hidden.flatten(0, 1))
+            self._chosen = [places.index_select(0, observed) for places in self._places]
+            weights, total = self._weights[0].flatten(0, 1), hidden.flatten(0, 1)
+            torch.index_select(weights, 0, self._chosen[0], out=total)
+            for chosen in self._chosen[1:]:
+                total.add_(weights.index_select(0, chosen))
             hidden.add_(self._biases[0])
         else:
-            self._inputs = self._table.index_select(0, self._observed).view(n_agents, n_rows, -1)
+            self._inputs = self._table.index_select(0, observed).view(n_agents, n_rows, -1)
             torch.baddbmm(self._biases[0], self._inputs, self._weights[0], out=hidden)
         for layer in range(1, len(self._weights)):
             torch.relu_(hidden) if self._is_relu else torch.tanh_(hidden)
-            output = self._rows[2 * layer]
+            output = self._hidden[layer]
             torch.baddbmm(self._biases[layer], hidden, self._weights[layer], out=output)
             hidden = output
         return hidden
+
+    def read(self, observed: Tensor) -> Tensor:
+        """Returns what `forward` does, by several calls if there are many observations.
+
+        So arrays stay small. There is no `backward` after it.
+
+        Args:
+          observed: (N, B) int64, agent * O + observation.
+        """
+        n_rows = observed.shape[1]
+        if n_rows <= MANY:
+            return self.forward(observed)
+        outputs = self._biases[-1].new_empty(*observed.shape, self._biases[-1].shape[2])
+        for start in range(0, n_rows, _CHUNK):
+            rows = slice(min(start, n_rows - _CHUNK), min(start + _CHUNK, n_rows))
+            outputs[:, rows] = self.forward(observed[:, rows])
+        return outputs
 
     def backward(self, gradient: Tensor) -> None:
         """Writes the gradients of all parameters.
@@ -164,8 +194,9 @@ class Nets:
         Args:
           gradient: (N, B, outputs) of the loss by the outputs of the last `forward`.
         """
+        gradients = _buffers(self._output_gradients, gradient.shape[1], self._weights[:-1])
         for layer in range(len(self._weights) - 1, 0, -1):
-            hidden, backward = self._rows[2 * layer - 2], self._rows[2 * layer - 1]
+            hidden, backward = self._hidden[layer - 1], gradients[layer - 1]
             torch.sum(gradient, 1, keepdim=True, out=self._bias_gradients[layer])
             torch.bmm(hidden.transpose(1, 2), gradient, out=self._weight_gradients[layer])
             torch.bmm(gradient, self._weights[layer].transpose(1, 2), out=backward)
@@ -178,19 +209,17 @@ class Nets:
         first = self._weight_gradients[0]
         if self._inputs is None:
             first.zero_()
-            first.flatten(0, 1).index_add_(0, self._observed, gradient.flatten(0, 1))
+            for chosen in self._chosen:
+                first.flatten(0, 1).index_add_(0, chosen, gradient.flatten(0, 1))
         else:
             torch.bmm(self._inputs.transpose(1, 2), gradient, out=first)
 
-    def _of_rows(self, n_agents: int, n_rows: int) -> list[Tensor]:
-        """Returns the arrays for mini-batches of a size."""
-        if n_rows not in self._buffers:
-            self._buffers[n_rows] = [
-                weights.new_empty(n_agents, n_rows, weights.shape[2])
-                for weights in self._weights
-                for _ in range(2)
-            ]
-        return self._buffers[n_rows]
+
+def _buffers(known: dict[int, list[Tensor]], n_rows: int, weights: Sequence[Tensor]) -> list[Tensor]:
+    """Returns arrays for the outputs of layers, (N, B, outputs) each, and keeps them by B."""
+    if n_rows not in known:
+        known[n_rows] = [each.new_empty(len(each), n_rows, each.shape[2]) for each in weights]
+    return known[n_rows]
 
 
 def layer_shapes(inputs: int, hidden: Sequence[int], outputs: int) -> Iterator[tuple[int, int]]:

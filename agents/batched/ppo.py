@@ -1,7 +1,7 @@
 """PPO (Schulman et al. 2017) as in Stable-Baselines3, for many agents at once."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from agents.batched import kernels
-from agents.batched.nets import Nets, Parameters, layer_shapes
+from agents.batched.nets import MANY, Nets, Parameters, layer_shapes
 from agents.batched.settings import BatchedPpoSettings
 from agents.batched.training import (
     N_ACTIONS,
@@ -61,7 +61,7 @@ def train(
         snapshots.keep_counts(0, agents.disagreements)
         for step in range(0, settings.budget, settings.rollout):
             snapshots.keep_policies(step, step + settings.rollout, agents.disagreements)
-            learner.read_tables()
+            learner.read_actors(world.observation[agents.state])
             snapshots.note_divergence(~learner.is_finite(), agents.disagreements)
             learner.roll_out(world, agents, counts)
             for t in range(settings.n_steps):
@@ -74,10 +74,23 @@ def train(
         return snapshots.training(learner.parameters)
 
 
+def reads_tables(settings: BatchedPpoSettings, n_observations: int) -> bool:
+    """Returns whether to read actors and critics for all observations before each rollout.
+
+    Else actors are read for the present observations at each step, and critics for those of the rollout. With
+    many observations, the fewer rows decide.
+
+    >>> [reads_tables(BatchedPpoSettings(n_steps=500, n_envs=n), 13_320) for n in (16, 32)]
+    [False, True]
+    """
+    return n_observations <= max(MANY, settings.rollout)
+
+
 class ActorCritics:
     """The actors and critics of N agents, and their rollouts.
 
-    While a rollout is made, actors and critics do not change, so they are read as tables over O observations.
+    While a rollout is made, actors and critics do not change, so they may be read as tables over all O
+    observations, see `reads_tables`.
     """
 
     def __init__(
@@ -91,11 +104,13 @@ class ActorCritics:
         """Makes nets whose weights are zero."""
         self._settings = settings
         self._device = device
+        self._reads_tables = reads_tables(settings, model.n_observations)
+        self._n_observations = model.n_observations
+        self._first_observation = np.arange(n_agents)[:, None] * model.n_observations  # (N, 1)
         self._all_observations = all_observations(model, n_agents, device)
-        table = input_table(model, observation, device)
-        inputs = model.n_observations if table is None else table.shape[1]
+        table, n_inputs = input_table(model, observation, device)
         hidden = settings.policy_kwargs.net_arch
-        shapes = [*layer_shapes(inputs, hidden, N_ACTIONS), *layer_shapes(inputs, hidden, 1)]
+        shapes = [*layer_shapes(n_inputs, hidden, N_ACTIONS), *layer_shapes(n_inputs, hidden, 1)]
         self.parameters = Parameters(
             n_agents,
             shapes,
@@ -117,8 +132,15 @@ class ActorCritics:
             advantage=np.empty(shape, dtype=np.float32),
             value_target=np.empty(shape, dtype=np.float32),
         )
+        self.results = kernels.Results(
+            reward=np.empty(shape, dtype=np.float32),
+            next_observed=np.empty(shape, dtype=np.int64),
+            terminated=np.empty(shape, dtype=np.bool_),
+            truncated=np.empty(shape, dtype=np.bool_),
+        )
         self._on_device = [torch.from_numpy(values).to(device) for values in self.rollout]
-        self._tables: list[NDArray[np.float32]] = []  # probabilities, their logarithms, values
+        # By which agents act, (N, O, A) or for the present observations (N, E, A).
+        self._probability = self._log_probability = np.empty((n_agents, 0, N_ACTIONS), dtype=np.float32)
         self._is_learning = torch.ones(n_agents, dtype=torch.bool, device=device)  # not stopped by the KL
 
     def draw_weights(self, generators: Sequence[torch.Generator]) -> None:
@@ -134,7 +156,7 @@ class ActorCritics:
 
     def probabilities(self) -> Tensor:
         """Returns the action probabilities for all observations, (N, O, A)."""
-        return self._actors.forward(self._all_observations).softmax(dim=2)
+        return self._actors.read(self._all_observations).softmax(dim=2)
 
     def compile(
         self,
@@ -144,36 +166,74 @@ class ActorCritics:
         order: NDArray[np.int64],
     ) -> None:
         """Compiles the kernels, before any clock runs; takes the arrays that they will write."""
-        none, rollout = kernels.none_of(agents), kernels.none_of(self.rollout)
-        self.read_tables()
+        none = kernels.none_of(agents)
+        rollout, results = kernels.none_of(self.rollout), kernels.none_of(self.results)
+        nothing = self._probability[:0]
+        kernels.roll_out(world, none, nothing, nothing, False, 0, 0, 1, rollout, results, counts[:0])
         gamma, gae_lambda = self._settings.gamma, self._settings.gae_lambda
-        tables = [table[:0] for table in self._tables]
-        kernels.roll_out(world, none, *tables, gamma, gae_lambda, rollout, counts[:0])
+        kernels.estimate_advantages(rollout, results, rollout.old_value, 1, gamma, gae_lambda)
         kernels.shuffle(none.streams, order[:0])
 
-    def read_tables(self) -> None:
-        """Reads actors and critics for all observations, which is what the next rollout needs."""
-        log_probability = self._actors.forward(self._all_observations).log_softmax(dim=2)
-        value = self._critics.forward(self._all_observations).squeeze(2)
-        self._tables = [table.cpu().numpy() for table in (log_probability.exp(), log_probability, value)]
+    def read_actors(self, observations: NDArray[np.int64]) -> None:
+        """Reads the probabilities by which agents act: of all observations, or of the present ones (N, E)."""
+        observed = self._all_observations
+        if not self._reads_tables:
+            observed = torch.from_numpy(observations + self._first_observation).to(self._device)
+        log_probability = self._actors.read(observed).log_softmax(dim=2)
+        self._probability = log_probability.exp().cpu().numpy()
+        self._log_probability = log_probability.cpu().numpy()
 
     def is_finite(self) -> NDArray[np.bool_]:
         """Returns whether all probabilities of each agent were finite when they were read, (N,)."""
-        return np.asarray(np.isfinite(self._tables[0]).all(axis=(1, 2)))
+        return np.asarray(np.isfinite(self._probability).all(axis=(1, 2)))
 
     def roll_out(self, world: kernels.World, agents: kernels.Agents, counts: NDArray[np.int64]) -> None:
-        """Makes the next rollouts.
+        """Makes the next rollouts, after `read_actors`.
 
         Args:
           world: The scenario.
           agents: Who acts.
           counts: Where to write wrong PINGs so far after each step of the envs, (N, L).
         """
-        gamma, gae_lambda = self._settings.gamma, self._settings.gae_lambda
-        kernels.roll_out(world, agents, *self._tables, gamma, gae_lambda, self.rollout, counts)
+        settings, rollout, results = self._settings, self.rollout, self.results
+        for first in [0] if self._reads_tables else range(settings.n_steps):
+            if first:
+                self.read_actors(world.observation[agents.state])
+            kernels.roll_out(
+                world,
+                agents,
+                self._probability,
+                self._log_probability,
+                not self._reads_tables,
+                first,
+                settings.n_steps if self._reads_tables else first + 1,
+                self._n_observations,
+                rollout,
+                results,
+                counts,
+            )
+        value_of = self._critics_as_function()
+        rollout.old_value[:] = value_of(rollout.observed)
+        kernels.estimate_advantages(
+            rollout,
+            results,
+            value_of(results.next_observed),
+            settings.n_envs,
+            settings.gamma,
+            settings.gae_lambda,
+        )
         for there, here in zip(self._on_device, self.rollout, strict=True):
             there.copy_(torch.from_numpy(here))
         self._is_learning.fill_(True)
+
+    def _critics_as_function(self) -> Callable[[NDArray[np.int64]], NDArray[np.float32]]:
+        """Returns the function from observations (N, B) to the critics' values (N, B), valid until an update."""
+        if self._reads_tables:
+            table = self._critics.read(self._all_observations).flatten().cpu().numpy()
+            return lambda observed: table[observed]
+        return lambda observed: (
+            self._critics.read(torch.from_numpy(observed).to(self._device)).squeeze(2).cpu().numpy()
+        )
 
     def update(self, chosen: NDArray[np.int64]) -> None:
         """Makes a gradient step on mini-batches.

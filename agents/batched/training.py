@@ -12,14 +12,14 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from torch import Tensor
 
-from agents.batched.kernels import Agents, World
+from agents.batched import kernels
 from agents.batched.nets import Parameters
 from agents.batched.settings import Device
 from agents.contract import DeepTraining, Schedule
 from agents.policy import ALL_ACTIONS
 from envs import InputError, Model
 from envs.model import ACTIONS
-from envs.observations import observation_table
+from envs.observations import observation_blocks, observation_table
 
 N_ACTIONS: Final = len(ACTIONS)
 
@@ -59,22 +59,26 @@ class Streams:
         self.learning = words[:, 4:8].copy()  # (N, 4)
         self.weights = [torch.Generator().manual_seed(int(word)) for word in words[:, 8]]
 
-    def agents(self, world: World, n_envs: int) -> Agents:
-        """Returns agents at the start, (N, E)."""
+    def agents(self, world: kernels.World, n_envs: int) -> kernels.Agents:
+        """Returns agents, (N, E), of which each has drawn where its first episodes start."""
         shape = len(self.weights), n_envs
-        return Agents(
+        agents = kernels.Agents(
             streams=self.acting,
-            state=np.full(shape, world.start, dtype=np.int64),
+            state=np.zeros(shape, dtype=np.int64),
             steps=np.zeros(shape, dtype=np.int64),
             disagreements=np.zeros(shape[0], dtype=np.int64),
         )
+        kernels.start(world, agents)
+        return agents
 
 
-def input_table(model: Model, observation: str, device: torch.device) -> Tensor | None:
-    """Returns the rows that a net reads, (O, inputs); None for one-hot observations, which are looked up."""
+def input_table(model: Model, observation: str, device: torch.device) -> tuple[Tensor, int]:
+    """Returns what a net reads of each observation, as `Nets` takes it, and its number of inputs."""
     if observation == "one_hot":
-        return None
-    return torch.as_tensor(observation_table(model, observation), device=device)
+        blocks = observation_blocks(model)
+        return torch.as_tensor(blocks, device=device), sum(part.size for part in model.parts)
+    table = torch.as_tensor(observation_table(model, observation), device=device)
+    return table, table.shape[1]
 
 
 def all_observations(model: Model, n_agents: int, device: torch.device) -> Tensor:
@@ -102,11 +106,15 @@ class Snapshots:
           read: Returns the present table of action values or probabilities, (N, O, A).
           is_value: Whether these are action values.
         """
-        self._schedule = schedule
         self._points = schedule.evaluation_steps
         self._read = read
         self._is_value = is_value
-        self._tables = np.full((len(self._points), n_agents, model.n_observations, N_ACTIONS), np.nan)
+        shape, table = (n_agents, len(self._points)), (model.n_observations, N_ACTIONS)
+        # A policy that is not finite counts as the uniform random one.
+        self._greedy = np.full((*shape, table[0]), ALL_ACTIONS, dtype=np.uint8)
+        self._values = np.full((n_agents, len(schedule.map_steps), *table), np.nan, dtype=np.float32)
+        self._stochastic = np.full((n_agents, 0 if is_value else shape[1], *table), 1 / N_ACTIONS)
+        self._map_index = {step: i for i, step in enumerate(schedule.map_steps)}
         self._n_policies = 0  # evaluation steps whose policy is kept
         self._n_counts = 0  # evaluation steps whose counts are kept
         self._disagreements = np.zeros((n_agents, len(self._points)), dtype=np.int64)
@@ -130,12 +138,19 @@ class Snapshots:
         started_s = time.thread_time()
         table = self._read().double().cpu().numpy()
         if not self._is_value:
-            table = table / table.sum(axis=-1, keepdims=True)
+            table /= table.sum(axis=-1, keepdims=True)
         self.note_divergence(~np.isfinite(table).all(axis=(1, 2)), disagreements)
-        table[self._diverged_at >= 0] = np.nan
+        sound = self._diverged_at < 0
         if self._points[self._n_policies] == step:  # its update is done
             self._cpu_time_s[self._n_policies] = started_s - self._started_s - self._reading_s
-        self._tables[self._n_policies : self._n_policies + due] = table
+        table = table[sound]
+        greedy = 1 << table.argmax(axis=-1)  # as in Stable-Baselines3, the first of several best actions
+        for i in range(self._n_policies, self._n_policies + due):
+            self._greedy[sound, i] = greedy
+            if not self._is_value:
+                self._stochastic[sound, i] = table
+            if self._points[i] in self._map_index:
+                self._values[sound, self._map_index[self._points[i]]] = table
         self._n_policies += due
         self._reading_s += time.thread_time() - started_s
 
@@ -160,24 +175,15 @@ class Snapshots:
     def training(self, parameters: Parameters) -> DeepTraining:
         """Returns what was learned, given the final parameters."""
         n_agents = len(parameters.n_steps)
-        tables = self._tables.swapaxes(0, 1)  # (N, T, O, A)
-        has_policy = np.isfinite(tables).all(axis=(2, 3))[..., None]  # (N, T, 1)
-        # As in Stable-Baselines3, the first of several best actions; a policy that is not finite counts as
-        # the uniform random one.
-        best = 1 << np.where(np.isnan(tables), -np.inf, tables).argmax(axis=-1)
-        greedy = np.where(has_policy, best, ALL_ACTIONS).astype(np.uint8)
-        q = stochastic = np.empty((n_agents, 0, *tables.shape[2:]))
+        q = np.empty((n_agents, 0, N_ACTIONS))
         if self._is_value:
             q = self._read().double().cpu().numpy()
             q[self._diverged_at >= 0] = np.nan
-        else:
-            q = q[:, 0:0, 0]
-            stochastic = np.where(has_policy[..., None], tables, 1 / N_ACTIONS)
         return DeepTraining(
-            greedy=greedy,
+            greedy=self._greedy,
             q=q,
-            stochastic=stochastic,
-            values=tables[:, self._schedule.is_mapped].astype(np.float32),
+            stochastic=self._stochastic,
+            values=self._values,
             disagreements=self._disagreements,
             cpu_time_s=np.tile(self._cpu_time_s / n_agents, (n_agents, 1)),  # an agent's share
             updates=parameters.n_steps,
