@@ -34,12 +34,16 @@ ALGORITHMS: Final = {
     "a2c": "agents.sb3.algorithms:A2C",
     "batched_dqn": "agents.batched.algorithms:DQN",
     "batched_ppo": "agents.batched.algorithms:PPO",
+    "double_q_learning": "agents.tabular.double_q_learning:DOUBLE_Q_LEARNING",
     "dqn": "agents.sb3.algorithms:DQN",
+    "expected_sarsa": "agents.tabular.expected_sarsa:EXPECTED_SARSA",
     "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
     "qrdqn": "agents.sb3.algorithms:QRDQN",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "q_learning_plain": "agents.tabular.plain:Q_LEARNING",
+    "sarsa": "agents.tabular.sarsa:SARSA",
+    "watkins_q_lambda": "agents.tabular.watkins_q_lambda:WATKINS_Q_LAMBDA",
 }
 
 

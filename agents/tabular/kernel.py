@@ -1,15 +1,19 @@
 """The compiled loop that trains tabular agents, one after the other, each from its random stream.
 
-`compile_kernel` makes the loop for one update rule. Each agent starts at Q = 0 and acts epsilon-greedily.
-Its stream is xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so agents that are trained together
-equal the same agents trained one at a time, bit for bit.
+`compile_kernel` makes the loop for one update rule. Each agent acts epsilon-greedily. Its stream is
+xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so agents that are trained together equal the same
+agents trained one at a time, bit for bit.
 
 A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
-candidates to take: all actions when exploring, else the greedy ones. A noisy issuer takes another word at
-each PING. An on-policy rule draws the next step's word before the update. That leaves the words in order,
-but where the time limit truncates it takes one word more, for an action that is not taken.
+candidates to take: all actions when exploring, else the greedy ones. Then follow, each only where there is
+something to draw: a word for the reward of a noisy issuer, at each PING; one for the outcome of the action;
+one for the table that a rule with two tables updates; and, when the episode is over, one for the next start.
+The first start takes the first word. An on-policy rule draws the next step's word before the update. That
+leaves the words in order, but where the time limit truncates it takes one word more, for an action that is
+not taken.
 
-Axis letters: N agents, S states, O observations, A actions, T evaluation steps, V map steps, R records.
+Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation steps, V map
+steps, R records.
 """
 
 import hashlib
@@ -31,6 +35,7 @@ from envs.model import ACTIONS, draw_issuer_reward
 U = np.uint64
 N_ACTIONS: Final = len(ACTIONS)
 PLACES: Final = 60
+LEAST_TRACE: Final = 1e-3  # below this weight a trace is dropped
 
 # (32, 60). Row m lists the actions of mask m, evenly over 60 places: 60 is divisible by every possible count,
 # so one draw from 0..59, made before the mask is known, picks each member with equal probability.
@@ -42,26 +47,48 @@ for _mask in range(1, ALL_ACTIONS + 1):
 Stream = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 
+# What follows an action, side by side in memory: with large tables, cache misses take most of the time.
+OUTCOME: Final = np.dtype(
+    [
+        ("reward", np.float64),  # mean
+        ("next_state", np.uint32),
+        ("next_observation", np.uint32),  # O where the episode terminates
+    ]
+)
+
+
 class Process(NamedTuple):
     """A compiled scenario; state and action are one index, `state * A + action`."""
 
-    next_state: NDArray[np.int64]  # (S * A,) the start where the episode terminates
-    next_observation: NDArray[np.int64]  # (S * A,) O where the episode terminates
-    reward: NDArray[np.float64]  # (S * A,) mean
-    noise: NDArray[np.float64]  # (S * A,) half-width of the uniform noise
+    outcomes: NDArray[np.void]  # (S * A * K,) of type OUTCOME
+    probability_up_to: NDArray[
+        np.float64
+    ]  # (S * A * K,) sums over the outcomes up to each; infinite at the last
+    n_outcomes: int  # K
+    noise: NDArray[np.float64]  # (S * A,) half-width of the uniform noise of the reward
     is_wrong_ping: NDArray[np.bool_]  # (S * A,)
-    observation: NDArray[np.int64]  # (S,)
-    start: int
+    observation: NDArray[np.uint32]  # (S,)
+    starts: NDArray[np.uint32]  # (B,) states
     is_noisy: bool
+
+
+class Decay(NamedTuple):
+    """A number that changes linearly with training, and then stays the same."""
+
+    first: float
+    last: float
+    until: int  # the budget unit from which on it has its last value; 0 if it never changes
 
 
 class Constants(NamedTuple):
     """How agents act and learn."""
 
-    learning_rate: float
+    learning_rate: Decay
+    visit_exponent: float  # a rate is divided by this power of the number of visits; 0 if it is not
     discount: float
-    epsilon: float
-    explore_below: np.uint64  # epsilon in units of 2**-32
+    epsilon: Decay
+    initial_value: float
+    trace_decay: float  # the weight of a trace is multiplied by discount * trace_decay per step
     takes_lowest: bool  # whether the lowest of several best actions is the only greedy one
     choices: NDArray[np.uint8]  # CHOICES
     time_limit: int
@@ -80,7 +107,7 @@ class Plan(NamedTuple):
 class Results(NamedTuple):
     """Where the kernel writes; see `agents.tabular.learner.TabularTraining`."""
 
-    q: NDArray[np.float64]  # (N, O, A) zeros at first
+    q: NDArray[np.float64]  # (N, O, A)
     greedy: NDArray[np.uint8]  # (N, T, O)
     values: NDArray[np.float32]  # (N, V, O, A)
     disagreements: NDArray[np.int64]  # (N, T)
@@ -127,16 +154,39 @@ def _draw_reward(mean: float, noise: float, stream: Stream) -> tuple[float, Stre
 
 
 @numba.njit
-def _update(
-    q: NDArray[np.float64],
-    o: np.uint64,
-    a: np.uint64,
-    target: float,
-    learning_rate: float,
-    takes_lowest: bool,
-) -> tuple[float, int]:
-    """Moves an action value; returns the observation's largest one, and the mask of its greedy actions."""
-    q[o, a] += learning_rate * (target - q[o, a])
+def _draw_outcome(
+    first: np.uint64, probability_up_to: NDArray[np.float64], stream: Stream
+) -> tuple[np.uint64, Stream]:
+    """Returns the index of an outcome, given that of the action's first, and the stream that follows."""
+    word, stream = draw_word(stream)
+    uniform = (word >> U(11)) * 2.0**-53
+    i = first
+    while uniform >= probability_up_to[i]:
+        i += U(1)
+    return i, stream
+
+
+@numba.njit
+def _draw_start(starts: NDArray[np.uint32], stream: Stream) -> tuple[np.uint64, Stream]:
+    """Returns a state to start in and the stream that follows."""
+    place = U(0)
+    if len(starts) > 1:
+        word, stream = draw_word(stream)
+        place = U((word >> U(11)) * 2.0**-53 * len(starts))
+    return U(starts[place]), stream
+
+
+@numba.njit
+def _at(decay: Decay, unit: int) -> float:
+    """Returns a decaying number at a budget unit."""
+    if unit >= decay.until:
+        return decay.last
+    return decay.first + (decay.last - decay.first) * (unit / decay.until)
+
+
+@numba.njit
+def _best(q: NDArray[np.float64], o: np.uint64, takes_lowest: bool) -> tuple[float, int]:
+    """Returns the largest action value of an observation, and the mask of its greedy actions."""
     q0, q1, q2, q3, q4 = q[o, 0], q[o, 1], q[o, 2], q[o, 3], q[o, 4]
     best = max(max(max(q0, q1), max(q2, q3)), q4)
     mask = (q0 == best) | ((q1 == best) << 1) | ((q2 == best) << 2)
@@ -164,8 +214,8 @@ def _take_snapshot(
 
 
 @numba.njit
-def _new_tree(n_observations: int) -> NDArray[np.float64]:
-    """Returns a tournament tree over observations whose largest values are all 0.
+def _new_tree(n_observations: int, value: float) -> NDArray[np.float64]:
+    """Returns a tournament tree over observations whose largest values are all the same.
 
     Its leaves are these values, each inner node is the larger of its two children, and node 1 is the largest
     value of the table.
@@ -173,7 +223,7 @@ def _new_tree(n_observations: int) -> NDArray[np.float64]:
     leaves = 1
     while leaves < n_observations:
         leaves *= 2
-    tree = np.zeros(2 * leaves)
+    tree = np.full(2 * leaves, value)
     for i in range(leaves + n_observations, 2 * leaves):
         tree[i] = -np.inf
     return tree
@@ -192,9 +242,34 @@ def _update_tree(tree: NDArray[np.float64], o: np.uint64, best: float) -> None:
         tree[node] = winner
 
 
-# `compile_kernel` sets these two to what an update rule says.
+@numba.njit
+def _trace(
+    traced: NDArray[np.int64],
+    traces: NDArray[np.float64],
+    trace_rates: NDArray[np.float64],
+    n_traces: int,
+    decay: float,
+    pair: np.uint64,
+    rate: float,
+) -> int:
+    """Decays the traces, drops the least, and sets that of a pair to 1; returns how many there are."""
+    n_kept = 0
+    for i in range(n_traces):
+        weight = decay * traces[i]
+        if weight >= LEAST_TRACE and U(traced[i]) != pair:
+            traced[n_kept], traces[n_kept], trace_rates[n_kept] = traced[i], weight, trace_rates[i]
+            n_kept += 1
+    traced[n_kept], traces[n_kept], trace_rates[n_kept] = pair, 1.0, rate
+    return n_kept + 1
+
+
+# `compile_kernel` sets these: whatever a kernel does not need is left out of its code, not skipped each step.
 _bootstrap: Callable[[Successor], float] = numba.njit(Q_LEARNING.bootstrap)
 _IS_ON_POLICY = Q_LEARNING.is_on_policy
+_HAS_TWO_TABLES = Q_LEARNING.has_two_tables
+_HAS_TRACES = Q_LEARNING.has_traces
+_DRAWS_OUTCOMES = False
+_COUNTS_VISITS = False
 
 
 def _train(
@@ -205,30 +280,54 @@ def _train(
     Indices are unsigned, which spares numba's test for negative ones: a fifth of the time.
     """
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
-    next_state, next_observation, rewards, noise, is_wrong_ping, observation, start, is_noisy = process
-    learning_rate, discount, epsilon, explore_below, takes_lowest, choices, time_limit = constants
+    outcomes, probability_up_to, n_outcomes, noise, is_wrong_ping, observation, starts, is_noisy = process
+    (
+        rates,
+        visit_exponent,
+        discount,
+        epsilons,
+        initial_value,
+        trace_decay,
+        takes_lowest,
+        choices,
+        time_limit,
+    ) = constants
     budget, by_episode, record_every, points, map_index = plan
     n_observations = results.q.shape[1]
+    n_pairs = n_observations * N_ACTIONS
     has_tree = results.table_max_q.shape[1] > 0
+    changes_until = max(rates.until, epsilons.until)
     for n in range(len(streams)):
         stream = (streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3])
         q = results.q[n]
+        q[:] = initial_value
         max_q = results.max_q[n]
         table_max_q = results.table_max_q[n]
-        highest = np.zeros(n_observations)  # the largest action value of each observation
-        greedy = np.full(n_observations, 1 if takes_lowest else ALL_ACTIONS)  # masks of the greedy actions
-        tree = _new_tree(n_observations)
-        state = U(start)
+        highest = np.full(n_observations, initial_value)  # the largest action value of each observation
+        greedy = np.full(n_observations, 1 if takes_lowest else ALL_ACTIONS)  # masks
+        tree = _new_tree(n_observations, initial_value)
+        visits = np.zeros((n_observations if _COUNTS_VISITS else 0, N_ACTIONS), np.uint32)
+        tables = np.full((n_observations if _HAS_TWO_TABLES else 0, 2, N_ACTIONS), initial_value)
+        table_rows = tables.reshape(-1, N_ACTIONS)
+        traced = np.empty(n_pairs if _HAS_TRACES else 0, np.int64)  # pairs, o * A + a, the latest last
+        traces = np.empty(len(traced))  # their weights
+        trace_rates = np.empty(len(traced))
+        learning_rate, epsilon = _at(rates, 0), _at(epsilons, 0)
+        explore_below = U(round(epsilon * 2**32))
+        state, stream = _draw_start(starts, stream)
         o = U(observation[state])
-        a = a_next = U(0)
+        a = a_next = learned = best = U(0)
         begins = True
-        steps = episodes = episode_steps = disagreements = n_points = n_records = next_record = 0
+        steps = episodes = episode_steps = disagreements = n_points = n_records = next_record = n_traces = 0
         next_point = points[0]
         for unit in range(budget):
             if unit == next_point:
                 _take_snapshot(results, n, n_points, map_index[n_points], q, greedy, disagreements)
                 n_points += 1
                 next_point = points[n_points]
+            if unit <= changes_until:
+                learning_rate, epsilon = _at(rates, unit), _at(epsilons, unit)
+                explore_below = U(round(epsilon * 2**32))
             is_recorded = unit == next_record
             highest_met = table_highest = -np.inf
             while True:
@@ -240,31 +339,75 @@ def _train(
                     word, stream = draw_word(stream)
                     a = choose_action(word, explore_below, greedy[o], choices)
                 taken = state * U(N_ACTIONS) + a
-                reward = rewards[taken]
                 disagreements += is_wrong_ping[taken]
+                i = taken * U(n_outcomes) if _DRAWS_OUTCOMES else taken
+                reward = outcomes[i].reward
                 if is_noisy and noise[taken] > 0.0:
                     reward, stream = _draw_reward(reward, noise[taken], stream)
-                o_next = U(next_observation[taken])
+                if _DRAWS_OUTCOMES:
+                    i, stream = _draw_outcome(i, probability_up_to, stream)
+                outcome = outcomes[i]
+                o_next = U(outcome.next_observation)
                 terminates = o_next == U(n_observations)
+                if _HAS_TWO_TABLES:
+                    word, stream = draw_word(stream)
+                    learned = word >> U(63)
                 value = 0.0
                 if not terminates:
+                    if _HAS_TWO_TABLES:  # the lower half of the word chooses among several best actions
+                        _, mask = _best(table_rows, U(2) * o_next + learned, takes_lowest)
+                        best = choose_action(word, U(0), mask, choices)
                     if _IS_ON_POLICY:
                         word, stream = draw_word(stream)
                         a_next = choose_action(word, explore_below, greedy[o_next], choices)
-                    value = _bootstrap(Successor(q, o_next, highest[o_next], greedy[o_next], epsilon, a_next))
+                    value = _bootstrap(
+                        Successor(
+                            q, o_next, highest[o_next], greedy[o_next], epsilon, a_next, tables, learned, best
+                        )
+                    )
                 target = reward + discount * value
-                highest[o], greedy[o] = _update(q, o, a, target, learning_rate, takes_lowest)
-                if has_tree:
-                    _update_tree(tree, o, highest[o])
+                rate = learning_rate
+                if _COUNTS_VISITS:
+                    visits[o, a] += U(1)
+                    rate /= visits[o, a] ** visit_exponent
+                if _HAS_TRACES:
+                    if begins or not (greedy[o] >> a) & U(1):
+                        n_traces = 0
+                    n_traces = _trace(
+                        traced,
+                        traces,
+                        trace_rates,
+                        n_traces,
+                        discount * trace_decay,
+                        o * U(N_ACTIONS) + a,
+                        rate,
+                    )
+                    error = target - q[o, a]
+                    for j in range(n_traces):
+                        o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
+                        q[o_traced, a_traced] += trace_rates[j] * error * traces[j]
+                        highest[o_traced], greedy[o_traced] = _best(q, o_traced, takes_lowest)
+                        if has_tree:
+                            _update_tree(tree, o_traced, highest[o_traced])
+                else:
+                    if _HAS_TWO_TABLES:
+                        tables[o, learned, a] += rate * (target - tables[o, learned, a])
+                        q[o, a] = (tables[o, 0, a] + tables[o, 1, a]) / 2
+                    else:
+                        q[o, a] += rate * (target - q[o, a])
+                    highest[o], greedy[o] = _best(q, o, takes_lowest)
+                    if has_tree:
+                        _update_tree(tree, o, highest[o])
                 steps += 1
                 episode_steps += 1
-                state = U(next_state[taken])
                 begins = terminates or episode_steps == time_limit
                 if begins:
-                    state = U(start)
+                    state, stream = _draw_start(starts, stream)
+                    o = U(observation[state])
                     episodes += 1
                     episode_steps = 0
-                o = U(observation[state])
+                else:
+                    state, o = U(outcome.next_state), o_next
                 a = a_next
                 if begins or not by_episode:
                     break
@@ -281,17 +424,31 @@ def _train(
 
 
 @lru_cache
-def compile_kernel(update: UpdateRule) -> Callable[[Process, Constants, Plan, Any, Results], None]:
+def compile_kernel(
+    update: UpdateRule, *, draws_outcomes: bool, counts_visits: bool
+) -> Callable[[Process, Constants, Plan, Any, Results], None]:
     """Returns the kernel of an update rule, compiled when it is first called.
 
     The kernel is a copy of `_train` whose globals hold the rule. numba caches compiled code on disk by the
     name of the function, and compiles again when the function's file has changed. It does not look at what
     the function calls from other files: the rule and `draw_issuer_reward`. So the copy's name contains a
     digest of these.
+
+    Args:
+      update: The rule.
+      draws_outcomes: Whether actions have several outcomes, K > 1.
+      counts_visits: Whether learning rates depend on the number of visits.
     """
-    rule = {"_bootstrap": numba.njit(update.bootstrap), "_IS_ON_POLICY": update.is_on_policy}
+    flags = {
+        "_IS_ON_POLICY": update.is_on_policy,
+        "_HAS_TWO_TABLES": update.has_two_tables,
+        "_HAS_TRACES": update.has_traces,
+        "_DRAWS_OUTCOMES": draws_outcomes,
+        "_COUNTS_VISITS": counts_visits,
+    }
+    rule = flags | {"_bootstrap": numba.njit(update.bootstrap)}
     kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)
-    parts = [update.is_on_policy, *_identity(update.bootstrap), *_identity(draw_issuer_reward)]
+    parts = [flags, *_identity(update.bootstrap), *_identity(draw_issuer_reward)]
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
     compiled: Callable[..., None] = numba.njit(nogil=True, cache=True)(kernel)

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings, Schedule, Training, check_request
 from agents.tabular import updates
-from agents.tabular.kernel import CHOICES, Constants, Plan, Process, Results, compile_kernel
+from agents.tabular.kernel import CHOICES, OUTCOME, Constants, Decay, Plan, Process, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
 from envs.model import ACTIONS, Model
 
@@ -32,6 +32,17 @@ VERSION: Final = 3
 class Settings(LearnerSettings):
     """The settings of a tabular learner; the defaults are the paper's."""
 
+    later: ClassVar[frozenset[str]] = frozenset(
+        {
+            "initial_value",
+            "final_learning_rate",
+            "learning_rate_fraction",
+            "final_epsilon",
+            "epsilon_fraction",
+            "visit_exponent",
+        }
+    )
+
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
     discount: Annotated[float, Field(ge=0, le=1)] = 0.9
     epsilon: Annotated[float, Field(ge=0, le=1)] = 0.6  # probability of a uniformly random action
@@ -39,17 +50,56 @@ class Settings(LearnerSettings):
     budget_unit: Literal["steps", "episodes"] = "steps"
     # Budget units from one record of the largest action value to the next.
     record_every: Annotated[int, Field(ge=1, le=10**9)] = 1
+    initial_value: float = 0.0  # of every action in every observation
+    # With a final value, a setting decays linearly, from the first budget unit to a fraction of the budget.
+    final_learning_rate: Annotated[float, Field(ge=0, le=1)] | None = None
+    learning_rate_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
+    final_epsilon: Annotated[float, Field(ge=0, le=1)] | None = None
+    epsilon_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
+    # The learning rate of the n-th update of an action in an observation is learning_rate / n**visit_exponent
+    # (Even-Dar & Mansour 2003, who prove convergence for exponents above 1/2).
+    visit_exponent: Annotated[float, Field(gt=0, le=1)] | None = None
 
     @property
     def discount_factor(self) -> float:
         """The discount of the table's values."""
         return self.discount
 
+    @property
+    def learning_rates(self) -> Decay:
+        """The learning rate over the budget, before it is divided by any number of visits."""
+        return self._decay(self.learning_rate, self.final_learning_rate, self.learning_rate_fraction)
+
+    @property
+    def epsilons(self) -> Decay:
+        """The probability of a random action over the budget."""
+        return self._decay(self.epsilon, self.final_epsilon, self.epsilon_fraction)
+
+    def _decay(self, first: float, last: float | None, fraction: float) -> Decay:
+        return Decay(first, first, 0) if last is None else Decay(first, last, round(fraction * self.budget))
+
     @model_validator(mode="after")
-    def _episodes_end(self) -> Self:
-        if self.budget_unit == "episodes" and self.epsilon == 0 and self.time_limit is None:
-            raise ValueError('budget_unit = "episodes" with epsilon = 0 may never end; set time_limit')
+    def _settings_fit(self) -> Self:
+        for key in ("learning_rate", "epsilon"):
+            first, last, fraction = (getattr(self, name) for name in (key, f"final_{key}", f"{key}_fraction"))
+            if last is None and fraction != 1:
+                raise ValueError(f"{key}_fraction = {fraction} needs final_{key}")
+            if last is not None and last > first:
+                raise ValueError(f"final_{key} = {last} is above {key} = {first}; accepted: at most {first}")
+        if self.final_learning_rate is not None and self.visit_exponent is not None:
+            raise ValueError(
+                "final_learning_rate and visit_exponent exclude each other; set at most one of them"
+            )
+        if self.budget_unit == "episodes" and self.epsilons.last == 0 and self.time_limit is None:
+            key = "epsilon" if self.final_epsilon is None else "final_epsilon"
+            raise ValueError(f'budget_unit = "episodes" with {key} = 0 may never end; set time_limit')
         return self
+
+
+class TraceSettings(Settings):
+    """The settings of a rule with eligibility traces."""
+
+    trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9  # lambda
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,23 +136,26 @@ def train(
       threads: How many threads to use; no result depends on it.
 
     Raises:
-      ValueError: There are no seeds, there is no thread, or the schedule is for another budget.
+      ValueError: There are no seeds, there is no thread, the schedule is for another budget, or the rule has
+        traces and the settings do not.
     """
     check_request(settings, seeds, schedule)
+    if update.has_traces and not isinstance(settings, TraceSettings):
+        raise ValueError("settings: the rule has traces; accepted: TraceSettings.")
     if threads < 1:
         raise ValueError(f"threads = {threads}; at least 1.")
     n_agents, n_observations, n_actions = len(seeds), model.n_observations, len(ACTIONS)
     n_records = math.ceil(settings.budget / settings.record_every)
     n_steps = len(schedule.evaluation_steps)
     result = TabularTraining(
-        q=np.zeros((n_agents, n_observations, n_actions)),
+        q=np.empty((n_agents, n_observations, n_actions)),
         greedy=np.empty((n_agents, n_steps, n_observations), dtype=np.uint8),
         stochastic=np.empty((n_agents, 0, n_observations, n_actions)),
         values=np.empty((n_agents, len(schedule.map_steps), n_observations, n_actions), dtype=np.float32),
         disagreements=np.empty((n_agents, n_steps), dtype=np.int64),
         cpu_time_s=np.empty((n_agents, n_steps)),
         updates=np.empty(n_agents, dtype=np.int64),
-        parameters=np.full(n_agents, n_observations * n_actions),
+        parameters=np.full(n_agents, n_observations * n_actions * (1 + update.has_two_tables)),
         diverged_at=np.full(n_agents, -1),
         max_q=np.empty((n_agents, n_records)),
         table_max_q=np.empty((n_agents, n_records if record_table else 0)),
@@ -110,13 +163,17 @@ def train(
         episodes_ended=np.empty(n_agents, dtype=np.int64),
     )
     is_mapped = schedule.is_mapped
-    kernel = compile_kernel(update)
+    kernel = compile_kernel(
+        update, draws_outcomes=model.n_outcomes > 1, counts_visits=settings.visit_exponent is not None
+    )
     process = _process(model)
     constants = Constants(
-        learning_rate=settings.learning_rate,
+        learning_rate=settings.learning_rates,
+        visit_exponent=settings.visit_exponent or 0.0,
         discount=settings.discount,
-        epsilon=settings.epsilon,
-        explore_below=np.uint64(round(settings.epsilon * 2**32)),
+        epsilon=settings.epsilons,
+        initial_value=settings.initial_value,
+        trace_decay=settings.trace_decay if isinstance(settings, TraceSettings) else 0.0,
         takes_lowest=settings.ties == "lowest",
         choices=CHOICES,
         time_limit=settings.time_limit or 2**62,
@@ -154,20 +211,24 @@ def train(
 
 
 def _process(model: Model) -> Process:
-    """Returns a model as the kernel reads it: terminated episodes go on at the start."""
-    next_observation = np.where(
-        model.terminated, model.n_observations, model.observation[model.next_state[:, :, 0]]
+    """Returns a model as the kernel reads it."""
+    following = np.where(
+        model.terminated[..., None], model.n_observations, model.observation[model.next_state]
     )
+    outcomes = np.empty(model.next_state.shape, dtype=OUTCOME)
+    outcomes["reward"] = (model.grid_reward + model.issuer_reward)[..., None]
+    outcomes["next_state"] = model.next_state
+    outcomes["next_observation"] = following
+    probability_up_to = model.probability.cumsum(axis=-1)
+    probability_up_to[..., -1] = np.inf  # whatever rounding does to the sum
     return Process(
-        next_state=np.where(model.terminated, model.start, model.next_state[:, :, 0])
-        .astype(np.int64)
-        .ravel(),
-        next_observation=next_observation.astype(np.int64).ravel(),
-        reward=(model.grid_reward + model.issuer_reward).ravel(),
+        outcomes=outcomes.ravel(),
+        probability_up_to=probability_up_to.ravel(),
+        n_outcomes=model.n_outcomes,
         noise=model.issuer_noise.ravel(),
         is_wrong_ping=model.is_wrong_ping.ravel(),
-        observation=model.observation.astype(np.int64),
-        start=model.start,
+        observation=model.observation.astype(np.uint32),
+        starts=model.starts.astype(np.uint32),
         is_noisy=model.is_noisy,
     )
 

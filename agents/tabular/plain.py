@@ -15,6 +15,7 @@ from numpy.random import SeedSequence
 
 from agents.contract import Schedule, Training, check_request
 from agents.policy import greedy_masks
+from agents.tabular.kernel import Decay
 from agents.tabular.learner import Settings
 from envs.model import ACTIONS, Model
 
@@ -82,18 +83,29 @@ def _train(
     agent: int,
 ) -> None:
     """Trains one agent, and keeps what it comes to."""
-    next_state, terminated = model.next_state[:, :, 0].tolist(), model.terminated.tolist()
+    draws_outcomes = model.n_outcomes > 1
+    next_state = (model.next_state if draws_outcomes else model.next_state[:, :, 0]).tolist()
+    probability, terminated = model.probability.tolist(), model.terminated.tolist()
     rewards = (model.grid_reward + model.issuer_reward).tolist()
     noise, is_wrong_ping = model.issuer_noise.tolist(), model.is_wrong_ping.tolist()
     cell = model.observation.tolist()
-    q = [[0.0] * len(ACTIONS) for _ in range(model.n_observations)]
-    state, episode_steps, disagreements, trained = int(model.start), 0, 0, 0
+    q = [[settings.initial_value] * len(ACTIONS) for _ in range(model.n_observations)]
+    visits = [[0] * len(ACTIONS) for _ in range(model.n_observations)]
+    exponent = settings.visit_exponent
+    rates, epsilons = settings.learning_rates, settings.epsilons
+    rate, epsilon, changes_until = rates.first, epsilons.first, max(rates.until, epsilons.until)
+    starts = model.starts.tolist()
+    has_starts = len(starts) > 1
+    state = rng.choice(starts) if has_starts else starts[0]
+    episode_steps, disagreements, trained = 0, 0, 0
     used_s, i_map = 0.0, 0
     for place, until in enumerate(dict.fromkeys([*schedule.evaluation_steps, settings.budget])):
         started_s = time.thread_time()
-        for _ in range(until - trained):
+        for step in range(trained, until):
+            if step <= changes_until:
+                rate, epsilon = _at(rates, step), _at(epsilons, step)
             row = q[cell[state]]
-            if rng.random() < settings.epsilon:
+            if rng.random() < epsilon:
                 action = rng.randrange(len(ACTIONS))
             else:
                 best = max(row)
@@ -106,11 +118,16 @@ def _train(
                 reward += noise[state][action] * rng.uniform(-1.0, 1.0)
             disagreements += is_wrong_ping[state][action]
             following, ends = next_state[state][action], terminated[state][action]
+            if draws_outcomes:
+                (following,) = rng.choices(following, probability[state][action])
+            if exponent is not None:
+                visits[cell[state]][action] += 1
+                rate = settings.learning_rate / visits[cell[state]][action] ** exponent
             target = reward if ends else reward + settings.discount * max(q[cell[following]])
-            row[action] += settings.learning_rate * (target - row[action])
+            row[action] += rate * (target - row[action])
             episode_steps += 1
             if ends or episode_steps == settings.time_limit:
-                state, episode_steps = model.start, 0
+                state, episode_steps = rng.choice(starts) if has_starts else starts[0], 0
             else:
                 state = following
         trained = until
@@ -127,6 +144,13 @@ def _train(
         result.disagreements[agent, place] = disagreements
         result.cpu_time_s[agent, place] = used_s
     result.q[agent] = q
+
+
+def _at(decay: Decay, step: int) -> float:
+    """Returns a decaying number at a step."""
+    if step >= decay.until:
+        return decay.last
+    return decay.first + (decay.last - decay.first) * step / decay.until
 
 
 Q_LEARNING: Final = PlainQLearning()

@@ -43,15 +43,27 @@ def test_generator_gives_the_published_numbers() -> None:
 
 
 class Draws:
-    """Replaces the env's generator: draws the issuer's noise from the agent's stream."""
+    """Replaces the env's generator: draws noise, outcomes and starts from the agent's stream.
+
+    The env draws noise at every action, the kernel only where there is some.
+    """
 
     def __init__(self, stream: Iterator[int]) -> None:
         self.stream = stream
-        self.wanted = False
+        self.n_unwanted = 0
 
     def random(self) -> float:
         """Returns the next draw from [0, 1)."""
-        return uniform(next(self.stream)) if self.wanted else 0.5
+        if self.n_unwanted:
+            self.n_unwanted -= 1
+            return 0.5
+        return uniform(next(self.stream))
+
+
+def decayed(first: float, last: float | None, fraction: float, settings: Settings, unit: int) -> float:
+    """Returns a setting that decays linearly over a fraction of the budget."""
+    share = unit / round(fraction * settings.budget)
+    return first if last is None else last if share >= 1 else first + (last - first) * share
 
 
 def slow_learner(
@@ -66,7 +78,9 @@ def slow_learner(
     env = gymnasium.make(
         f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=settings.time_limit or -1
     )
-    q = np.zeros((120, 5))
+    model = env.unwrapped.model  # type: ignore[attr-defined]
+    q = np.full((model.n_observations, 5), settings.initial_value)
+    visits = np.zeros(q.shape, dtype=int)
     result: dict[str, Any] = {
         "greedy": [],
         "max_q": [],
@@ -74,9 +88,9 @@ def slow_learner(
         "steps_taken": 0,
         "episodes_ended": 0,
     }
-    observation, _ = env.reset()
     draws = Draws(stream)
     env.unwrapped.np_random = draws  # type: ignore[assignment]
+    observation, _ = env.reset()
 
     def best_actions(row: NDArray[np.float64]) -> list[int]:
         best = [action for action in range(5) if row[action] == row.max()]
@@ -95,17 +109,22 @@ def slow_learner(
         visited.append(q[observation].max())
         table.append(q.max())
 
-        action = choose(next(stream), settings.epsilon, best_actions(q[observation]))
-        draws.wanted = ACTIONS[action] == "PING"
+        epsilon = decayed(settings.epsilon, settings.final_epsilon, settings.epsilon_fraction, settings, unit)
+        action = choose(next(stream), epsilon, best_actions(q[observation]))
+        draws.n_unwanted = int(model.is_noisy and ACTIONS[action] != "PING")
         following, reward, terminated, truncated, _ = env.step(action)
         value_after = 0.0 if terminated else q[following].max()
         target = float(reward) + settings.discount * value_after
-        q[observation, action] += settings.learning_rate * (target - q[observation, action])
+        first, last = settings.learning_rate, settings.final_learning_rate
+        rate = decayed(first, last, settings.learning_rate_fraction, settings, unit)
+        if settings.visit_exponent is not None:
+            visits[observation, action] += 1
+            rate /= float(visits[observation, action]) ** settings.visit_exponent
+        q[observation, action] += rate * (target - q[observation, action])
         observation = following
         result["steps_taken"] += 1
         if terminated or truncated:
             observation, _ = env.reset()
-            env.unwrapped.np_random = draws  # type: ignore[assignment]
             result["episodes_ended"] += 1
         if settings.budget_unit == "steps" or terminated or truncated:
             if unit % settings.record_every == 0:
@@ -124,6 +143,16 @@ def check_same(training: TabularTraining, i: int, expected: dict[str, Any]) -> N
         assert np.array_equal(getattr(training, key)[i], np.asarray(values)), key
 
 
+# Two phases that follow each other at random, and an issuer that moves with them; several starts.
+MOVES = {
+    "grid.start": [[0, 0], [9, 11], [0, 11]],
+    "phases": [
+        {"name": "near", "next": {"far": 0.2}},
+        {"name": "far", "position": [3, 4], "next": {"near": 0.1, "gone": 0.05}},
+        {"name": "gone", "position": [2, 8], "next": {"near": 0.3}},
+    ],
+    "observe": ["agent", "phase"],
+}
 READINGS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "default": ({}, {}),
     "epsilon": ({}, {"epsilon": 0.4}),
@@ -132,6 +161,29 @@ READINGS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "ties": ({}, {"ties": "lowest"}),
     "origin": ({"issuer.position": [8, 6]}, {}),
     "time_limit": ({}, {"time_limit": 15}),
+    "initial_value": ({}, {"initial_value": -0.7}),
+    "decays": (
+        {},
+        {
+            "final_learning_rate": 0.1,
+            "learning_rate_fraction": 0.7,
+            "final_epsilon": 0.2,
+            "epsilon_fraction": 0.5,
+        },
+    ),
+    "decays by episode": (
+        {},
+        {
+            "budget": 150,
+            "budget_unit": "episodes",
+            "final_learning_rate": 0.0,
+            "final_epsilon": 0.3,
+            "epsilon_fraction": 0.4,
+        },
+    ),
+    "visits": ({}, {"visit_exponent": 0.7, "learning_rate": 1.0}),
+    "starts": ({"grid.start": [[0, 0], [9, 0], [0, 11]]}, {"time_limit": 40}),
+    "people move": (MOVES, {"time_limit": 50}),
     "all at once": (
         {"issuer.position": [8, 6], "rewards.wrong_ping_uncomfortable": -0.8},
         {
@@ -259,7 +311,26 @@ def test_learns_the_optimal_values_of_a_task_it_observes_fully() -> None:
         ({"ties": "highest"}, "ties = \"highest\": input should be 'uniform' or 'lowest'"),
         ({"budget": 0}, "budget = 0"),
         ({"time_limit": 10**30}, "time_limit = "),
-        ({"epsilon": 0, "budget_unit": "episodes"}, "may never end; set time_limit"),
+        ({"epsilon": 0, "budget_unit": "episodes"}, "with epsilon = 0 may never end; set time_limit"),
+        (
+            {"final_epsilon": 0, "budget_unit": "episodes"},
+            "with final_epsilon = 0 may never end; set time_limit",
+        ),
+        ({"final_epsilon": 0.7}, "final_epsilon = 0.7 is above epsilon = 0.6; accepted: at most 0.6"),
+        ({"final_learning_rate": 0.9}, "final_learning_rate = 0.9 is above learning_rate = 0.6"),
+        ({"epsilon_fraction": 0.5}, "epsilon_fraction = 0.5 needs final_epsilon"),
+        ({"learning_rate_fraction": 0.5}, "learning_rate_fraction = 0.5 needs final_learning_rate"),
+        (
+            {"final_epsilon": 0.1, "epsilon_fraction": 0},
+            "epsilon_fraction = 0: input should be greater than 0",
+        ),
+        (
+            {"final_learning_rate": 0.1, "visit_exponent": 0.7},
+            "final_learning_rate and visit_exponent exclude each other; set at most one of them",
+        ),
+        ({"visit_exponent": 0}, "visit_exponent = 0: input should be greater than 0"),
+        ({"initial_value": "high"}, 'initial_value = "high": input should be a valid number'),
+        ({"trace_decay": 0.5}, "unknown key trace_decay"),
         ({"alpha": 0.6}, "unknown key alpha; accepted: "),
         ({"epsilom": 0.6}, "unknown key epsilom (did you mean epsilon?)"),
     ],
@@ -279,3 +350,12 @@ def test_calls_without_agents_or_threads_are_refused() -> None:
         train(model, Settings(budget=10), [SeedSequence(0)], Schedule(20))
     with pytest.raises(ValueError, match="threads = 0"):
         train(model, Settings(budget=10), [SeedSequence(0)], Schedule(10), threads=0)
+
+
+def test_keys_that_settings_got_later_are_written_only_if_set() -> None:
+    # The digests of runs depend on what is written.
+    assert set(Settings().model_dump()) == {
+        "budget", "time_limit", "learning_rate", "discount", "epsilon", "ties", "budget_unit", "record_every"
+    }  # fmt: skip
+    written = Settings(final_epsilon=0.1, epsilon_fraction=0.5, initial_value=1.0).model_dump()
+    assert written | {"final_epsilon": 0.1, "epsilon_fraction": 0.5, "initial_value": 1.0} == written
