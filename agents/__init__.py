@@ -33,6 +33,7 @@ ALGORITHMS: Final = {
     "batched_dqn": "agents.batched.algorithms:DQN",
     "batched_ppo": "agents.batched.algorithms:PPO",
     "dqn": "agents.sb3.algorithms:DQN",
+    "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "q_learning_plain": "agents.tabular.plain:Q_LEARNING",

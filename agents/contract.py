@@ -98,8 +98,8 @@ class Algorithm(Protocol):
         """Part of every run's identity; raised when a change alters what is learned."""
 
     @property
-    def family(self) -> Literal["tabular", "deep"]:
-        """Whether an agent is a table or a net."""
+    def family(self) -> Literal["tabular", "deep", "planner"]:
+        """Whether an agent learns a table or a net, or is planned by one who knows the model."""
 
     @property
     def settings(self) -> type[LearnerSettings]:

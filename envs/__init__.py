@@ -1,7 +1,7 @@
 """Proxemic scenarios as Gymnasium environments.
 
-Importing this package registers an id for every TOML file in `envs/scenarios`: `Proxemic/S1-v0`,
-`Proxemic/S2-v0` and `Proxemic/S3-v0`, with a time limit of 200 steps.
+Importing this package registers an id for every TOML file in `envs/scenarios`, for example `Proxemic/S1-v0`,
+with a time limit of 200 steps.
 
 >>> import gymnasium
 >>> env = gymnasium.make("envs:Proxemic/S1-v0", observation="coordinates")

@@ -10,10 +10,12 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Final, NoReturn, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, ValidationError, model_serializer
 from pydantic_core import ErrorDetails
+
+_LONGEST_VALUE: Final = 200  # characters of a value that a message repeats; that of a table may be a page
 
 
 class InputError(ValueError):
@@ -39,7 +41,8 @@ class Table(BaseModel):
 
     def __hash__(self) -> int:
         """Hashes the values."""
-        return hash(tuple(getattr(self, key) for key in type(self).model_fields))
+        values = (getattr(self, key) for key in type(self).model_fields)
+        return hash(tuple(tuple(value.items()) if isinstance(value, dict) else value for value in values))
 
     def __getstate__(self) -> dict[Any, Any]:
         """Returns what is pickled."""
@@ -125,7 +128,9 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
             unknown_name(where, "key", str(name), set(_accepted(cls, table)) - given.keys())
         if first["type"] == "missing":
             raise InputError(f"{source}: the key {key} is missing.") from None
-        where = f"{key} = {json.dumps(first['input'])}: " if key else ""
+        value = json.dumps(first["input"])
+        value = f" = {value}" if len(value) <= _LONGEST_VALUE else ""
+        where = f"{key}{value}: " if key else ""
         raise InputError(f"{source}: {where}{_reason(first)}.") from None
 
 
@@ -181,18 +186,23 @@ def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
     for part in location:
         if get_origin(annotation) in (dict, Mapping):  # tables that users name
             annotation = get_args(annotation)[1]
+        elif get_origin(annotation) is tuple:  # tables in a list
+            annotation = get_args(annotation)[0]
         elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            annotation = _without_none(annotation.model_fields[str(part)].annotation)
+            annotation = annotation.model_fields[str(part)].annotation
         else:  # a union of tables that differ in their kind
             annotation = next(
                 table
                 for table in get_args(annotation)
                 if part in get_args(table.model_fields["kind"].annotation)
             )
+        annotation = _bare(annotation)
     return list(annotation.model_fields)
 
 
-def _without_none(annotation: Any) -> Any:
-    """Returns the type of a table that may be missing."""
+def _bare(annotation: Any) -> Any:
+    """Returns a type without metadata, and without None if the value may be missing."""
+    if get_origin(annotation) is Annotated:
+        return _bare(get_args(annotation)[0])
     others = [each for each in get_args(annotation) if each is not type(None)]
-    return others[0] if len(others) == 1 and type(None) in get_args(annotation) else annotation
+    return _bare(others[0]) if len(others) == 1 and type(None) in get_args(annotation) else annotation

@@ -95,7 +95,9 @@ class Model:
     terminated: NDArray[np.bool_]  # (S, A)
     event: NDArray[np.int8]  # (S, A) index into EVENTS
     wrong_pings: NDArray[np.int32]  # (S, A) wrong PINGs in the episode after the action
-    observation: NDArray[np.int32]  # (S,) 0 to O - 1: the number of the observed parts, the agent's cell last
+    observation: NDArray[
+        np.int32
+    ]  # (S,) 0 to O - 1: numbers the values of the parts, the first changing fastest
     parts: tuple[Part, ...]  # what is observed, the agent's cell first
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
@@ -127,8 +129,8 @@ class Model:
 
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
-        """(F,) the states with no wrong PING so far and no feedback to come; in S1 to S3 one per cell."""
-        return np.flatnonzero(self.is_fresh)
+        """(F,) the states with no wrong PING so far and no feedback to come, no walls; in S1 the cells."""
+        return np.flatnonzero(self.is_fresh & ~self.scenario.grid.is_wall[self.cell])
 
     @cached_property
     def is_fresh(self) -> NDArray[np.bool_]:
@@ -144,7 +146,7 @@ class Model:
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
-        states = self.fresh_state[self.context[self.fresh_state] == context]
+        states = np.flatnonzero(self.is_fresh & (self.context == context))
         return np.asarray(states[: self.scenario.grid.rows * self.scenario.grid.columns])
 
     @cached_property
@@ -160,8 +162,9 @@ class Model:
 
     @cached_property
     def is_over(self) -> NDArray[np.bool_]:
-        """(S,) whether no action changes anything: the episode is over, or the cell is a wall."""
-        return np.asarray(self.terminated.all(axis=1))
+        """(S,) whether no action changes anything: the agent has run into someone, or the cell is a wall."""
+        is_person = self.zone == ZONES.index("issuer")
+        return np.asarray(is_person | self.scenario.grid.is_wall[self.cell])
 
     @cached_property
     def is_wrong_ping(self) -> NDArray[np.bool_]:
@@ -373,22 +376,21 @@ def _feedback(
       scenario: As checked.
       position: (C, 2) row and column of each cell.
     """
-    starts = position[np.unique(scenario.starts[:, 2])]
-    zone = scenario.zone.reshape(-1, len(position))
-    contexts = [people for stages in scenario.people for people in stages]
-    firsts = [stages[0] for stages in scenario.people for _ in stages]  # where people are in the first phase
-    shape = len(contexts), len(position)
+    stands = np.array([[[who.cell for who in people] for people in stages] for stages in scenario.people])
+    shape = *stands.shape[:2], len(position)  # J, P, C
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    for i, (people, first) in enumerate(zip(contexts, firsts, strict=True)):
-        far = np.array([np.abs(position - person.cell).sum(axis=1) for person in people])  # (people, C)
-        nearest = far.argmin(axis=0)
-        for k, person in enumerate(people):
-            from_start = np.abs(starts - first[k].cell).sum(axis=1).max()
-            is_near = nearest == k
-            values = _answer(person, far[k], from_start, zone[i])
-            for array, value in zip((mean, noise, is_late), values, strict=True):
-                array[i] = np.where(is_near, value, array[i])
-    return mean, noise, is_late
+    for j, stages in enumerate(scenario.people):
+        _, tick, cell = scenario.starts[scenario.starts[:, 0] == j].T
+        from_start = np.abs(position[cell][:, None] - stands[j, scenario.ticks[tick]]).sum(axis=2).max(axis=0)
+        for p, people in enumerate(stages):
+            far = np.abs(position - stands[j, p][:, None]).sum(axis=2)  # (people, C)
+            nearest = far.argmin(axis=0)
+            for k, person in enumerate(people):
+                values = _answer(person, far[k], from_start[k], scenario.zone[j, p])
+                for array, value in zip((mean, noise, is_late), values, strict=True):
+                    array[j, p] = np.where(nearest == k, value, array[j, p])
+    n_contexts = shape[0] * shape[1]
+    return mean.reshape(n_contexts, -1), noise.reshape(n_contexts, -1), is_late.reshape(n_contexts, -1)
 
 
 def _answer(
@@ -399,7 +401,7 @@ def _answer(
     Args:
       person: Who answers.
       manhattan: (C,) L1 distance of each cell from the person.
-      from_start: The same for the start cell, the largest if there are several.
+      from_start: The same when the episode starts, the largest if there are several starts.
       zone: (C,) index into ZONES.
     """
     feedback = person.feedback

@@ -25,8 +25,8 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
     Args:
       model: Compiled scenario with O observations, which consist of parts.
       kind: `"index"`: the observation's number, (O,) int64; `"one_hot"`: a block per part, (O, sum of their
-        sizes) float32; `"coordinates"`: the coordinates of every part in turn, (O, sum of their numbers) float32,
-        row and column of a cell, or a number, each divided by its maximum.
+        sizes) float32; `"coordinates"`: the coordinates of every part in turn, (O, sum of their numbers)
+        float32, row and column of a cell, or a number, each divided by its maximum.
 
     Raises:
       InputError: Unknown `kind`.

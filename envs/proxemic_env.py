@@ -30,27 +30,40 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     region. The agent does not see the regions. It walks, and by a PING asks whether it is in the target
     region; a PING anywhere else meets the issuer's disagreement.
 
+    S1 to S3 are the scenarios of the paper, which differ in the issuer's feedback. In others there are walls
+    or a second person, regions have other shapes, the agent or the issuer starts anywhere, or the issuer
+    turns, walks or changes mood during an episode; comments in the TOML files in `envs/scenarios` describe
+    them. `envs.model` says in which order things happen in a step.
+
     ## Action Space
     `Discrete(5)`: 0 UP (row - 1), 1 DOWN (row + 1), 2 LEFT (column - 1), 3 RIGHT (column + 1), 4 PING.
-    A move off the grid leaves the agent where it is.
+    A move off the grid or into a wall leaves the agent where it is.
 
     ## Observation Space
-    The agent's cell, in one of three forms (`observation`):
+    The parts that the scenario names (`observe`): the agent's cell, and in some scenarios the issuer's cell,
+    the phase or the number of wrong PINGs. With parts of n1, n2, ... values, in this order, they come in one
+    of three forms (`observation`):
 
-    - `"index"`: `Discrete(rows * columns)`, row * columns + column
-    - `"one_hot"`: `Box(0, 1, (rows * columns,), float32)`
-    - `"coordinates"`: `Box(0, 1, (2,), float32)`, row and column, each divided by its maximum
+    - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0. Of the
+      agent's cell alone, row * columns + column
+    - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, a block per part in which the value's item is 1
+    - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number for each other part,
+      each divided by its maximum
 
-    The number of wrong PINGs so far is hidden.
+    The issuer's cell has a value for each cell in which the issuer may be. What is not observed is hidden:
+    in all scenarios but `Counted`, the number of wrong PINGs so far.
 
     ## Starting State
-    The scenario's start cell, (0, 0) in S1 to S3, with no wrong PING.
+    One of the scenario's starts, all equally likely, with no wrong PING: of the agent's cells outside every
+    region, of the issuer's places, and of the phases, as far as the scenario leaves them open. In S1 to S3
+    there is a single start, cell (0, 0).
 
     ## Rewards
-    The grid's reward for the event plus, for every PING, the issuer's reward. The values are in the
-    scenario's TOML file. In S1 to S3, the grid's rewards are:
+    The grid's reward for the event plus, for every PING, the issuer's reward: that of the nearest person, if
+    there are several. Feedback may come with the action after the PING. The values are in the scenario's
+    TOML file. In all shipped scenarios, the grid's rewards are:
 
-    - reaching the issuer: -1.0
+    - reaching the issuer, or another person: -1.0
     - a PING in the target region: +1.0
     - the fifth wrong PING: -1.0
     - an earlier wrong PING: -0.4
@@ -58,10 +71,10 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - any other move: -0.1
 
     ## Episode End
-    Terminates when the agent reaches the issuer, PINGs in the target region, or makes its fifth wrong
-    PING (`ping_limit`). The registered ids truncate an episode after 200 steps: an agent that keeps
-    bumping into a wall would never finish. `max_episode_steps=-1` lifts the limit, in `gymnasium.make`
-    and in `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)` has no limit.
+    Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING
+    (`ping_limit`). The registered ids truncate an episode after 200 steps: an agent that keeps bumping into a
+    wall would never finish. `max_episode_steps=-1` lifts the limit, in `gymnasium.make` and in
+    `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)` has no limit.
 
     ## Information
     - `event`: what the action led to, an index into `envs.EVENTS`
@@ -83,7 +96,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Version History
     - v0: first version. Changed before its first release: the ids have a time limit of 200 steps (none
-      before), and `event` and `zone` in the info are integer codes (names before).
+      before), and `event` and `zone` in the info are integer codes (names before). Scenarios beyond the
+      paper.
     """
 
     metadata = {"render_modes": list(render.MODES), "render_fps": 8}  # noqa: RUF012, as declared by Env

@@ -79,7 +79,8 @@ class Egg(Table):
     """Two half ellipses that meet beside the person, who keeps more room in front than behind.
 
     By default, `side` is two thirds and `back` half of `front`, as the spreads of personal space in Kirby,
-    Simmons and Forlizzi (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Navigation".
+    Simmons and Forlizzi (2009), "COMPANION: A Constraint-Optimizing Method for Person-Acceptable Robot
+    Navigation".
     """
 
     later: ClassVar[frozenset[str]] = frozenset({"side", "back"})
@@ -161,8 +162,9 @@ class Regions(Table):
             raise ValueError(
                 f"target_radius = {radii[1]} must be larger than uncomfortable_radius = {radii[0]}"
             )
-        if self.unit == "metres" and any(isinstance(shape, Mask) for shape in shapes):
-            raise ValueError('unit = "metres": accepted: "cells", since a mask is drawn in cells')
+        if self.unit == "metres" and (None in shapes or any(isinstance(shape, Mask) for shape in shapes)):
+            what = "radii are" if None in shapes else "a mask is drawn"
+            raise ValueError(f'unit = "metres": accepted: "cells", since {what} in cells')
         return self
 
     @property

@@ -6,51 +6,84 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
-from envs.scene import COLOURS, SYMBOLS, Colour, Scene
+from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene
 
 MODES: Final = ("ansi", "rgb_array", "human")
 CELL_PIXELS: Final = 40
 
 
 def to_text(scene: Scene, agent: int, event: str) -> str:
-    """Returns the scene as text: A the agent, I the issuer, + target, x uncomfortable, . elsewhere.
+    """Returns the scene as text: A the agent, I a person, + target, x uncomfortable, # a wall, . elsewhere.
+
+    If the scenario has several phases, a line names that of the scene.
 
     Args:
       scene: Map of the scenario.
       agent: The agent's cell.
       event: Name of the last event.
     """
-    symbols = [SYMBOLS[zone] for zone in scene.zone]
+    kinds = _kinds(scene)
+    symbols = [SYMBOLS[kind] for kind in kinds]
     symbols[agent] = "A"
     rows = [" ".join(symbols[i : i + scene.columns]) for i in range(0, scene.n_cells, scene.columns)]
-    return "\n".join([*rows, f"event: {event}"]) + "\n"
+    phase = [f"phase: {scene.phase}"] if scene.phase else []
+    return "\n".join([*rows, *phase, f"event: {event}"]) + "\n"
 
 
 def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     """Returns the scene as an image, (rows * 40, columns * 40, 3) uint8.
 
-    The issuer is a ring and the agent a disc that fits inside it, so that both are visible in one cell.
+    A person is a ring, with a nose if it matters where that person looks. The agent is a disc that fits
+    inside the ring, so that both are visible in one cell.
 
     Args:
       scene: Map of the scenario.
       agent: The agent's cell.
     """
-    cells = np.array([COLOURS[zone] for zone in scene.zone], dtype=np.uint8)
+    cells = np.array([COLOURS[kind] for kind in _kinds(scene)], dtype=np.uint8)
     image = cells.reshape(scene.rows, scene.columns, 3)
     image = image.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
     image[::CELL_PIXELS] = COLOURS["line"]
     image[:, ::CELL_PIXELS] = COLOURS["line"]
-    for issuer in scene.cells_of("issuer"):
-        _paint_disc(image, scene.centre(issuer), 0.42, COLOURS["person"])
-        _paint_disc(image, scene.centre(issuer), 0.30, COLOURS[scene.zone[issuer]])
+    for person in scene.glyphs_of("issuer"):
+        centre, outer, inner = scene.centre(person.cell), 0.42, 0.30
+        if person.heading is not None:
+            outer, inner = 0.36, 0.27  # leaves room for the nose
+            _paint_nose(image, centre, person.heading, COLOURS["person"])
+        _paint_disc(image, centre, outer, COLOURS["person"])
+        _paint_disc(image, centre, inner, COLOURS[scene.zone[person.cell]])
     _paint_disc(image, scene.centre(agent), 0.26, COLOURS["agent"])
     return image
+
+
+def _kinds(scene: Scene) -> list[str]:
+    """Returns what every cell is, (C,): its zone, or "wall"."""
+    walls = scene.is_wall.tolist()
+    return ["wall" if is_wall else zone for zone, is_wall in zip(scene.zone, walls, strict=True)]
 
 
 def _paint_disc(image: NDArray[np.uint8], centre: tuple[float, float], radius: float, colour: Colour) -> None:
     """Paints a disc inside a cell; the centre, (row, column), and the radius are in cells."""
     offset = np.arange(CELL_PIXELS) - CELL_PIXELS / 2
     inside = offset[:, None] ** 2 + offset**2 <= (radius * CELL_PIXELS) ** 2
+    _paint(image, centre, inside, colour)
+
+
+def _paint_nose(
+    image: NDArray[np.uint8], centre: tuple[float, float], heading: tuple[int, int], colour: Colour
+) -> None:
+    """Paints a triangle inside a cell that points where a person looks, (row, column)."""
+    offset = (np.arange(CELL_PIXELS) - CELL_PIXELS / 2) / CELL_PIXELS
+    ahead = offset[:, None] * heading[0] + offset * heading[1]
+    aside = offset[:, None] * heading[1] + offset * heading[0]
+    tip, base, half = NOSE
+    _paint(image, centre, (ahead >= base) & (abs(aside) <= half * (tip - ahead) / (tip - base)), colour)
+
+
+def _paint(
+    image: NDArray[np.uint8], centre: tuple[float, float], inside: NDArray[np.bool_], colour: Colour
+) -> None:
+    """Paints those pixels of a cell, (40, 40), that are inside; the centre, (row, column), is in cells."""
     top, left = (int(coordinate) * CELL_PIXELS for coordinate in centre)
     image[top : top + CELL_PIXELS, left : left + CELL_PIXELS][inside] = colour
 

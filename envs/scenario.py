@@ -14,19 +14,22 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from envs.inputs import InputError, Table, override, parse, read_toml, unknown_name
 from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, merged, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
-PARTS: Final = (
-    "agent",
-    "issuer",
-    "phase",
-    "wrong_pings",
-)  # what can be observed, in the order of an observation
+# What can be observed, in the order of an observation.
+PARTS: Final = ("agent", "issuer", "phase", "wrong_pings")
 
 Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
@@ -57,7 +60,7 @@ class Grid(Table):
 
     rows: Annotated[int, Field(ge=1, le=1000)]
     columns: Annotated[int, Field(ge=1, le=1000)]
-    start: Place  # of the agent; of several cells, those outside every region count
+    start: Place  # of the agent, outside every region
     walls: str = ""  # a line of text per row: "#" a wall, "." floor; nobody can enter a wall
     metres_per_cell: Annotated[float, Field(gt=0, le=100)] | None = None
 
@@ -109,9 +112,9 @@ class UniformFeedback(Table):
 
 
 class DistanceFeedback(Table):
-    """The issuer's reward is minus its L1 distance from the agent, relative to that from the start cell.
+    """The issuer's reward is minus its L1 distance from the agent, relative to that when the episode starts.
 
-    If there are several start cells, the one farthest from the issuer counts.
+    If episodes have several starts with the issuer in the same place, the farthest counts.
     """
 
     label: ClassVar[str] = "feedback by distance"
@@ -127,14 +130,18 @@ class NoisyFeedback(Table):
 
 
 class DelayedFeedback(Table):
-    """Feedback by distance that comes with the action after the PING; that on the last PING never comes."""
+    """Feedback by distance that comes with the action after the PING.
+
+    That on a PING which ends the episode never comes. The issuer must not move: the model does not remember
+    where it stood at the PING.
+    """
 
     label: ClassVar[str] = "delayed feedback by distance"
     kind: Literal["delayed"]
 
 
 class BinaryFeedback(Table):
-    """The issuer's reward is `high` for a PING in its target region, and `low` for any other."""
+    """The issuer's reward is `high` for a PING in the target region, and `low` for any other."""
 
     label: ClassVar[str] = "binary feedback"
     kind: Literal["binary"]
@@ -180,11 +187,20 @@ class Person(Table):
     heading: Heading = "up"
 
 
+# Names and probabilities. Sorted, so that equal phases have equal hashes and draw alike.
+Chances = Annotated[
+    dict[str, Annotated[float, Field(gt=0, le=1)]],
+    Field(max_length=20),
+    AfterValidator(lambda chances: dict(sorted(chances.items()))),
+]
+
+
 class Phase(Table):
     """What is different about the issuer for some time, and how the phase ends.
 
     Either every phase lasts a number of `steps`, and the first follows the last; or every phase names with
-    which probability which other phase follows after each step (`next`), and stays otherwise.
+    which probability which other phase follows after each step (`next`), and stays otherwise. What a phase
+    does not give is as in the scenario's other tables.
     """
 
     later: ClassVar[frozenset[str]] = frozenset({"position", "heading", "regions", "steps", "next"})
@@ -194,7 +210,7 @@ class Phase(Table):
     heading: Heading | None = None
     regions: Regions | None = None
     steps: Steps | None = None
-    next: dict[str, Annotated[float, Field(gt=0, le=1)]] | None = None
+    next: Chances | None = None
 
 
 class Rewards(Table):
@@ -224,8 +240,8 @@ class Scenario(Table):
     """A checked scenario, named after its file.
 
     An episode has one of J places of the issuer, drawn at its start. It goes through P phases, which pass by
-    the ticks of a clock: a phase of three steps has three ticks. J = P = 1 unless the scenario says
-    otherwise.
+    the ticks of a clock: a phase of three steps has three ticks, one with `next` a single tick. J = P = 1
+    unless the scenario says otherwise.
     """
 
     later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase"})
@@ -240,9 +256,7 @@ class Scenario(Table):
     observe: tuple[Literal["agent", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
-    first_phase: Literal["first", "any"] = (
-        "first"  # the tick at which an episode starts: the first, or any one
-    )
+    first_phase: Literal["first", "any"] = "first"  # in which an episode starts, "any" at any of its ticks
 
     # What the tables come to
 
@@ -287,7 +301,7 @@ class Scenario(Table):
     @cached_property
     def places(self) -> tuple[Cell, ...]:
         """(J,) where the issuer may stand when an episode starts, and then stays unless a phase moves it."""
-        return tuple(place for place, _ in self._stays)
+        return tuple(self._starts_by_place)
 
     @cached_property
     def people(self) -> tuple[tuple[tuple[Someone, ...], ...], ...]:
@@ -299,27 +313,35 @@ class Scenario(Table):
     @cached_property
     def zone(self) -> NDArray[np.int8]:
         """(J, P, C) index into `envs.regions.ZONES`: the zone of every cell in each place and phase."""
-        return np.array([[self._zones(list(people)) for people in stages] for stages in self.people])
+        return np.stack([self._zones_by_place[place] for place in self.places])
 
     @cached_property
     def starts(self) -> NDArray[np.int_]:
         """(B, 3) place, tick and cell of every start of an episode, all equally likely."""
+        by_place = self._starts_by_place.values()
         return np.concatenate(
-            [np.column_stack([np.full(len(rest), j), rest]) for j, (_, rest) in enumerate(self._stays)]
+            [np.column_stack([np.full(len(rest), j), rest]) for j, rest in enumerate(by_place)]
         )
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """What varies and is not observed: parts, "clock" and "feedback to come"."""
-        clock = len(self.ticks) > len(self.stages)
-        varies = {
-            "issuer": len(self.places) > 1
-            or len({people[0][0].cell for people in zip(*self.people, strict=True)}) > 1,
-            "phase": len(self.stages) > 1,
-            "wrong_pings": self.ping_limit > 1,
+        """What does not follow from the observed parts: other parts, "clock" and "feedback to come"."""
+        contexts = [
+            {"issuer": people[0].cell, "phase": phase}
+            for stages in self.people
+            for phase, people in enumerate(stages)
+        ]
+        seen = [tuple(context[part] for part in context if part in self.observe) for context in contexts]
+        unseen = {
+            part: len({(known, context[part]) for known, context in zip(seen, contexts, strict=True)})
+            > len(set(seen))
+            for part in ("issuer", "phase")
+        } | {
+            "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
+            "clock": len(self.ticks) > len(self.stages) > 1,
+            "feedback to come": self.is_delayed,
         }
-        parts = [part for part, does in varies.items() if does and part not in self.observe]
-        return (*parts, *(["clock"] if clock else []), *(["feedback to come"] if self.is_delayed else []))
+        return tuple(part for part, is_hidden in unseen.items() if is_hidden)
 
     @property
     def has_front(self) -> bool:
@@ -339,22 +361,35 @@ class Scenario(Table):
         return any(isinstance(each, DelayedFeedback) for each in feedback)
 
     @cached_property
-    def _stays(self) -> list[tuple[Cell, NDArray[np.int_]]]:
-        """Where the issuer may stand, each with (starts, 2) ticks and cells of the agent."""
+    def _starts_by_place(self) -> dict[Cell, NDArray[np.int_]]:
+        """The places of the issuer, each with (starts, 2) ticks and cells of the agent.
+
+        Places without a start, or without a target region that the agent can enter, are left out.
+        """
         grid = self.grid
         ticks = np.arange(len(self.ticks)) if self.first_phase == "any" else np.zeros(1, dtype=int)
         allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
         allowed[[row * grid.columns + column for row, column in _cells(grid.start, grid)]] = True
-        stays = []
-        for place in _cells(self.issuer.position, grid):
-            if self.issuer.position == "anywhere" and self._is_taken(place):
-                continue
-            zone = np.array([self._zones(list(self._people(place, stage))) for stage in self.stages])
-            free = allowed & (zone[self.ticks[ticks]] == ZONES.index("outside")) & ~grid.is_wall  # (ticks, C)
-            tick, cell = np.nonzero(free)
-            if len(tick):
-                stays.append((place, np.column_stack([ticks[tick], cell])))
-        return stays
+        starts = {}
+        for place, zone in self._zones_by_place.items():
+            is_free = allowed & ~grid.is_wall & (zone[self.ticks[ticks]] == ZONES.index("outside"))
+            tick, cell = np.nonzero(is_free)
+            if len(tick) and self._has_target(zone):
+                starts[place] = np.column_stack([ticks[tick], cell])
+        return starts
+
+    @cached_property
+    def _zones_by_place(self) -> dict[Cell, NDArray[np.int8]]:
+        """The zone of every cell in each phase, (P, C), by where the issuer can stand."""
+        return {
+            place: np.array([self._zones(list(self._people(place, stage))) for stage in self.stages])
+            for place in _cells(self.issuer.position, self.grid)
+            if not self._is_taken(place)
+        }
+
+    def _has_target(self, zone: NDArray[np.int8]) -> bool:
+        """Returns whether the agent can enter a target region in some phase, given (P, C) zones."""
+        return bool(((zone == ZONES.index("target")) & ~self.grid.is_wall).any())
 
     def _is_taken(self, cell: Cell) -> bool:
         """Returns whether a cell is a wall, or another person stands there."""
@@ -376,7 +411,7 @@ class Scenario(Table):
         """Returns the zone of every cell among some people, (C,)."""
         size, width = self.grid.size, self.grid.metres_per_cell or 1.0
         each = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
-        return merged(np.array(each))
+        return np.where(self.grid.is_wall, ZONES.index("outside"), merged(np.array(each))).astype(np.int8)
 
     # Checks
 
@@ -439,6 +474,12 @@ class Scenario(Table):
         return self
 
     @model_validator(mode="after")
+    def _late_feedback_is_known(self) -> Self:
+        if self.is_delayed and self.moves:
+            raise ValueError('feedback.kind = "delayed" with an issuer that moves: accepted: any other kind')
+        return self
+
+    @model_validator(mode="after")
     def _fits_together(self) -> Self:
         rows, columns = self.grid.size
         stands = {"issuer.position": _cells(self.issuer.position, self.grid)}
@@ -458,35 +499,54 @@ class Scenario(Table):
         if self.issuer.walk is not None:
             stands["issuer.walk.corners"] = [stage.position for stage in self.stages if stage.position]
         others = [person.position for person in self.others]
+        if self.issuer.position == "anywhere":
+            del stands["issuer.position"]
+        if self.grid.start != "anywhere":
+            stands["grid.start"] = _cells(self.grid.start, self.grid)
         for key, cells in stands.items():
-            for cell in cells if self.issuer.position != "anywhere" else ():
+            for cell in cells:
                 is_wall = self.grid.is_wall[cell[0] * columns + cell[1]]
                 if is_wall or others.count(cell) > key.startswith("others"):
                     why = "is a wall" if is_wall else "is taken by another person"
-                    raise ValueError(f"{key}: {_written(cell)} {why}; accepted: another cell")
+                    raise ValueError(f"{key} = {_written(cell)} {why}; accepted: another cell")
         self._has_few_states()
-        self._has_starts()
+        self._can_be_played()
         return self
 
-    def _has_starts(self) -> None:
-        """Checks that an episode can start.
+    def _can_be_played(self) -> None:
+        """Checks that episodes can start and succeed, in every cell that is listed for it.
 
         Raises:
-          ValueError: Nowhere outside every region.
+          ValueError: They cannot.
         """
-        if self._stays:
-            return
         start, position = self.grid.start, self.issuer.position
-        radius = self.regions.target_radius
-        accepted = (
-            f"a Chebyshev distance above regions.target_radius = {radius}"
-            if radius is not None
-            else "a cell outside all regions that is no wall"
-        )
-        raise ValueError(
-            f"grid.start = {_written(start)} lies inside a region of the issuer at {_written(position)}; "
-            f"accepted: {accepted}"
-        )
+        for place, zone in self._zones_by_place.items():
+            if position != "anywhere" and not self._has_target(zone):
+                raise ValueError(
+                    f"regions: with the issuer at {_written(place)}, the target region has no cell that the "
+                    "agent can enter; accepted: a target shape that reaches beyond the uncomfortable one"
+                )
+        used = {
+            divmod(cell, self.grid.columns) for rest in self._starts_by_place.values() for cell in rest[:, 1]
+        }
+        for cell in _cells(start, self.grid) if start != "anywhere" else ():
+            if cell not in used:
+                raise ValueError(
+                    f"grid.start = {_written(cell)} lies inside a region of the issuer at "
+                    f"{_written(position)}{' or of another person' if self.others else ''}; accepted: a cell "
+                    "outside every region"
+                )
+        for place in _cells(position, self.grid) if position != "anywhere" else ():
+            if place not in self._starts_by_place:
+                raise ValueError(
+                    f"issuer.position = {_written(place)} leaves no start outside every region; "
+                    "accepted: a cell that leaves one"
+                )
+        if not self._starts_by_place:
+            raise ValueError(
+                'issuer.position = "anywhere" leaves no start outside every region; accepted: smaller '
+                "regions, or another grid.start"
+            )
 
     def _has_few_states(self) -> None:
         """Checks that the scenario has at most MAX_STATES states.

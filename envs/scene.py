@@ -17,13 +17,14 @@ from envs.regions import HEADINGS, ZONES, Loop, outlines
 
 Colour = tuple[int, int, int]
 
-SYMBOLS: Final = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
+SYMBOLS: Final = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I", "wall": "#"}
 # Okabe and Ito's colour-blind-safe palette, the regions lightened; distinct in grey, too.
 COLOURS: Final[dict[str, Colour]] = {
     "outside": (250, 250, 250),
     "target": (150, 215, 195),
     "uncomfortable": (225, 150, 95),
     "issuer": (225, 150, 95),
+    "wall": (85, 85, 95),
     "line": (200, 200, 200),
     "person": (60, 60, 60),
     "agent": (0, 114, 178),
@@ -55,6 +56,7 @@ ARROWHEADS: Final = np.stack(
     [0.46 * MOVES, 0.27 * MOVES + 0.13 * MOVES[:, ::-1], 0.27 * MOVES - 0.13 * MOVES[:, ::-1]], axis=1
 )
 ARROWS: Final = "↑↓←→"  # of each move, in text
+NOSE: Final = 0.5, 0.2, 0.25  # of a person: distances of tip and base from the centre, and half the base
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,15 @@ class Glyph:
     cell: int
     heading: tuple[int, int] | None = None  # (row, column) where a person looks, if that matters
 
+    @property
+    def nose(self) -> NDArray[np.float64]:
+        """(3, 2) corners of a triangle, (row, column) from the centre; (0, 2) without a heading."""
+        if self.heading is None:
+            return np.zeros((0, 2))
+        tip, base, half = NOSE
+        ahead = np.array(self.heading)
+        return np.stack([tip * ahead, base * ahead + half * ahead[::-1], base * ahead - half * ahead[::-1]])
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -87,6 +98,7 @@ class Scene:
     is_wall: NDArray[np.bool_]  # (O,)
     outlines: tuple[Outline, ...]  # the outermost first
     glyphs: tuple[Glyph, ...]
+    phase: str  # its name; empty if there is only one
 
     @property
     def n_cells(self) -> int:
@@ -105,7 +117,11 @@ class Scene:
 
     def cells_of(self, kind: str) -> list[int]:
         """Returns the cells of the glyphs of a kind."""
-        return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]
+        return [glyph.cell for glyph in self.glyphs_of(kind)]
+
+    def glyphs_of(self, kind: str) -> list[Glyph]:
+        """Returns the glyphs of a kind."""
+        return [glyph for glyph in self.glyphs if glyph.kind == kind]
 
     def as_json(self) -> dict[str, Any]:
         """Returns the scene for the page's script."""
@@ -146,9 +162,10 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         for person in scenario.people[place][phase]
     ]
     starts = model.cell[model.starts[model.context[model.starts] // len(scenario.stages) == place]]
+    is_floor = ~grid.is_wall.reshape(grid.size)
     within = {
-        "target": zone != ZONES.index("outside"),
-        "uncomfortable": np.isin(zone, [ZONES.index("uncomfortable"), ZONES.index("issuer")]),
+        "target": is_floor & (zone != ZONES.index("outside")),
+        "uncomfortable": is_floor & np.isin(zone, [ZONES.index("uncomfortable"), ZONES.index("issuer")]),
     }
     return Scene(
         rows=grid.rows,
@@ -162,6 +179,7 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         ),
         # Of many start cells none is marked.
         glyphs=(*people, *([Glyph("start", int(starts[0]))] if len(set(starts.tolist())) == 1 else [])),
+        phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import Algorithm, LearnerSettings, load_algorithm
-from agents.dynamic_programming import evaluate, every_cell, solve
+from agents.dynamic_programming import evaluate, every_cell, from_starts, solve
 from agents.policy import uniform_policy
 from benchmark.analysis.intervals import resample
 from benchmark.execution.store import Store, evaluated
@@ -26,7 +26,8 @@ GOOD_SCORE: Final = 0.95  # a policy counts as good from this score on
 class Population:
     """All runs of one scenario, condition and learner, in the order of their seeds.
 
-    N agents, T evaluation steps, V map steps, O observations (cells), A actions, R records of max Q.
+    N agents, T evaluation steps, V map steps, O observations, F fresh states (see `Model.fresh_state`; in S1
+    to S3 both are the cells), A actions, R records of max Q.
     """
 
     specification: Mapping[str, Any]  # of the first run, as recorded
@@ -127,20 +128,20 @@ class Population:
 
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
-        """(O,) which cells lie in the target region."""
+        """(F,) in which fresh states the agent is in the target region."""
         return np.asarray(self.model.zone_of_cell == ZONES.index("target"))
 
     @cached_property
     def values_ping(self) -> NDArray[np.bool_]:
-        """(N, O) in which cells an agent values PING after training.
+        """(N, F) in which fresh states an agent values PING after training.
 
         With action values, where PING's is above zero; with probabilities, where PING is the likeliest
         action. A learner that has both counts by its probabilities.
         """
-        stochastic = self.arrays["stochastic"]
+        stochastic, observed = self.arrays["stochastic"], self.model.observation[self.model.fresh_state]
         if stochastic.shape[1]:
-            return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)
-        return np.asarray(self.arrays["q"][:, :, PING] > 0)
+            return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)[:, observed]
+        return np.asarray(self.arrays["q"][:, :, PING] > 0)[:, observed]
 
 
 class _Stacked(Mapping[str, NDArray[Any]]):
@@ -175,11 +176,7 @@ def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, fl
       (random, optimal) for `"grid_return"`, the grid's rewards alone, and `"scenario_return"`, with the
       issuer's.
     """
-    if start == "every_cell":
-        starts = every_cell(model)
-    else:
-        starts = np.zeros(len(model.observation))
-        starts[model.start] = 1.0
+    starts = every_cell(model) if start == "every_cell" else from_starts(model)
     random = evaluate(model, uniform_policy(model), horizon, starts)
     return {
         name: (
@@ -232,6 +229,6 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
 
 
 def optimal_values(population: Population) -> NDArray[np.float64]:
-    """Returns Q* of every cell with no wrong PING so far, (O, A); without a discount, up to the horizon."""
+    """Returns Q* of every fresh state, (F, A); without a discount, up to the horizon."""
     horizon = None if population.discount < 1 else population.horizon
     return solve(population.model, population.discount, horizon).q[population.model.fresh_state]

@@ -83,7 +83,7 @@ def moments(film: Film) -> Iterator[Moment]:
     for place in range(len(film.steps)):
         end = end_of(film, place)
         for n_cells in range(1, len(end.cells)):
-            yield Moment(place, end.cells[:n_cells])
+            yield Moment(place, end.cells[:n_cells], state=film.walks[place].states[n_cells - 1])
         for _ in range(_PAUSE):
             yield end
 

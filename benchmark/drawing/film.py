@@ -21,7 +21,7 @@ from agents.policy import contains
 from benchmark.analysis.population import Population
 from benchmark.analysis.snapshots import AGENT
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
-from envs import InputError
+from envs import InputError, Model
 from envs.model import PING
 from envs.regions import Loop
 from envs.scene import (
@@ -52,7 +52,11 @@ _LONGEST_SIDE: Final = 8000  # pixels
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """One agent over its training: V maps of O cells."""
+    """One agent over its training: V maps of O cells.
+
+    Where an observation is more than the agent's cell, it holds O observations, and `seen` returns the film
+    of the cells in one place of the issuer and phase.
+    """
 
     title: str
     scene: Scene
@@ -62,6 +66,7 @@ class Film:
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
     scale: tuple[float, float] | None = None  # the ends of a colour scale that films share
+    model: Model | None = None  # if an observation is more than the agent's cell
 
     @cached_property
     def limits(self) -> tuple[float, float]:
@@ -73,6 +78,21 @@ class Film:
         values = self.values[place]
         # Values are rounded, greedy actions were chosen before.
         return np.asarray((values == values[:, :1]).all(axis=1) & contains(self.greedy[place]).all(axis=1))
+
+    def seen(self, moment: "Moment") -> "Film":
+        """Returns the film of the place and phase in which the agent is."""
+        if self.model is None:
+            return self
+        context = int(self.model.context[moment.state])
+        observed = self.model.observation[self.model.states_of(context)]
+        return replace(
+            self,
+            scene=scene_of(self.model, context),
+            values=self.values[:, observed],
+            greedy=self.greedy[:, observed],
+            scale=self.limits,
+            model=None,
+        )
 
     def place_at(self, step: int) -> int:
         """Returns the place of the last map that is not later than a step."""
@@ -94,6 +114,7 @@ class Moment:
     place: int  # of the map
     cells: tuple[int, ...]  # visited so far; the agent stands in the last
     ending: str = ""  # how the walk ended, see `Walk`, if it has
+    state: int = 0  # the last one, which says where the issuer stands and in which phase
 
 
 def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
@@ -109,13 +130,14 @@ def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
         greedy=greedy,
         scores=population.scores[agent, places],
         walks=[walk(population.model, masks, population.horizon) for masks in greedy],
+        model=None if population.model.observes_cells else population.model,
     )
 
 
 def end_of(film: Film, place: int) -> Moment:
     """Returns the end of the walk at a map."""
     walked = film.walks[place]
-    return Moment(place, walked.cells, walked.ending)
+    return Moment(place, walked.cells, walked.ending, walked.states[-1])
 
 
 def picture(film: Film, moment: Moment, cell_pixels: int = 30, *, has_marks: bool = True) -> Image.Image:
@@ -128,6 +150,7 @@ def picture(film: Film, moment: Moment, cell_pixels: int = 30, *, has_marks: boo
       has_marks: Whether to draw PING's values and all greedy actions. If not, for small cells, there is
         only a dot where PING is the single greedy action.
     """
+    film = film.seen(moment)
     scene, place = film.scene, moment.place
     unit = _fitting(cell_pixels, scene.rows, scene.columns) * _SCALE
     line = int(0.7 * cell_pixels * _SCALE)
@@ -275,6 +298,9 @@ class _Painter:
         greedy = contains(film.greedy[moment.place])
         unvisited = film.is_unvisited(moment.place)
         for cell in range(self.scene.n_cells):
+            if self.scene.is_wall[cell]:
+                self._wall(cell)
+                continue
             if unvisited[cell] and not self.scene.is_over[cell]:
                 self._hatching(cell)
                 continue
@@ -285,8 +311,10 @@ class _Painter:
         for outline in self.scene.outlines:
             for loop in outline.loops:
                 self._border(loop, is_dashed=outline.is_dashed)
-        for cell in self.scene.cells_of("issuer"):
-            self._star(cell)
+        for person in self.scene.glyphs_of("issuer"):
+            if person.heading is not None:
+                self.draw.polygon(self._shape(person.cell, 1.5 * person.nose), _WHITE, _BLACK)
+            self._star(person.cell)
         for cell in self.scene.cells_of("start"):
             self._square(cell)
         self._path(moment.cells)
@@ -315,11 +343,19 @@ class _Painter:
 
     def _hatching(self, cell: int) -> None:
         """Paints a cell of which the agent has learned nothing."""
+        self._strokes(cell, COLOURS["no value"], COLOURS["line"])
+
+    def _wall(self, cell: int) -> None:
+        """Paints a wall, hatched, since the colours of values include greys."""
+        self._strokes(cell, COLOURS["wall"], COLOURS["line"])
+
+    def _strokes(self, cell: int, colour: Colour, stroke: Colour) -> None:
+        """Paints a cell with two strokes, from the lower left to the upper right."""
         (x, y), half = self._at(cell), self.unit / 2
-        self.draw.rectangle((x - half, y - half, x + half, y + half), COLOURS["no value"])
-        for along in (-half / 2, half / 2):  # two strokes, from the lower left to the upper right
+        self.draw.rectangle((x - half, y - half, x + half, y + half), colour)
+        for along in (-half / 2, half / 2):
             ends = (x + along - half / 2, y + along + half / 2, x + along + half / 2, y + along - half / 2)
-            self.draw.line(ends, COLOURS["line"], width=max(self.unit // 20, 1))
+            self.draw.line(ends, stroke, width=max(self.unit // 20, 1))
 
     def _marks(self, cell: int, actions: Sequence[int], *, has_marks: bool) -> None:
         """Marks the greedy actions of a cell."""

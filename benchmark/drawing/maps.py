@@ -16,13 +16,13 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Rectangle
 from matplotlib.patheffects import AbstractPathEffect
 from numpy.typing import NDArray
 
 from envs import ACTIONS
 from envs.model import MOVES, PING
-from envs.scene import BORDERS, COLOUR_MAP, TRIANGLES, Scene
+from envs.scene import BORDERS, COLOUR_MAP, COLOURS, TRIANGLES, Scene
 
 _DASHES: Final = (0, (2, 1.5))
 _AROUND_SOLID: Final[list[AbstractPathEffect]] = [
@@ -33,6 +33,13 @@ _AROUND_DASHED: Final[list[AbstractPathEffect]] = [patheffects.withStroke(linewi
 _GLYPHS: Final[dict[str, dict[str, Any]]] = {
     "issuer": {"marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
     "start": {"marker": "s", "ms": 5, "mfc": "none", "mec": "white", "mew": 1.2},
+}
+# Hatched, since the colours of values include greys.
+_WALL: Final[dict[str, Any]] = {
+    "fc": np.array(COLOURS["wall"]) / 255,
+    "ec": np.array(COLOURS["line"]) / 255,
+    "lw": 0,
+    "hatch": "////",
 }
 
 
@@ -92,7 +99,9 @@ def dots(axis: Axes, cells: pd.DataFrame) -> None:
 
 
 def _dress(axis: Axes, scene: Scene) -> None:
-    """Draws the regions' borders and the glyphs on a map, and labels it."""
+    """Draws walls, the regions' borders and the glyphs on a map, and labels it."""
+    for row, column in scene.position[scene.is_wall]:
+        axis.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, **_WALL))
     for outline in scene.outlines:
         for loop in outline.loops:
             corners = np.array(loop)[:, ::-1] - 0.5
@@ -102,6 +111,9 @@ def _dress(axis: Axes, scene: Scene) -> None:
             axis.add_patch(border)
     for glyph in scene.glyphs:
         row, column = scene.position[glyph.cell]
+        if glyph.heading is not None:
+            nose = scene.position[glyph.cell] + 1.5 * glyph.nose
+            axis.add_patch(Polygon(nose[:, ::-1].tolist(), closed=True, fc="white", ec="black", lw=0.8))
         axis.plot(column, row, ls="", **_GLYPHS[glyph.kind])
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
     axis.set(xlabel="column", ylabel="row")

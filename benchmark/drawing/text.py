@@ -24,6 +24,7 @@ _LEGEND: Final = f"""\
 
 def to_text(film: Film, moment: Moment) -> Text:
     """Returns a moment as text: a cell's greedy actions, on the colour of its best value."""
+    film = film.seen(moment)
     scene, values, place = film.scene, film.values[moment.place], moment.place
     best = np.where(film.is_unvisited(place), np.nan, values.max(axis=1))  # NaN, too, if the agent diverged
     colours = film.colours(best).tolist()
@@ -35,6 +36,8 @@ def to_text(film: Film, moment: Moment) -> Text:
     for cell, (red, green, blue) in enumerate(colours):
         if cell == agent:
             sign = "@"
+        elif scene.is_wall[cell]:
+            sign = "#"
         elif scene.is_over[cell]:
             sign = "*"
         else:
@@ -45,7 +48,7 @@ def to_text(film: Film, moment: Moment) -> Text:
         text.append(f"{before}{sign}{after}", style=style)
         if (cell + 1) % scene.columns == 0:
             text.append("\n")
-    text.append(_LEGEND, style="dim")
+    text.append(_LEGEND + ("          # wall" if scene.is_wall.any() else ""), style="dim")
     return text
 
 

@@ -43,6 +43,8 @@ class Arm(Table):
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition
     first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0  # the others follow it
+    evaluation_every: Annotated[int, Field(ge=1, le=10**9)] | None = None  # if not the experiment's
+    map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
     policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
     tuning: Tuning | None = None
     group: str = ""  # arms of a group are drawn together; an arm without a group is drawn with every group
@@ -89,6 +91,14 @@ class Protocol(Table):
         return tuple(map(tuple, pairs))
 
 
+class Effect(Table):
+    """Two scenarios that differ in one thing, so that the difference of a learner's results is its effect."""
+
+    name: Annotated[str, Field(min_length=1, max_length=60)]  # what differs, in words
+    scenario: str  # with it
+    against: str  # without it
+
+
 class Experiment(Table):
     """A declared set of runs: every condition, scenario, arm and observation, each with its seeds."""
 
@@ -108,6 +118,7 @@ class Experiment(Table):
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
     algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
     protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
+    effects: tuple[Effect, ...] = ()  # of scenarios on every learner, for a report on scenes
     readings: dict[_Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
@@ -123,6 +134,18 @@ class Experiment(Table):
         return self
 
     @model_validator(mode="after")
+    def _effects_are_of_scenarios(self) -> Self:
+        names = [Path(scenario).stem for scenario in self.scenarios]
+        for i, effect in enumerate(self.effects):
+            for key in ("scenario", "against"):
+                if getattr(effect, key) not in names:
+                    accepted = ", ".join(names)
+                    raise ValueError(f"effects.{i}.{key} = {getattr(effect, key)}: accepted: {accepted}")
+            if effect.scenario == effect.against:
+                raise ValueError(f"effects.{i}: accepted: two different scenarios")
+        return self
+
+    @model_validator(mode="after")
     def _start_is_evaluated(self) -> Self:
         if "start" not in self.evaluated_from:
             raise ValueError(f'evaluated_from = {list(self.evaluated_from)}: accepted: "start" among them')
@@ -130,11 +153,16 @@ class Experiment(Table):
 
     @model_validator(mode="after")
     def _maps_are_evaluated(self) -> Self:
-        if self.map_every % self.evaluation_every:
-            raise ValueError(
-                f"map_every = {self.map_every}: accepted: a multiple of "
-                f"evaluation_every = {self.evaluation_every}"
+        for name in ("", *self.algorithms):
+            where = f'algorithms."{name}": ' if name else ""
+            evaluation_every, map_every = (
+                self.schedule(name) if name else (self.evaluation_every, self.map_every)
             )
+            if map_every % evaluation_every:
+                raise ValueError(
+                    f"{where}map_every = {map_every}: accepted: a multiple of evaluation_every = "
+                    f"{evaluation_every}"
+                )
         return self
 
     @model_validator(mode="after")
@@ -169,6 +197,11 @@ class Experiment(Table):
             for name, arm in self.algorithms.items()
             for observation in arm.observations
         ]
+
+    def schedule(self, arm: str) -> tuple[int, int]:
+        """Returns after how many steps an arm is evaluated, and its values are mapped."""
+        declared = self.algorithms[arm]
+        return declared.evaluation_every or self.evaluation_every, declared.map_every or self.map_every
 
     def declared_seeds(self, arm: str, condition: str) -> range:
         """Returns the seeds of an arm's runs under a condition."""

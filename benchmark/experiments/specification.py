@@ -176,6 +176,7 @@ def specifications(
     algorithm = load_algorithm(declared.algorithm)
     settings = _settings(experiment, arm, condition, experiment.name)
     loaded = _scenario(experiment, condition, scenario)
+    evaluation_every, map_every = experiment.schedule(arm)
     versions = {
         "algorithm": algorithm.version,
         "evaluation": dynamic_programming.VERSION,
@@ -193,8 +194,8 @@ def specifications(
         observation=observation,
         settings=settings,
         horizon=experiment.horizon,
-        evaluation_every=experiment.evaluation_every,
-        map_every=experiment.map_every,
+        evaluation_every=evaluation_every,
+        map_every=map_every,
         evaluated_from=experiment.evaluated_from,
         seed=seeds[0],
     )

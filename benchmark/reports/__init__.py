@@ -19,6 +19,7 @@ REPORTS: Final = {
     "comparison": "benchmark.reports.comparison:REPORT",
     "equivalence": "benchmark.reports.equivalence:REPORT",
     "replication": "benchmark.reports.replication:REPORT",
+    "scenes": "benchmark.reports.scenes:REPORT",
 }
 
 _T = TypeVar("_T")

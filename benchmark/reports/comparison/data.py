@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from benchmark.analysis.population import Population, load_population
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, RunSpecification, specifications
+from benchmark.experiments.schema import Effect
 from benchmark.reports.comparison.protocol import Learner, Protocol, protocol_of
 from envs import InputError, Model
 
@@ -48,6 +49,7 @@ class Data:
     arms: Sequence[str] = ()  # all that are declared, without checks
     protocol: Protocol | None = None  # None if there is nothing to decide
     tuning: Mapping[str, int] = field(default_factory=dict)  # arm to how many settings were tried, if it says
+    effects: Sequence[Effect] = ()  # as declared
     seeds_note: str = ""  # which seeds there are instead of those declared
 
     @property
@@ -112,6 +114,11 @@ class Data:
         """The same without checks."""
         learners = {learner: each for learner, each in self.learners.items() if learner not in self.checks}
         return replace(self, learners=learners, checks={})
+
+    @property
+    def mapped(self) -> Iterator[tuple[Learner, str, Population]]:
+        """The populations without checks in scenarios whose observations are cells, which a map shows."""
+        return (each for each in self.without_checks.populations if each[2].model.observes_cells)
 
     def policy(self, learner: Learner) -> str:
         """Returns the policy that a learner is compared by, `"greedy"` or `"stochastic"`."""
@@ -205,6 +212,7 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         [name for name, arm in experiment.algorithms.items() if not arm.check_of],
         protocol_of(experiment),
         {name: arm.tuning.settings for name, arm in experiment.algorithms.items() if arm.tuning is not None},
+        experiment.effects,
         ""
         if seeds is None
         else f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared.",

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.differences import differences
-from benchmark.drawing.maps import colour_bar, dots, heat, region_legend, triangles
+from benchmark.drawing.maps import colour_bar, dots, heat, region_legend
 from benchmark.drawing.style import arm_style, figure_of
 from benchmark.reports.comparison.data import Context
 from benchmark.reports.comparison.protocol import Learner, answer
@@ -87,7 +87,7 @@ def _differences(axis: Axes, frame: pd.DataFrame, learners: Sequence[Learner], c
     for place, learner in enumerate(learners):
         rows = frame[(frame["x"] == str(learner)) & (frame["y"] == str(context.protocol.reference))]
         for _, row in rows.iterrows():
-            style = _style(learner, context)
+            style = style_of(learner, context)
             ends = [row["success_difference_low"], row["success_difference_high"]]
             axis.plot(ends, [place, place], color=style["color"], lw=2.2, alpha=0.6)
             axis.plot(row["success_difference"], place, color=style["color"], marker=style["marker"], ms=5)
@@ -126,7 +126,7 @@ def curves(frame: pd.DataFrame, context: Context, x: str, label: str) -> Figure:
         for row, (title, learners) in enumerate(panels.items()):
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
-                _curves(axis, frame[frame["scenario"] == scenario], x, "success", learners, context)
+                lines(axis, frame[frame["scenario"] == scenario], x, "success", learners, context)
                 axis.set(ylim=(-0.03, 1.03), title=f"{scenario}, {title}")
                 axis.set(xlim=(float(frame[x].min()), float(frame[x].max())))
                 if x == "cpu_time_s":
@@ -136,7 +136,7 @@ def curves(frame: pd.DataFrame, context: Context, x: str, label: str) -> Figure:
             axes[row, 0].set(ylabel="success probability")
         for axis in axes[-1]:
             axis.set(xlabel=label)
-        _legend(figure, context, _signs(context))
+        legend(figure, context, signs(context))
     return figure
 
 
@@ -155,14 +155,14 @@ def disagreements(frame: pd.DataFrame, context: Context) -> Figure:
             for column, scenario in enumerate(scenarios):
                 axis = axes[row, column]
                 part = frame[frame["scenario"] == scenario]
-                _curves(axis, part, "step", "disagreements", learners, context)
+                lines(axis, part, "step", "disagreements", learners, context)
                 axis.set(title=f"{scenario}, {title}", xlim=(0, float(frame["step"].max())))
                 axis.set(ylim=(0, float(frame["disagreements"].max()) * 1.05))
                 axis.xaxis.set_major_locator(MaxNLocator(4))
             axes[row, 0].set(ylabel="wrong PINGs\nper 1,000 steps")
         for axis in axes[-1]:
             axis.set(xlabel="environment step")
-        _legend(figure, context, _signs(context))
+        legend(figure, context, signs(context))
     return figure
 
 
@@ -205,14 +205,14 @@ def profile(frame: pd.DataFrame, context: Context) -> Figure:
     with figure_of(2, len(panels), (11.0, 6.4)) as (figure, axes):
         for column, (title, learners) in enumerate(panels.items()):
             for axis, ends in zip(axes[:, column], ((-0.03, 1.03), (lowest, 1.004)), strict=True):
-                _curves(axis, frame, "score", "share", learners, context)
+                lines(axis, frame, "score", "share", learners, context)
                 axis.set(xlim=(0, 1), ylim=ends)
             axes[0, column].set(title=title)
             axes[1, column].set(title=f"{title}, enlarged", xlabel="score, at least (0 random, 1 optimal)")
         for axis in axes[:, 0]:
             axis.set(ylabel="share of runs")
         text = "line: mean over scenarios; shade: 95 % interval; scores below 0 are not drawn"
-        _legend(figure, context, text)
+        legend(figure, context, text)
     return figure
 
 
@@ -240,7 +240,7 @@ def improvement(frame: pd.DataFrame, context: Context) -> Figure | None:
         right = axis.twinx()
         for y, pair in enumerate(pairs):
             value, low, high = (float(rows[key][pair]) for key in ("probability", "low", "high"))
-            style = _style(Learner.of(pair[0]), context)
+            style = style_of(Learner.of(pair[0]), context)
             axis.barh(y, high - low, left=low, height=0.7, color=style["color"], alpha=0.55)
             axis.vlines(value, y - 0.35, y + 0.35, color="black", lw=1.6)
         axis.axvline(0.5, color="0.35", lw=0.8, ls=":")
@@ -282,44 +282,32 @@ def maps(
     frame: pd.DataFrame,
     models: Mapping[str, Model],
     learners: Sequence[Learner],
-    action: str,
     label: str,
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Draws the same map of every learner and scenario, on one colour scale.
+    """Draws the map of PING's values of every learner and scenario, on one colour scale.
 
     Args:
       frame: `benchmark.reports.comparison.tables.maps`.
-      models: Scenario to compiled scenario, the columns.
+      models: Scenario to compiled scenario, the columns; those without maps are left out.
       learners: The rows.
-      action: `"PING"`, or `"moves"` for all others at once.
       label: What the colours are.
       limits: The ends of the colour scale; by default those of the middle 98 % of the values.
     """
-    is_ping = frame["action"] == "PING"
-    is_shown = np.logical_or.reduce([_is(frame, learner) for learner in learners])
-    shown = frame[is_shown & (is_ping if action == "PING" else ~is_ping)]
+    is_shown = np.logical_or.reduce([is_of(frame, learner) for learner in learners])
+    shown = frame[is_shown & (frame["action"] == "PING")]
+    models = {scenario: model for scenario, model in models.items() if model.observes_cells}
     norm = Normalize(*(limits or colour_limits(shown["value"].to_numpy())))
     with figure_of(len(learners), len(models), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
         for row, learner in enumerate(learners):
             for column, (scenario, model) in enumerate(models.items()):
-                values, axis, scene = _of(shown, learner, scenario), axes[row, column], scene_of(model)
-                if action == "PING":
-                    heat(axis, scene, values["value"].to_numpy(), norm)
-                    dots(axis, values[values["marked"] > 0.5])
-                else:
-                    triangles(axis, scene, values, norm, "value")
+                values, axis = _of(shown, learner, scenario), axes[row, column]
+                heat(axis, scene_of(model), values["value"].to_numpy(), norm)
+                dots(axis, values[values["marked"] > 0.5])
                 axis.set(title=f"{scenario}: {', '.join(learner)}")
         colour_bar(figure, list(axes.flat), norm, label, extend="neither" if limits else "both")
-        marks = {
-            "PING": Line2D(
-                [], [], ls="", marker="o", color="black", ms=3, label="where most runs value PING"
-            ),
-            "moves": Line2D(
-                [], [], ls="", marker=">", mfc="0.7", mec="none", ms=7, label="the move that way"
-            ),
-        }
-        region_legend(figure, marks[action])
+        mark = "where most runs value PING"
+        region_legend(figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label=mark))
     return figure
 
 
@@ -351,7 +339,7 @@ def _checks_of(learner: Learner, context: Context) -> list[Learner]:
     return [check for check, checked in context.checks.items() if checked == learner]
 
 
-def _is(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
+def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
     """Returns which rows are a learner's."""
     rows = (frame["algorithm"] == learner.algorithm) & (frame["observation"] == learner.observation)
     return np.asarray(rows.to_numpy())
@@ -359,10 +347,10 @@ def _is(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
 
 def _of(frame: pd.DataFrame, learner: Learner, scenario: str) -> pd.DataFrame:
     """Returns the rows of a learner in a scenario."""
-    return frame[_is(frame, learner) & (frame["scenario"] == scenario).to_numpy()]
+    return frame[is_of(frame, learner) & (frame["scenario"] == scenario).to_numpy()]
 
 
-def _style(learner: Learner, context: Context) -> dict[str, Any]:
+def style_of(learner: Learner, context: Context) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash, the same in every figure of a comparison."""
     place = context.arms.index(learner.algorithm)
     style = arm_style(place)
@@ -371,18 +359,18 @@ def _style(learner: Learner, context: Context) -> dict[str, Any]:
     return {**style, "ls": _DASHES.get(learner.observation, "-")}
 
 
-def _curves(
+def lines(
     axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], context: Context
 ) -> None:
     """Draws lines with their intervals and some markers, and above them some points of their checks."""
     low, high = ("low", "high") if y == "share" else (f"{y}_low", f"{y}_high")
     for learner in learners:
-        rows, style = frame[_is(frame, learner)], _style(learner, context)
+        rows, style = frame[is_of(frame, learner)], style_of(learner, context)
         axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // _N_MARKERS, 1), **style)
         axis.fill_between(rows[x], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
     checks = [(check, learner) for learner in learners for check in _checks_of(learner, context)]
     for place, (check, learner) in enumerate(checks, start=1):
-        rows, style = frame[_is(frame, check)], _style(learner, context)
+        rows, style = frame[is_of(frame, check)], style_of(learner, context)
         every = math.ceil(len(rows) / _N_POINTS)
         rows = rows.iloc[every * place // (len(checks) + 1) :: every]  # not where those of others are
         axis.vlines(rows[x], rows[low], rows[high], color=style["color"], ls=style["ls"], lw=0.8, zorder=3)
@@ -406,9 +394,9 @@ def _dots(
       context: Of the comparison.
     """
     for row, learner in enumerate(learners):
-        style, together = _style(learner, context), [learner, *_checks_of(learner, context)]
+        style, together = style_of(learner, context), [learner, *_checks_of(learner, context)]
         for place, each in enumerate(together):
-            value, low, high = frame[_is(frame, each)].iloc[0][list(columns)]
+            value, low, high = frame[is_of(frame, each)].iloc[0][list(columns)]
             y, is_check = row + _CHECK_DISTANCE * (place - (len(together) - 1) / 2), place > 0
             width = 1.2 if is_check else 2.2
             axis.plot([low, high], [y, y], color=style["color"], lw=width, alpha=0.6)
@@ -431,7 +419,7 @@ def _rows(axis: Axes, learners: Sequence[Learner], tuning: Mapping[str, int], *,
     axis.tick_params(axis="y", length=0)
 
 
-def _signs(context: Context) -> str:
+def signs(context: Context) -> str:
     """Returns what the signs of learning curves mean."""
     return f"line: mean over runs; shade{' or bar' if context.checks else ''}: 95 % interval"
 
@@ -441,11 +429,11 @@ def _with_checks(text: str, context: Context) -> str:
     return "; ".join(filter(None, [text, context.check_note]))
 
 
-def _legend(figure: Figure, context: Context, title: str) -> None:
+def legend(figure: Figure, context: Context, title: str) -> None:
     """Draws the legend that names each learner's line."""
     learners = dict.fromkeys(learner for panel in context.panels.values() for learner in panel)
     handles = [
-        Line2D([], [], label=str(learner), lw=1.3, ms=5, **_style(learner, context)) for learner in learners
+        Line2D([], [], label=str(learner), lw=1.3, ms=5, **style_of(learner, context)) for learner in learners
     ]
     figure.legend(
         handles=handles,

@@ -92,12 +92,12 @@ def _cost(data: Data, _: Frames) -> pd.DataFrame:
     return comparison.cost(data)
 
 
-def _maps(data: Data, _: Frames) -> pd.DataFrame:
-    return comparison.maps(data)
+def _maps(data: Data, _: Frames) -> pd.DataFrame | None:
+    return comparison.maps(data) if any(data.mapped) else None
 
 
 def _shown(data: Data) -> list[Shown]:
-    return [Shown(*learner, population) for learner, _, population in data.without_checks.populations]
+    return [Shown(*learner, population) for learner, _, population in data.mapped]
 
 
 def _write_film(data: Data, _: Frames, directory: "Path") -> None:
@@ -109,7 +109,7 @@ def _write_film(data: Data, _: Frames, directory: "Path") -> None:
         title = f"{scenario}: {learner}, seed {population.seeds[agent]} (median)"
         return film.film_of(title, population, agent)
 
-    families: dict[str, list[Learner]] = {"tabular": [], "deep": []}
+    families: dict[str, list[Learner]] = {"tabular": [], "deep": [], "planner": []}
     for learner, populations in data.without_checks.learners.items():
         families[next(iter(populations.values())).algorithm.family].append(learner)
     films = [
@@ -242,6 +242,8 @@ def _draw_region(frames: Frames, context: Context) -> "Figure":
 
 def _of_kind(frames: Frames, kind: str) -> list[Learner]:
     """Lists the learners whose maps hold action values, or probabilities."""
+    if "maps" not in frames:
+        return []
     frame = frames["maps"].drop_duplicates(list(_LEARNER))
     shown = frame[frame["kind"] == kind]
     return [Learner(*pair) for pair in zip(shown["algorithm"], shown["observation"], strict=True)]
@@ -258,16 +260,7 @@ def _draw_maps(frames: Frames, context: Context) -> "Figure | None":
     learners = _valued(frames)
     if not learners:
         return None
-    return figures.maps(frames["maps"], context.models, learners, "PING", "mean final Q of PING")
-
-
-def _draw_maps_moves(frames: Frames, context: Context) -> "Figure | None":
-    from benchmark.reports.comparison import figures
-
-    learners = _valued(frames)
-    if not learners:
-        return None
-    return figures.maps(frames["maps"], context.models, learners, "moves", "mean final Q of the moves")
+    return figures.maps(frames["maps"], context.models, learners, "mean final Q of PING")
 
 
 def _draw_maps_probability(frames: Frames, context: Context) -> "Figure | None":
@@ -277,7 +270,7 @@ def _draw_maps_probability(frames: Frames, context: Context) -> "Figure | None":
     if not learners:
         return None
     label = "mean final probability of PING"
-    return figures.maps(frames["maps"], context.models, learners, "PING", label, (0.0, 1.0))
+    return figures.maps(frames["maps"], context.models, learners, label, (0.0, 1.0))
 
 
 _COST: Final = Columns(
@@ -480,11 +473,6 @@ ITEMS: Final = (
         draw=_draw_maps,
         caption="Mean final Q of PING, of tables and nets.",
         is_folded=True,
-    ),
-    Item(
-        name="maps_moves",
-        description="mean final Q of the moves, of the same learners",
-        draw=_draw_maps_moves,
     ),
     Item(
         name="maps_probability",

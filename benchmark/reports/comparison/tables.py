@@ -310,10 +310,11 @@ def maps(data: Data) -> pd.DataFrame:
     """Tabulates final values over agents, one row per scenario, learner, cell and action.
 
     `value` is the mean Q, or the mean probability of a stochastic policy; `marked` is the share of agents
-    that value PING in the cell. The learners are those that are no checks.
+    that value PING in the cell. The learners are those that are no checks, the scenarios those whose
+    observations are cells.
     """
     frames = []
-    for learner, scenario, population in data.without_checks.populations:
+    for learner, scenario, population in data.mapped:
         row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
         stochastic = population.arrays["stochastic"]
         final = stochastic[:, -1] if stochastic.shape[1] else population.arrays["q"]

@@ -103,7 +103,7 @@ def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
         svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
         assert legend in svg
         assert "_sb3" not in svg
-    for name in ("profile", "improvement", "maps", "maps_moves", "maps_probability"):
+    for name in ("profile", "improvement", "maps", "maps_probability"):
         svg = (folder / f"{name}.svg").read_text(encoding="utf-8")
         assert "hollow" not in svg
         assert "_sb3" not in svg

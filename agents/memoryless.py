@@ -1,0 +1,264 @@
+"""The best memoryless policy found: a search where part of the state is hidden.
+
+An agent that observes the state can act by `agents.dynamic_programming.solve`. If part of it is hidden, the
+best policy over observations is hard to find: with memory the problem is PSPACE-hard, without memory NP-hard
+(Littman 1994, "Memoryless policies: theoretical limitations and practical results"), and it may have to be
+stochastic (Singh, Jaakkola and Jordan 1994). This module climbs from a random policy: it computes the exact
+gradient of the expected return under the time limit (Sutton & Barto 2018, equation 13.5, without sampling)
+and makes steps of natural policy gradient (Kakade 2001), which for a table adds advantages to logits. A step
+that does not improve the return is tried again at 0.3 of its length. So the result is a lower bound of what
+is possible, and better with more restarts.
+
+The search knows the model. It is an algorithm like the learners, a run is a restart, and its budget counts
+steps of the search.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import numba
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+from pydantic import Field
+
+from agents.contract import LearnerSettings, Schedule, Training, check_request
+from agents.dynamic_programming import from_starts, solve
+from agents.policy import Policy
+from envs.model import ACTIONS, Model
+
+VERSION: Final = 1  # part of every run's identity: raise it when a change alters what is found
+
+_FIRST_RATE: Final = 1.0  # of a step, per unit of advantage
+_FASTER, _SLOWER, _LEAST_RATE, _MOST_RATE = 1.5, 0.3, 1e-6, 1e6
+_LEAST_PROBABILITY: Final = 1e-12  # that an episode goes on, below which a sweep ends
+
+
+class MemorylessSettings(LearnerSettings):
+    """The settings of the search."""
+
+    budget: Annotated[int, Field(ge=1, le=10**6)] = 100  # steps of the search
+    time_limit: Annotated[int, Field(ge=1, le=100_000)] = 200  # of the episodes whose return is improved
+    guidance: Annotated[float, Field(ge=0, le=1000)] = (
+        1.0  # how much the first policy follows the optimal values
+    )
+    noise: Annotated[float, Field(ge=0, le=1000)] = 1.0  # standard deviation of the first logits
+
+    @property
+    def discount_factor(self) -> float:
+        """1: returns are undiscounted."""
+        return 1.0
+
+
+@dataclass(frozen=True)
+class Memoryless:
+    """The search as an algorithm, see `agents.contract.Algorithm`."""
+
+    version: int = VERSION
+    family: Literal["tabular", "deep", "planner"] = "planner"
+    settings: type[MemorylessSettings] = MemorylessSettings
+    observations: tuple[str, ...] = ("index",)
+    packages: tuple[str, ...] = ("numba",)
+    batch_size: int = 1
+    placement: Literal["thread", "process"] = "thread"
+    depends_on_batch: bool = False
+    writes_logs: bool = False
+
+    def train(
+        self,
+        model: Model,
+        settings: MemorylessSettings,
+        observation: str,  # noqa: ARG002
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
+        logs: Sequence[Path] = (),  # noqa: ARG002
+    ) -> Training:
+        """Searches once per seed.
+
+        Raises:
+          ValueError: There are no seeds, or the schedule is for another budget.
+        """
+        check_request(settings, seeds, schedule)
+        n, n_steps, table = len(seeds), len(schedule.evaluation_steps), (model.n_observations, len(ACTIONS))
+        stochastic, cpu_time_s = np.empty((n, n_steps, *table)), np.empty((n, n_steps))
+        guide = _guide(model, settings.time_limit)
+        for i, seed in enumerate(seeds):
+            started_s = time.thread_time()
+            first = settings.noise * np.random.default_rng(seed).standard_normal(table)
+            search = Search(model, settings.guidance * guide + first, settings.time_limit)
+            for t, until in enumerate(schedule.evaluation_steps):
+                search.climb(until)
+                stochastic[i, t], cpu_time_s[i, t] = search.policy, time.thread_time() - started_s
+        return Training(
+            greedy=(1 << stochastic.argmax(axis=-1)).astype(np.uint8),
+            q=np.empty((n, 0, len(ACTIONS))),
+            stochastic=stochastic,
+            values=stochastic[:, schedule.is_mapped].astype(np.float32),
+            disagreements=np.zeros((n, n_steps), dtype=np.int64),
+            cpu_time_s=cpu_time_s,
+            updates=np.full(n, settings.budget),
+            parameters=np.full(n, model.n_observations * len(ACTIONS)),
+            diverged_at=np.full(n, -1),
+        )
+
+
+class Search:
+    """A climb of the expected return, from a policy's logits (O, A)."""
+
+    def __init__(self, model: Model, logits: NDArray[np.float64], horizon: int) -> None:
+        """Evaluates the first policy."""
+        self._model = model
+        self._horizon = horizon
+        self._logits = logits - logits.max(axis=1, keepdims=True)
+        self._rate = _FIRST_RATE
+        self._n_steps = 0
+        self.expected_return, self._advantage = gradient(model, self.policy, horizon)
+
+    @property
+    def policy(self) -> Policy:
+        """The best policy so far, (O, A)."""
+        return _softmax(self._logits)
+
+    def climb(self, until: int) -> None:
+        """Makes steps until there are so many; a step that does not improve the return changes nothing."""
+        while self._n_steps < until:
+            self._n_steps += 1
+            if self._rate < _LEAST_RATE:
+                continue
+            logits = self._logits + self._rate * self._advantage
+            logits = np.maximum(logits - logits.max(axis=1, keepdims=True), -700.0)  # so that none overflows
+            found, advantage = gradient(self._model, _softmax(logits), self._horizon)
+            if found > self.expected_return:
+                self._logits, self.expected_return, self._advantage = logits, found, advantage
+                self._rate = min(self._rate * _FASTER, _MOST_RATE)
+            else:
+                self._rate *= _SLOWER
+
+
+def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray[np.float64]]:
+    """Computes the expected return of a policy, and the advantage of every action in every observation.
+
+    Args:
+      model: Compiled scenario.
+      policy: Action probabilities, (O, A).
+      horizon: Steps until truncation.
+
+    Returns:
+      The expected sum of the grid's rewards; and (O, A) what an action gains on the policy, averaged over the
+      visits of the observation: the derivative of the return by the action's logit, divided by the action's
+      probability and the expected number of these visits; 0 where there are none.
+    """
+    start = from_starts(model)
+    starts = np.flatnonzero(start)
+    n_block = len(start) // model.n_places
+    first = np.searchsorted(starts, n_block * np.arange(model.n_places + 1))
+    gains, visits = np.zeros(policy.shape), np.zeros(len(policy))
+    expected_return = _sweep(
+        policy,
+        model.next_state,
+        model.probability,
+        model.grid_reward,
+        model.terminated,
+        model.observation,
+        starts,
+        start[starts],
+        first,
+        n_block,
+        horizon,
+        gains,
+        visits,
+    )
+    gains -= (policy * gains).sum(axis=1, keepdims=True)
+    return expected_return, gains / np.where(visits > 0, visits, 1.0)[:, None]
+
+
+@numba.njit(nogil=True, cache=True)
+def _sweep(
+    policy: NDArray[np.float64],
+    next_state: NDArray[np.int32],
+    outcome: NDArray[np.float64],
+    reward: NDArray[np.float64],
+    terminated: NDArray[np.bool_],
+    observation: NDArray[np.int32],
+    starts: NDArray[np.int64],
+    start_probability: NDArray[np.float64],
+    first: NDArray[np.int64],
+    n_block: int,
+    horizon: int,
+    gains: NDArray[np.float64],
+    visits: NDArray[np.float64],
+) -> float:
+    """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits.
+
+    As in `agents.dynamic_programming`, the states of a place are swept by themselves.
+    """
+    n_actions, n_outcomes = reward.shape[1], next_state.shape[2]
+    here = np.zeros((horizon + 1, n_block))  # probability of each state before each step
+    value, later = np.zeros(n_block), np.zeros(n_block)
+    total = 0.0
+    for g in range(len(first) - 1):
+        offset = g * n_block
+        here[0] = 0.0
+        for i in range(first[g], first[g + 1]):
+            here[0, starts[i] - offset] = start_probability[i]
+        n_steps = 0
+        while n_steps < horizon:
+            here[n_steps + 1] = 0.0
+            going = 0.0
+            for i in range(n_block):
+                d = here[n_steps, i]
+                if d > 0.0:
+                    s = offset + i
+                    o = observation[s]
+                    visits[o] += d
+                    for a in range(n_actions):
+                        p = d * policy[o, a]
+                        if not terminated[s, a]:
+                            going += p
+                            for k in range(n_outcomes):
+                                here[n_steps + 1, next_state[s, a, k] - offset] += p * outcome[s, a, k]
+            n_steps += 1
+            if going < _LEAST_PROBABILITY:
+                break
+        later[:] = 0.0
+        for t in range(n_steps - 1, -1, -1):
+            for i in range(n_block):
+                s = offset + i
+                o = observation[s]
+                d = here[t, i]
+                best = 0.0
+                for a in range(n_actions):
+                    q = reward[s, a]
+                    if not terminated[s, a]:
+                        for k in range(n_outcomes):
+                            q += outcome[s, a, k] * later[next_state[s, a, k] - offset]
+                    best += policy[o, a] * q
+                    if d > 0.0:
+                        gains[o, a] += d * q
+                value[i] = best
+            value, later = later, value
+        for i in range(first[g], first[g + 1]):
+            total += start_probability[i] * later[starts[i] - offset]
+    return total
+
+
+def _softmax(logits: NDArray[np.float64]) -> Policy:
+    """Returns probabilities, (O, A), from logits whose largest in each row is 0."""
+    weights = np.exp(logits)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _guide(model: Model, horizon: int) -> NDArray[np.float64]:
+    """Returns the optimal values of an agent that knows the state, averaged over the fresh states, (O, A)."""
+    q = solve(model, 1.0, horizon, issuer_rewards=False).q
+    fresh = model.fresh_state[~model.is_over[model.fresh_state]]
+    sums, counts = np.zeros((model.n_observations, q.shape[1])), np.zeros(model.n_observations)
+    np.add.at(sums, model.observation[fresh], q[fresh])
+    np.add.at(counts, model.observation[fresh], 1)
+    return sums / np.maximum(counts, 1)[:, None]
+
+
+SEARCH: Final = Memoryless()

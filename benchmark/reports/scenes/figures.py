@@ -1,0 +1,136 @@
+"""Figures of the report on scenes: data frames become pictures, and nothing is computed."""
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, WORSE
+from benchmark.drawing.style import figure_of
+from benchmark.reports.comparison.data import Context
+from benchmark.reports.comparison.figures import legend, lines, signs, style_of
+from benchmark.reports.comparison.protocol import Learner
+from benchmark.reports.scenes.tables import ENOUGH
+from envs.scene import COLOUR_MAP
+
+_COLUMNS: Final = 4  # of panels
+_SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "="}  # of verdicts
+_DARK: Final = 0.55  # values below are written in white
+
+
+def summary(frame: pd.DataFrame, contrasts: pd.DataFrame | None, context: Context) -> Figure:
+    """Draws how often every learner succeeds in every scene, with the verdicts.
+
+    Args:
+      frame: `benchmark.reports.scenes.tables.summary`.
+      contrasts: `benchmark.reports.scenes.tables.contrasts`, if there is a protocol.
+      context: Of the comparison.
+    """
+    scenarios, learners = list(frame["scenario"].unique()), _learners(frame)
+    reference = None if context.protocol is None else context.protocol.reference
+    verdicts: dict[tuple[str, str], str] = {}
+    if contrasts is not None:
+        rows = contrasts[contrasts["y"] == str(reference)]
+        keys = zip(rows["scenario"], rows["x"], strict=True)
+        verdicts = dict(zip(keys, rows["success_verdict"], strict=True))
+    values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
+    size = (0.95 * len(learners) + 2.2, 0.32 * len(scenarios) + 2.4)
+    with figure_of(1, 1, size) as (figure, axes):
+        axis = axes[0, 0]
+        table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
+        axis.imshow(table, cmap=COLOUR_MAP, vmin=0, vmax=1, aspect="auto")
+        for row, scenario in enumerate(scenarios):
+            for column, learner in enumerate(learners):
+                value = table[row, column]
+                sign = _SIGNS.get(verdicts.get((scenario, str(learner)), ""), "")
+                ink = "white" if value < _DARK else "black"
+                axis.text(column, row, f"{value:.2f} {sign}".strip(), ha="center", va="center", color=ink)
+        budgets = frame.groupby(["algorithm", "observation"], sort=False)["budget"].first()
+        names = [f"{learner.algorithm}\n{learner.observation}\n{budgets[learner]:,}" for learner in learners]
+        axis.set_xticks(range(len(learners)), names, rotation=30, ha="left", rotation_mode="anchor")
+        axis.set_yticks(range(len(scenarios)), scenarios)
+        axis.xaxis.tick_top()
+        axis.tick_params(length=0)
+        axis.spines[:].set_visible(False)
+        text = "success probability after training, mean over runs; below each name, steps of training"
+        if verdicts:
+            text += f"\nagainst {reference}: ▲ better, ▼ worse, = equivalent, no sign: undecided"
+        figure.supxlabel(text, fontsize="small")
+    return figure
+
+
+def curves(frame: pd.DataFrame, context: Context) -> Figure:
+    """Draws how often learners succeed over training, a panel per scene, on a logarithmic axis.
+
+    Args:
+      frame: `benchmark.reports.scenes.tables.curves`.
+      context: Of the comparison.
+    """
+    scenarios, learners = list(frame["scenario"].unique()), _learners(frame)
+    frame = frame[frame["step"] > 0]  # which has no logarithm
+    n_rows = math.ceil(len(scenarios) / _COLUMNS)
+    shown = replace(context, panels={"": learners}, learners=learners)
+    with figure_of(n_rows, _COLUMNS, (11.0, 2.1 * n_rows + 1.0)) as (figure, axes):
+        for axis, scenario in zip(axes.flat, scenarios, strict=False):
+            lines(axis, frame[frame["scenario"] == scenario], "step", "success", learners, shown)
+            axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
+            axis.set(ylim=(-0.03, 1.03), title=scenario, xscale="log")
+            axis.set(xlim=(float(frame["step"].min()), float(frame["step"].max())))
+        for axis in axes.flat[len(scenarios) :]:
+            axis.set_axis_off()
+        for axis in axes[:, 0]:
+            axis.set(ylabel="success")
+        for axis in axes[-1]:
+            axis.set(xlabel="environment step")
+        legend(figure, shown, f"{signs(shown)}; dotted: {ENOUGH:g}")
+    return figure
+
+
+def effects(frame: pd.DataFrame, context: Context) -> Figure:
+    """Draws what each difference between two scenes does to every learner.
+
+    Args:
+      frame: `benchmark.reports.scenes.tables.effects`.
+      context: Of the comparison.
+    """
+    names, learners = list(frame["effect"].unique()), _learners(frame)
+    labels = {"success": "success", "disagreements": "disagreements per 1,000 steps"}
+    size = (11.0, (0.24 * len(learners) + 0.62) * len(names) + 0.6)
+    with figure_of(len(names), len(labels), size) as (figure, axes):
+        for row, name in enumerate(names):
+            part = frame[frame["effect"] == name]
+            pair = f"{part['scenario'].iloc[0]} − {part['against'].iloc[0]}"
+            for column, (key, label) in enumerate(labels.items()):
+                axis = axes[row, column]
+                axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+                for place, learner in enumerate(learners):
+                    found = part[
+                        (part["algorithm"] == learner.algorithm)
+                        & (part["observation"] == learner.observation)
+                    ]
+                    style = style_of(learner, context)
+                    for _, each in found.iterrows():
+                        ends = [each[f"{key}_low"], each[f"{key}_high"]]
+                        axis.plot(ends, [place, place], color=style["color"], lw=2.2, alpha=0.6)
+                        axis.plot(each[key], place, color=style["color"], marker=style["marker"], ms=5)
+                axis.set_yticks(range(len(learners)), map(str, learners) if column == 0 else [])
+                axis.set(ylim=(len(learners) - 0.5, -0.5), title=f"{name} ({pair}): {label}")
+                axis.tick_params(axis="y", length=0)
+                axis.grid(axis="y", lw=0.4, color="0.85")
+        for column, key in enumerate(labels):
+            reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max())
+            for axis in axes[:, column]:
+                axis.set(xlim=(-reach, reach))
+        figure.supxlabel(
+            "difference between two scenes; bar: 95 % interval, not adjusted; exploratory", fontsize="small"
+        )
+    return figure
+
+
+def _learners(frame: pd.DataFrame) -> list[Learner]:
+    """Lists the learners in a frame, in its order."""
+    pairs = dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True))
+    return [Learner(*pair) for pair in pairs]

@@ -1,0 +1,207 @@
+"""What the report on scenes found, in sentences from its published tables; see `comparison.findings`.
+
+Words that judge (better, worse, equivalent) are verdicts on the protocol's contrasts in one scene; all other
+sentences describe.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import pandas as pd
+
+from benchmark.analysis.contrasts import BETTER
+from benchmark.drawing.tables import link
+from benchmark.reports.comparison.protocol import Learner, Outcome, Protocol, outcome
+from benchmark.reports.published import Published
+from benchmark.reports.scenes.tables import ENOUGH
+
+_OUTCOMES: Final[dict[Outcome, str]] = {
+    "earns": "deep RL earns its keep",
+    "does not earn": "it does not",
+    "undecided": "it is undecided",
+    "no verdict": "there is no verdict",
+}
+
+
+def table(published: Published) -> pd.DataFrame:
+    """Returns the headline and the sentences after it, one per row."""
+    texts = [text for text in _sentences(published) if text]
+    return pd.DataFrame({"finding": range(len(texts)), "text": pd.Series(texts, dtype=object)})
+
+
+def headline(published: Published) -> str:
+    """Returns the headline as published; empty if there is none."""
+    return "".join(str(text) for text in published.frame("findings")["text"].iloc[:1])
+
+
+def sentences(published: Published) -> list[str]:
+    """Returns the sentences after the headline as published."""
+    return [str(text) for text in published.frame("findings")["text"].iloc[1:]]
+
+
+def _sentences(published: Published) -> list[str]:
+    """Returns the headline and the sentences after it."""
+    found = published.manifest["facts"].get("protocol")
+    written = []
+    if found is not None and "contrasts.csv" in published:
+        protocol = Protocol.from_json(found)
+        if protocol.reference is not None:
+            written += [_headline(published, protocol), *_where_better(published, protocol)]
+    return [*written, *_learned(published), *_effects(published), *_hidden(published)]
+
+
+def _headline(published: Published, protocol: Protocol) -> str:
+    """Answers in how many scenes deep RL earns its keep, and in which."""
+    contrasts = published.frame("contrasts")
+    by_outcome: dict[Outcome, list[str]] = {}
+    for scenario, rows in contrasts.groupby("scenario", sort=False):
+        by_outcome.setdefault(outcome(protocol, rows), []).append(str(scenario))
+    n = contrasts["scenario"].nunique()
+    parts = []
+    for key, text in _OUTCOMES.items():
+        if names := by_outcome.get(key):
+            rows = contrasts[contrasts["scenario"].isin(names)]
+            parts.append(f"in {link(str(len(names)), 'contrasts', rows)} {text} ({_and(names)})")
+    budgets = published.frame("summary").groupby(["algorithm", "observation"])["budget"].first()
+    steps = {
+        int(budgets.loc[learner])
+        for learner in filter(None, [protocol.reference, *protocol.decisive])
+        if learner in budgets.index
+    }
+    budget = f"With {steps.pop():,} steps of training" if len(steps) == 1 else "With the budgets declared"
+    return (
+        f"{budget} and by success alone, of {n} scene{'' if n == 1 else 's'}, {_and(parts, '; ')}. "
+        f"Deep RL earns its keep in a scene if one of {len(protocol.decisive)} deep learners is better there "
+        f"than `{protocol.reference}`, at a level of 5 % over all scenes together."
+    )
+
+
+def _where_better(published: Published, protocol: Protocol) -> list[str]:
+    """Says by how much, and from which step on, each deep learner is better than the reference."""
+    contrasts, ahead = published.frame("contrasts"), published.frame("ahead")
+    written = []
+    for _, row in contrasts[contrasts["success_verdict"] == BETTER].iterrows():
+        if row["y"] != str(protocol.reference) or Learner.of(row["x"]) not in protocol.decisive:
+            continue
+        text = (
+            f"In {row['scenario']}, `{row['x']}` is better than `{row['y']}` in success: "
+            f"{link(_two(row['success_x']), 'contrasts', row)} against "
+            f"{link(_two(row['success_y']), 'contrasts', row)}, a difference of "
+            f"{link(_signed(row['success_difference']), 'contrasts', row)} "
+            f"[{_signed(row['success_difference_low'])}, {_signed(row['success_difference_high'])}] with "
+            f"{row['n']} runs each"
+        )
+        when = ahead[
+            (ahead["scenario"] == row["scenario"]) & (ahead["x"] == row["x"]) & (ahead["y"] == row["y"])
+        ]
+        for _, each in when.iterrows():
+            if math.isfinite(each["first_step"]):
+                text += (
+                    f"; the interval of the difference first lies above 0 at step "
+                    f"{link(f'{each.first_step:,.0f}', 'ahead', each)}"
+                )
+        written.append(f"{text}.")
+    return written
+
+
+def _learned(published: Published) -> list[str]:
+    """Says after how many steps each learner has learned each scene, where some net needs fewer than a table."""
+    steps, arms = published.frame("steps"), published.manifest["algorithms"]
+    family = steps["algorithm"].map(lambda name: arms[name].get("family", ""))
+    written = []
+    for scenario in steps["scenario"].unique():
+        here = steps[steps["scenario"] == scenario]
+        nets, tables = (
+            here[family[here.index] == each].sort_values("step", kind="stable")
+            for each in ("deep", "tabular")
+        )
+        if nets.empty or tables.empty:
+            continue
+        net, best = nets.iloc[0], tables.iloc[0]
+        if not math.isfinite(net["step"]) or net["step"] >= best["step"]:
+            continue
+        text = (
+            f"In {scenario}, the mean success of `{_name(net)}` stays at or above {ENOUGH:g} from step "
+            f"{link(f'{net.step:,.0f}', 'steps', net)} on"
+        )
+        if math.isfinite(best["step"]):
+            text += (
+                f", that of the fastest table, `{_name(best)}`, from step {link(f'{best.step:,.0f}', 'steps', best)} on: "
+                f"{best['step'] / net['step']:.2g} times as many"
+            )
+        else:
+            longest = tables.loc[tables["budget"].idxmax()]
+            text += (
+                f"; that of no table does, `{_name(longest)}` with {link(f'{longest.budget:,.0f}', 'steps', longest)} steps "
+                f"among them"
+            )
+        written.append(f"{text}. Steps are those of the evaluations.")
+    return written
+
+
+def _effects(published: Published) -> list[str]:
+    """Says what each difference between two scenes does to every learner."""
+    if "effects.csv" not in published:
+        return []
+    frame = published.frame("effects")
+    written = []
+    for name, rows in frame.groupby("effect", sort=False):
+        parts = []
+        for _, row in rows.iterrows():
+            parts.append(
+                f"`{_name(row)}` {link(_signed(row['success']), 'effects', row)} "
+                f"[{_signed(row['success_low'])}, {_signed(row['success_high'])}], "
+                f"{link(_signed(row['score']), 'effects', row)} and "
+                f"{link(_signed(row['disagreements'], 1), 'effects', row)}"
+            )
+        first = rows.iloc[0]
+        title = str(name)[0].upper() + str(name)[1:]
+        written.append(
+            f"{title}: {first['scenario']} minus {first['against']} in success, in score and in disagreements "
+            f"per 1,000 steps of training. {'; '.join(parts)}."
+        )
+    return written
+
+
+def _hidden(published: Published) -> list[str]:
+    """Says what is possible where something is hidden."""
+    frame = published.frame("scenes")
+    if "memoryless_score" not in frame:
+        return []
+    parts = [
+        f"{row['scenario']} {link(_two(row['memoryless_score']), 'scenes', row)} (hidden: {row['hidden']})"
+        for _, row in frame.iterrows()
+        if row["memoryless_score"] < 1 - 1e-6
+    ]
+    n = int(frame["restarts"].max())
+    if not parts:
+        return [f"In every scene the best memoryless policy found in {n} searches is optimal."]
+    rest = len(frame) - len(parts)
+    return [
+        f"Scores of the best memoryless policy found in {n} searches, where 1 is an agent that knows the state: "
+        f"{'; '.join(parts)}. In the other {rest} scenes it is optimal, though the number of wrong PINGs may be hidden. "
+        "The search climbs, so there may be better policies."
+    ]
+
+
+def _name(row: pd.Series) -> str:
+    """Returns the learner of a row as readers see it."""
+    return str(Learner(row["algorithm"], row["observation"]))
+
+
+def _two(value: float) -> str:
+    """Returns a number with two decimals."""
+    return f"{value:.2f}"
+
+
+def _signed(value: float, decimals: int = 2) -> str:
+    """Returns a difference with its sign; zero has none."""
+    text = f"{value:+.{decimals}f}"
+    return text[1:] if not text.strip("+-0.") else text
+
+
+def _and(names: Sequence[str], separator: str = ", ") -> str:
+    """Returns names in a list with "and" before the last."""
+    *others, last = names
+    return f"{separator.join(others)} and {last}" if others else last

@@ -1,0 +1,301 @@
+"""The report on scenes: its items and what they are called."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import pandas as pd
+
+from benchmark.drawing import tables
+from benchmark.reports.comparison.data import Context, Data, load
+from benchmark.reports.comparison.report import check, protocol_terms
+from benchmark.reports.item import Frames, Item, Report, Section, whole
+from benchmark.reports.published import Published
+from benchmark.reports.scenes import findings
+from benchmark.reports.scenes import tables as scenes
+from benchmark.reports.view import Columns
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LEARNER: Final = ("algorithm", "observation")
+_POPULATION: Final = ("scenario", *_LEARNER)
+
+
+# Tables
+
+
+def _scenes(data: Data, _: Frames) -> pd.DataFrame:
+    return scenes.scenes(data)
+
+
+def _summary(data: Data, _: Frames) -> pd.DataFrame:
+    return scenes.summary(data)
+
+
+def _contrasts(data: Data, _: Frames) -> pd.DataFrame | None:
+    return scenes.contrasts(data)
+
+
+def _steps(data: Data, _: Frames) -> pd.DataFrame:
+    return scenes.steps(data)
+
+
+def _ahead(data: Data, _: Frames) -> pd.DataFrame | None:
+    return scenes.ahead(data)
+
+
+def _effects(data: Data, _: Frames) -> pd.DataFrame | None:
+    return scenes.effects(data)
+
+
+def _curves(data: Data, _: Frames) -> pd.DataFrame:
+    return scenes.curves(data)
+
+
+def _scores(data: Data, _: Frames) -> pd.DataFrame:
+    return scenes.scores(data)
+
+
+def _region(data: Data, _: Frames) -> pd.DataFrame:
+    return scenes.region(data)
+
+
+def _cost(data: Data, _: Frames) -> pd.DataFrame:
+    return scenes.cost(data)
+
+
+# As .md and .tex show them
+
+
+def _display_summary(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["success", "score", "disagreements"]
+    shown = [*_POPULATION, "policy", "n", "budget", *columns, "unbounded_score", "steps"]
+    return tables.with_intervals(frame, columns)[shown]
+
+
+def _display_contrasts(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["success_difference", "score_difference"]
+    shown = ["scenario", "x", "y", "success_verdict", "score_verdict", "n", *columns]
+    return tables.with_intervals(frame, columns)[shown]
+
+
+def _display_effects(frame: pd.DataFrame) -> pd.DataFrame:
+    columns = ["success", "score", "disagreements"]
+    shown = ["effect", "scenario", "against", *_LEARNER, "n", *columns]
+    return tables.with_intervals(frame, columns)[shown]
+
+
+# Figures
+
+
+def _draw_scenes(_: Frames, context: Context) -> "Figure":
+    from benchmark.drawing.gallery import gallery
+
+    return gallery(list(context.models.values()))
+
+
+def _draw_summary(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.scenes import figures
+
+    return figures.summary(frames["summary"], frames.get("contrasts"), context)
+
+
+def _draw_curves(frames: Frames, context: Context) -> "Figure":
+    from benchmark.reports.scenes import figures
+
+    return figures.curves(frames["curves"], context)
+
+
+def _draw_effects(frames: Frames, context: Context) -> "Figure | None":
+    from benchmark.reports.scenes import figures
+
+    return figures.effects(frames["effects"], context) if "effects" in frames else None
+
+
+ITEMS: Final = (
+    Item(
+        name="summary",
+        description="each scene and learner: success, score, steps, wrong PINGs, disagreements in training",
+        compute=_summary,
+        display=_display_summary,
+        draw=_draw_summary,
+        caption="How often each learner succeeds in each scene, and the verdicts.",
+    ),
+    Item(
+        name="contrasts",
+        description="the contrasts of the protocol in every scene: differences, adjusted p-values, verdicts",
+        compute=_contrasts,
+        display=_display_contrasts,
+        view=Columns(
+            file="contrasts.csv",
+            caption="The contrasts of the protocol in every scene: x against y",
+            keys=("scenario", "x", "y", "success_verdict", "score_verdict"),
+            labels={"success_verdict": "verdict on success", "score_verdict": "verdict on score"},
+            numbers={
+                "success_difference": "difference in success",
+                "success_p_different": "p, no difference",
+                "score_difference": "difference in score",
+            },
+        ),
+        is_folded=True,
+    ),
+    Item(
+        name="steps",
+        description=f"after how many steps the mean success stays at or above {scenes.ENOUGH:g}",
+        compute=_steps,
+        view=Columns(
+            file="steps.csv",
+            caption=f"Step from which on the mean success over runs stays at or above {scenes.ENOUGH:g}",
+            keys=_POPULATION,
+            numbers={"n": "runs", "budget": "budget", "step": "step", "final_success": "final success"},
+        ),
+        is_folded=True,
+    ),
+    Item(
+        name="curves",
+        description="success, score and disagreements over training, against environment steps",
+        compute=_curves,
+        draw=_draw_curves,
+        caption="Success probability over training, with its 95 % interval, in every scene.",
+    ),
+    Item(
+        name="ahead",
+        description="exploratory: at which steps one learner of a contrast succeeds more often than the other",
+        compute=_ahead,
+    ),
+    Item(
+        name="effects",
+        description="exploratory: what a difference between two scenes does to each learner",
+        section="effects",
+        compute=_effects,
+        display=_display_effects,
+        draw=_draw_effects,
+        caption="What a difference between two scenes does to each learner.",
+    ),
+    Item(
+        name="scenes",
+        description="each scene: cells, states, observations, what is hidden, and what is possible",
+        section="scenes",
+        compute=_scenes,
+        display=whole,
+        draw=_draw_scenes,
+        caption="The scenes.",
+        view=Columns(
+            file="scenes.csv",
+            caption="What each scene is, and what is possible in it",
+            keys=("scenario", "description", "observed", "hidden"),
+            numbers={
+                "cells": "cells",
+                "states": "states",
+                "observations": "observations",
+                "random_return": "random return",
+                "optimal_return": "optimal return",
+                "memoryless_return": "best memoryless return found",
+                "memoryless_success": "its success",
+            },
+        ),
+    ),
+    Item(name="scores", description="every run at the end of training", compute=_scores),
+    Item(
+        name="region",
+        description="how well the cells where an agent values PING match the target region",
+        compute=_region,
+    ),
+    Item(
+        name="cost",
+        description="cost of a run: CPU seconds, updates, parameters, peak memory of its process",
+        section="cost",
+        compute=_cost,
+        view=Columns(
+            file="cost.csv",
+            caption="Cost of a run, measured: medians over all scenes",
+            keys=_LEARNER,
+            numbers={
+                "cpu_time_s": "CPU time (s)",
+                "steps_per_cpu_s": "steps per CPU second",
+                "peak_memory_mb": "peak memory (MB)",
+            },
+        ),
+        is_measured=True,
+    ),
+    Item(
+        name="findings",
+        description="the sentences above; every number in them links to the rows that it comes from",
+        tell=findings.table,
+    ),
+)
+
+
+def words(published: Published) -> Sequence[tuple[str, str]]:
+    """Explains the terms of the tables."""
+    horizon = published.manifest["horizon"]
+    return [
+        ("scene", "a scenario: who stands where, how personal space is shaped, and what changes."),
+        (
+            "success",
+            "the probability, evaluated exactly, that an episode ends with a PING in the target region; a mean "
+            "over runs. Episodes start as the scene says.",
+        ),
+        (
+            "score",
+            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the exact "
+            f"optimum of an agent that knows the state (1), both under a limit of {horizon} steps, and clipped "
+            "to [0, 1] in every run. Where part of the state is hidden, 1 may be out of reach.",
+        ),
+        (
+            "memoryless",
+            "a policy over what the agent observes now. The best one found is that of the algorithm `memoryless`, "
+            "which knows the model and climbs its exact expected return.",
+        ),
+        (
+            "hidden",
+            "what of the state varies and is not observed. The clock says how long a phase has lasted.",
+        ),
+        ("disagreements", "wrong PINGs per 1,000 steps of the whole training."),
+        (
+            "intervals",
+            "95 % intervals over runs, not adjusted: of success and score exact binomial ones (Clopper and "
+            "Pearson), of differences those that follow from them (Zou and Donner 2008), of disagreements "
+            "Student's. Verdicts are adjusted.",
+        ),
+        ("inf", "never within the budget."),
+    ]
+
+
+_VERDICTS_TEXT: Final = (
+    "A contrast compares two learners in one scene. Verdicts are those of a comparison, see "
+    "`benchmark/analysis/contrasts.py`: p-values are adjusted by Holm's method for all contrasts in all scenes "
+    "together, separately for differences and for equivalence. With few runs, learners that succeed equally often "
+    "are mostly undecided, because equivalence takes more runs than a large difference does."
+)
+
+REPORT: Final = Report(
+    name="scenes",
+    question="In which scenes does deep RL earn its keep?",
+    check=check,
+    load=load,
+    items=ITEMS,
+    sections=(
+        Section(
+            key="verdicts",
+            heading="Verdicts",
+            text=_VERDICTS_TEXT,
+            terms=protocol_terms,
+            terms_title="The protocol",
+        ),
+        Section(
+            key="effects",
+            heading="Effects",
+            text=(
+                "Pairs of scenes differ in one thing. Differences are of means over runs, with intervals; they are "
+                "not tested."
+            ),
+        ),
+        Section(key="scenes", heading="The scenes"),
+        Section(key="cost", heading="Cost"),
+    ),
+    headline=findings.headline,
+    sentences=findings.sentences,
+    words=words,
+    lead="summary",
+)
