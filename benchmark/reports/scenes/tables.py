@@ -5,7 +5,7 @@ Planners, which know the model, are no learners: they say what is possible. Numb
 them.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any, Final
 
@@ -54,8 +54,8 @@ def scenes(data: Data) -> pd.DataFrame:
             "cells": len(model.position),
             "states": len(model.observation),
             "observations": model.n_observations,
-            "observed": ", ".join(model.scenario.observe),
-            "hidden": ", ".join(model.scenario.hidden) or "nothing",
+            "observed": _in_words(model.scenario.observe),
+            "hidden": _in_words(model.scenario.hidden) or "nothing",
             "random_return": random,
             "random_success": float(evaluate(model, uniform_policy(model), population.horizon).success),
             "optimal_return": optimal,
@@ -227,6 +227,11 @@ def effects(data: Data) -> pd.DataFrame | None:
             row |= {"disagreements_high": value + reach}
             rows.append(row)
     return pd.DataFrame(rows) if rows else None
+
+
+def _in_words(parts: Sequence[str]) -> str:
+    """Returns parts of the state as readers see them."""
+    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
 
 
 def _scenarios(data: Data) -> Iterator[str]:
