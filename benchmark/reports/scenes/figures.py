@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, WORSE
 from benchmark.drawing.style import figure_of
@@ -69,9 +70,15 @@ def curves(frame: pd.DataFrame, context: Context) -> Figure:
 
     Args:
       frame: `benchmark.reports.scenes.tables.curves`.
-      context: Of the comparison.
+      context: Of the comparison; if it has a protocol, the learners that it compares are drawn, and those that
+        train longest.
     """
     scenarios, learners = list(frame["scenario"].unique()), _learners(frame)
+    if context.protocol is not None:
+        compared = {learner for pair in context.protocol.contrasts for learner in pair}
+        longest = frame["step"].max()
+        longest_learners = _learners(frame[frame["step"] == longest])
+        learners = [each for each in learners if each in compared or each in longest_learners]
     frame = frame[frame["step"] > 0]  # which has no logarithm
     n_rows = math.ceil(len(scenarios) / _COLUMNS)
     shown = replace(context, panels={"": learners}, learners=learners)
@@ -81,11 +88,12 @@ def curves(frame: pd.DataFrame, context: Context) -> Figure:
             axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
             axis.set(ylim=(-0.03, 1.03), title=scenario, xscale="log")
             axis.set(xlim=(float(frame["step"].min()), float(frame["step"].max())))
+            axis.xaxis.set_minor_formatter(NullFormatter())
         for axis in axes.flat[len(scenarios) :]:
             axis.set_axis_off()
         for axis in axes[:, 0]:
             axis.set(ylabel="success")
-        for axis in axes[-1]:
+        for axis in axes.flat[max(len(scenarios) - _COLUMNS, 0) : len(scenarios)]:
             axis.set(xlabel="environment step")
         legend(figure, shown, f"{signs(shown)}; dotted: {ENOUGH:g}")
     return figure
