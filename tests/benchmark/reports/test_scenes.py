@@ -93,19 +93,19 @@ def test_ahead_is_where_the_interval_lies_above_zero() -> None:
 def test_effects_are_differences_of_scenes_by_hand() -> None:
     found = tables.effects(made())
     assert found is not None
-    rows = found.set_index("algorithm")
-    assert rows.loc["x", "success"] == pytest.approx(-0.75)
-    assert rows.loc["y", "success"] == 0
-    assert rows.loc["x", "disagreements"] == 0
+    rows = found.set_index("algorithm").to_dict("index")
+    assert rows["x"]["success"] == pytest.approx(-0.75)
+    assert rows["y"]["success"] == 0
+    assert rows["x"]["disagreements"] == 0
     low, high = proportion_interval(np.array([0.25, 1.0]), np.array([20, 20]))
     expected = -0.75 - np.hypot(0.25 - low[0], high[1] - 1.0)
-    assert rows.loc["x", "success_low"] == pytest.approx(expected)
+    assert rows["x"]["success_low"] == pytest.approx(expected)
     # 4.5 and 2.5 wrong PINGs on average in 400 steps
-    summary = tables.summary(made()).set_index(["scenario", "algorithm"])
-    assert summary.loc[("S1", "x"), "disagreements"] == pytest.approx(4.5 / 400 * 1000)
-    assert summary.loc[("S1", "y"), "disagreements"] == pytest.approx(2.5 / 400 * 1000)
+    summary = tables.summary(made()).set_index(["scenario", "algorithm"]).to_dict("index")
+    assert summary["S1", "x"]["disagreements"] == pytest.approx(4.5 / 400 * 1000)
+    assert summary["S1", "y"]["disagreements"] == pytest.approx(2.5 / 400 * 1000)
     half = 2.093 * np.std([4, 5] * 10, ddof=1) / np.sqrt(20) / 400 * 1000  # t with 19 degrees of freedom
-    assert summary.loc[("S1", "x"), "disagreements_high"] == pytest.approx(11.25 + half, rel=1e-3)
+    assert summary["S1", "x"]["disagreements_high"] == pytest.approx(11.25 + half, rel=1e-3)
     assert tables.effects(replace(made(), effects=[])) is None
 
 
@@ -131,14 +131,14 @@ def test_planners_are_no_learners(beyond: Path) -> None:
 
 
 def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state(beyond: Path) -> None:
-    frame = pd.read_csv(beyond / "scenes.csv").set_index("scenario")
-    for name, row in frame.iterrows():
+    rows = pd.read_csv(beyond / "scenes.csv").set_index("scenario").to_dict("index")
+    for name, row in rows.items():
         model = compile_scenario(load_scenario(str(name)))
         optimum = from_starts(model) @ solve(model, 1.0, 200, issuer_rewards=False).value
         assert row["optimal_return"] == pytest.approx(optimum, abs=1e-5)
         assert row["random_return"] < row["memoryless_return"] <= row["optimal_return"] + 1e-6
         assert row["observations"] == model.n_observations
-    assert frame.loc["MoodyHidden", "memoryless_return"] < frame.loc["Moody", "memoryless_return"] - 0.5
+    assert rows["MoodyHidden"]["memoryless_return"] < rows["Moody"]["memoryless_return"] - 0.5
 
 
 def test_numbers_in_sentences_are_in_the_rows_that_they_link_to(beyond: Path) -> None:
