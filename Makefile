@@ -19,7 +19,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce compare-deep report test check speed clean
+.PHONY: help reproduce compare-deep beyond report test check speed clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -29,6 +29,9 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 
 compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
+
+beyond: $(DEEP) ## scenes beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
+	$(RUN) $(or $(EXPERIMENT),beyond)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)

@@ -1,7 +1,7 @@
 """Learners, planners and evaluation. `ALGORITHMS` maps a name to an algorithm.
 
-An algorithm is imported when it is loaded, and torch only when a deep algorithm trains, so that a tabular run
-does not wait for a deep-learning library.
+An algorithm is imported when it is loaded. For those in `ALGORITHMS`, torch is imported only when a deep one
+trains, so that a tabular run does not wait for a deep-learning library.
 """
 
 from typing import Final
@@ -15,6 +15,7 @@ from agents.contract import (
     check_request,
     check_training,
 )
+from agents.sb3.imported import algorithm_of, is_sb3_class
 from envs.inputs import InputError, imported, unknown_name
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
 ]
 
 ALGORITHMS: Final = {
+    "a2c": "agents.sb3.algorithms:A2C",
     "batched_dqn": "agents.batched.algorithms:DQN",
     "batched_ppo": "agents.batched.algorithms:PPO",
     "double_q_learning": "agents.tabular.double_q_learning:DOUBLE_Q_LEARNING",
@@ -37,6 +39,7 @@ ALGORITHMS: Final = {
     "expected_sarsa": "agents.tabular.expected_sarsa:EXPECTED_SARSA",
     "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
+    "qrdqn": "agents.sb3.algorithms:QRDQN",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "q_learning_plain": "agents.tabular.plain:Q_LEARNING",
     "sarsa": "agents.tabular.sarsa:SARSA",
@@ -48,7 +51,8 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
     """Imports an algorithm.
 
     Args:
-      name: A key of `ALGORITHMS`, or `module:attribute` of any other algorithm.
+      name: A key of `ALGORITHMS`, or `module:attribute` of any other algorithm, or of a class of agents like
+        those of Stable-Baselines3, of which an algorithm is made.
       source: The file that has the name, for the message.
 
     Raises:
@@ -56,7 +60,28 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, [*ALGORITHMS, "module:attribute"])
-    algorithm = imported(ALGORITHMS.get(name, name), source, "algorithm")
-    if not isinstance(algorithm, Algorithm):
-        raise InputError(f"{source}: {name} is not an algorithm; accepted: an agents.contract.Algorithm.")
-    return algorithm
+    try:
+        found = imported(ALGORITHMS.get(name, name), source, "algorithm")
+    except InputError as error:
+        if isinstance(error.__cause__, ModuleNotFoundError):
+            raise InputError(f"{str(error)[:-1]}; {_how_to_install(str(error.__cause__.name))}.") from error
+        raise
+    if is_sb3_class(found):
+        try:
+            return algorithm_of(found, name)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
+    if not isinstance(found, Algorithm):
+        raise InputError(
+            f"{source}: {name} is not an algorithm; accepted: an agents.contract.Algorithm, or a subclass of "
+            "stable_baselines3.common.base_class.BaseAlgorithm."
+        )
+    return found
+
+
+def _how_to_install(module: str) -> str:
+    """Returns what to do about a module that is not there."""
+    module = module.partition(".")[0]
+    if module in ("sb3_contrib", "stable_baselines3", "torch"):
+        return "make .venv/.deep installs it"
+    return f"if {module} is in a package, install that with .venv/bin/pip"

@@ -208,13 +208,13 @@ def _sweep(
             visits[:n_reached] = 0.0
             for _ in range(horizon):
                 going = 0.0
-                transition = 0
+                last = 0
                 for i in range(n_reached):
                     visits[i] += here[i]
                     arriving = 0.0
-                    while transition < first[i]:
+                    for transition in range(last, first[i]):
                         arriving += here[source[transition]] * probability[transition]
-                        transition += 1
+                    last = first[i]
                     there[i] = arriving
                     going += arriving
                 here, there = there, here

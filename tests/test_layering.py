@@ -58,7 +58,7 @@ def test_only_the_deep_learners_load_torch() -> None:
         if imported(path) & {"torch", "stable_baselines3"}
     }
     batched = {f"agents/batched/{name}.py" for name in ("dqn", "nets", "ppo", "training")}
-    sb3 = {"agents/sb3/training.py", "agents/sb3/vec_env.py"}
+    sb3 = {f"agents/sb3/{name}.py" for name in ("tables", "training", "vec_env")}
     assert loading == batched | sb3 | {"benchmark/reports/speed.py"}
 
 

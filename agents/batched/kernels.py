@@ -2,8 +2,8 @@
 
 Every agent draws from streams of its own, xoshiro256++ as in `agents.tabular.kernel`.
 
-Axis letters: N agents, E envs of an agent, S states, O observations, A actions, K outcomes, C rows of a replay
-buffer, B rows of a mini-batch, L steps of a rollout.
+Axis letters: N agents, E envs of an agent, S states, O observations, A actions, K outcomes, C rows of a
+replay buffer, B rows of a mini-batch, L steps of a rollout.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -69,7 +69,7 @@ class Batches(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """The rollouts of all agents, as Stable-Baselines3 flattens them: env after env. What updates read."""
+    """The rollouts of all agents, as Stable-Baselines3 flattens them, env after env: what updates read."""
 
     observed: NDArray[np.int64]  # (N, E * L) agent * O + observation
     action: NDArray[np.int64]  # (N, E * L)
@@ -137,7 +137,11 @@ def start(world: World, agents: Agents) -> None:
 
 @numba.njit(cache=True)
 def _step(world: World, agents: Agents, n: int, e: int, action: int) -> tuple[float, int, bool, bool]:
-    """Steps an env; returns reward, next observation before any reset, terminated, and truncated alone."""
+    """Steps an env; returns reward, next observation before any reset, terminated, and truncated alone.
+
+    Draws, in this order, what is random in the scenario: the issuer's reward, the outcome, and where the next
+    episode starts if this one ends.
+    """
     taken = agents.state[n, e] * _N_ACTIONS + action
     issuer_reward = world.issuer_reward[taken]
     if world.is_noisy:

@@ -20,7 +20,7 @@ Activation = Literal["relu", "tanh"]
 
 _BETAS: Final = (0.9, 0.999)
 MANY: Final = 2000  # observations that are too many for one call: some layers would take 100 MB and more
-_CHUNK: Final = 512  # rows of a call if there are many
+_CHUNK: Final = 256  # rows of a call if there are many
 _LANES: Final = 64  # of the flat arrays; a remainder that fills no vector register might be rounded otherwise
 
 
@@ -110,7 +110,11 @@ class Parameters:
 
 
 class Nets:
-    """One multilayer perceptron per agent over one-hot observations or rows of a table."""
+    """One multilayer perceptron per agent over one-hot observations or rows of a table.
+
+    The first layer does not multiply one-hot observations by its weights: it adds up the rows of weights that
+    belong to the inputs that are 1, a row for each part of the observation.
+    """
 
     def __init__(
         self,
@@ -125,7 +129,8 @@ class Nets:
           values: Weights (N, inputs, outputs) and biases (N, 1, outputs) of each layer in turn.
           gradients: Where to write the gradients of the same.
           activation: After each layer but the last.
-          table: (O, inputs) float32 observations; or (O, parts) int64, which inputs are 1, if all others are 0.
+          table: (O, inputs) float32 observations; or, if all inputs are 0 or 1, (O, parts) int64, which of
+            them are 1.
         """
         self._weights, self._biases = values[::2], values[1::2]
         self._weight_gradients, self._bias_gradients = gradients[::2], gradients[1::2]
@@ -172,9 +177,9 @@ class Nets:
         return hidden
 
     def read(self, observed: Tensor) -> Tensor:
-        """Returns what `forward` does, by several calls if there are many observations.
+        """Returns what `forward` does, by several calls if there are many observations, so arrays stay small.
 
-        So arrays stay small. There is no `backward` after it.
+        No `backward` may follow.
 
         Args:
           observed: (N, B) int64, agent * O + observation.

@@ -227,7 +227,7 @@ class ActorCritics:
         self._is_learning.fill_(True)
 
     def _critics_as_function(self) -> Callable[[NDArray[np.int64]], NDArray[np.float32]]:
-        """Returns the function from observations (N, B) to the critics' values (N, B), valid until an update."""
+        """Returns what gives the critics' values (N, B) of observations (N, B), until the next update."""
         if self._reads_tables:
             table = self._critics.read(self._all_observations).flatten().cpu().numpy()
             return lambda observed: table[observed]

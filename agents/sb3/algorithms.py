@@ -1,4 +1,4 @@
-"""Stable-Baselines3's DQN and PPO as algorithms of this project."""
+"""Algorithms of Stable-Baselines3 and of its contributions as algorithms of this project."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from typing import Any, Final, Literal
 from numpy.random import SeedSequence
 
 from agents.contract import Schedule, Training
-from agents.sb3.method import ACTOR, Q_NET, Method
-from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
+from agents.sb3.method import Method
+from agents.sb3.settings import A2cSettings, DqnSettings, PpoSettings, QrdqnSettings, Sb3Settings
 from envs import InputError, Model
 
 VERSION: Final = 3  # part of every run's identity: raise it when a change alters what is learned
@@ -59,5 +59,10 @@ class Sb3Algorithm:
         return training.train(self.method, model, settings, observation, seeds, schedule, logs)
 
 
-DQN: Final = Sb3Algorithm(Method("stable_baselines3:DQN", DqnSettings, Q_NET, log_interval=10))
-PPO: Final = Sb3Algorithm(Method("stable_baselines3:PPO", PpoSettings, ACTOR))
+DQN: Final = Sb3Algorithm(Method("stable_baselines3:DQN", DqnSettings, log_interval=10))
+PPO: Final = Sb3Algorithm(Method("stable_baselines3:PPO", PpoSettings))
+A2C: Final = Sb3Algorithm(Method("stable_baselines3:A2C", A2cSettings, log_interval=100))
+QRDQN: Final = Sb3Algorithm(
+    Method("sb3_contrib:QRDQN", QrdqnSettings, log_interval=10),
+    packages=("sb3_contrib", "stable_baselines3", "torch"),
+)

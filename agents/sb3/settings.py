@@ -17,7 +17,7 @@ Count = Annotated[int, Field(ge=1, le=10**9)]
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
-_NOT_SB3S: Final = {"budget", "time_limit", "n_envs"}  # settings that are not arguments of SB3's classes
+OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not arguments of SB3's classes
 
 
 class PolicyArguments(Table):
@@ -46,7 +46,7 @@ class Sb3Settings(LearnerSettings):
     @property
     def arguments(self) -> dict[str, Any]:
         """The arguments of SB3's class, except policy and env."""
-        return self.model_dump(mode="json", exclude=_NOT_SB3S, exclude_none=True)
+        return self.model_dump(mode="json", exclude=OUR_SETTINGS, exclude_none=True)
 
     @model_validator(mode="after")
     def _rollouts_fill_the_budget(self) -> Self:
@@ -89,6 +89,22 @@ class DqnSettings(Sb3Settings):
         return super().arguments | {"buffer_size": min(self.buffer_size, self.budget)}
 
 
+class QuantileArguments(PolicyArguments):
+    """The part of the `policy_kwargs` of QR-DQN that can be set."""
+
+    n_quantiles: Count = 200
+
+
+class QrdqnSettings(DqnSettings):
+    """Arguments and defaults of SB3-Contrib's QR-DQN (Dabney et al. 2018)."""
+
+    policy_kwargs: QuantileArguments = QuantileArguments()
+    learning_rate: Positive = 5e-5
+    exploration_fraction: Annotated[float, Field(gt=0, le=1)] = 0.005
+    exploration_final_eps: Share = 0.01
+    max_grad_norm: Positive | None = None  # type: ignore[assignment]
+
+
 class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
@@ -114,4 +130,29 @@ class PpoSettings(Sb3Settings):
     def _advantages_vary(self) -> Self:
         if self.rollout == 1:
             raise ValueError("n_steps * n_envs = 1: accepted: at least 2, or no advantage can be normalized")
+        return self
+
+
+class A2cSettings(Sb3Settings):
+    """Arguments and defaults of SB3's A2C."""
+
+    learning_rate: Positive = 7e-4
+    n_steps: Count = 5
+    gae_lambda: Share = 1.0
+    ent_coef: Annotated[float, Field(ge=0)] = 0.0
+    vf_coef: Annotated[float, Field(ge=0)] = 0.5
+    max_grad_norm: Positive = 0.5
+    rms_prop_eps: Positive = 1e-5
+    use_rms_prop: bool = True
+    normalize_advantage: bool = False
+
+    @property
+    def rollout(self) -> int:
+        """`n_steps` of every env."""
+        return self.n_steps * self.n_envs
+
+    @model_validator(mode="after")
+    def _advantages_vary(self) -> Self:
+        if self.normalize_advantage and self.rollout == 1:
+            raise ValueError("normalize_advantage = true: accepted with n_steps * n_envs of at least 2")
         return self

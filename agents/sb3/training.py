@@ -22,13 +22,15 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
+from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import DeepTraining, Schedule, check_request
 from agents.policy import ALL_ACTIONS
 from agents.sb3.method import Method
 from agents.sb3.settings import Sb3Settings
+from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
-from envs import Model, ProxemicVectorEnv
+from envs import InputError, Model, ProxemicVectorEnv
 from envs.model import ACTIONS
 from envs.observations import observation_table
 
@@ -81,31 +83,42 @@ def make_agent(method: Method, settings: Sb3Settings, env: VecEnv) -> BaseAlgori
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
         agent: BaseAlgorithm = method.load()("MlpPolicy", env, device="cpu", **settings.arguments)
     # The same Adam, a step in one call. As an argument it would unset the epsilon that SB3 gives Adam.
-    if isinstance(agent.policy.optimizer, torch.optim.Adam):
-        for group in agent.policy.optimizer.param_groups:
+    optimizer = getattr(agent.policy, "optimizer", None)
+    if isinstance(optimizer, torch.optim.Adam):
+        for group in optimizer.param_groups:
             group["fused"] = True
-    # SB3 walks all modules twice per step to switch dropout and batch norm, of which there are none.
-    agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
+    if not method.has_modes:  # SB3 walks all modules twice per step to switch modes, of which there are none
+        agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
 
 
-def policy_table(method: Method, agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns what the net says about every observation, by one forward pass.
+def check_method(method: Method, settings: Sb3Settings) -> None:
+    """Makes an untrained agent and reads its policy, so that a class that cannot be trained is found early.
 
-    Args:
-      method: SB3's algorithm.
-      agent: An agent of its class.
-      observations: (O, ...) float32.
-
-    Returns:
-      (O, A): action values, or probabilities whose rows sum to one; not finite if the net diverged.
+    Raises:
+      ValueError: The class refuses the settings or discrete actions, its policy cannot be read as a table, or
+        it trains in other rollouts than the settings say.
     """
-    with torch.no_grad():
+    env = SB3VecEnv(
+        ProxemicVectorEnv(settings.n_envs, observation="coordinates", autoreset_mode=AutoresetMode.SAME_STEP)
+    )
+    with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         try:
-            table = method.output.read(agent, observations).numpy().astype(np.float64)
-        except ValueError:  # torch refuses probabilities that are not finite
-            return np.full((len(observations), len(ACTIONS)), np.nan)
-    return np.asarray(table if method.output.is_value else table / table.sum(axis=1, keepdims=True))
+            agent: Any = make_agent(method, settings, env)
+        except Exception as error:  # whatever the class raises
+            raise ValueError(f"{method.path} cannot be made: {first_line(error)}") from error
+        try:
+            readable_table(agent, torch.as_tensor(env.reset()))
+        except ValueError as error:
+            raise ValueError(f"{method.path} cannot be evaluated: {first_line(error)}") from error
+    frequency = getattr(agent, "train_freq", None)  # SB3 has made it a tuple of a number and a unit
+    n_steps = getattr(agent, "n_steps", None) if frequency is None else frequency[0]
+    if n_steps is not None and n_steps * settings.n_envs != settings.rollout:
+        raise ValueError(
+            f"{method.path} has rollouts of {n_steps * settings.n_envs} steps; accepted: {settings.rollout}, "
+            "as its settings say"
+        )
 
 
 class _Snapshots(BaseCallback):
@@ -117,14 +130,12 @@ class _Snapshots(BaseCallback):
 
     def __init__(
         self,
-        method: Method,
         env: SB3VecEnv,
         rollout: int,
         observations: torch.Tensor,
         points: Sequence[int],
     ) -> None:
         super().__init__()
-        self._method = method
         self._env = env
         self._rollout = rollout
         self._observations = observations  # (O, ...)
@@ -144,6 +155,11 @@ class _Snapshots(BaseCallback):
         self.keep_counts(0)
 
     def _on_rollout_start(self) -> None:
+        if self.model.num_timesteps % self._rollout:
+            raise InputError(
+                f"{type(self.model).__name__}: a rollout began after {self.model.num_timesteps} steps; "
+                f"accepted: rollouts of {self._rollout} steps, as the settings say."
+            )
         self.keep_policy(before=self.model.num_timesteps + self._rollout)
 
     def _on_step(self) -> bool:
@@ -156,7 +172,7 @@ class _Snapshots(BaseCallback):
         if due == 0:
             return
         started_s = time.thread_time()
-        table = policy_table(self._method, self.model, self._observations)
+        table = policy_table(self.model, self._observations)
         if not np.isfinite(table).all():
             self.diverged()
             raise _DivergedError
@@ -208,37 +224,40 @@ def _train_agent(
         if log:
             agent.set_logger(configure(str(log), ["tensorboard"]))
         agent.action_space.seed(action_seed)
-        snapshots = _Snapshots(method, env, settings.rollout, observations, schedule.evaluation_steps)
+        snapshots = _Snapshots(env, settings.rollout, observations, schedule.evaluation_steps)
         try:
-            interval = method.log_interval if log else None
-            agent.learn(settings.budget, callback=snapshots, log_interval=interval)  # type: ignore[arg-type]
-            assert agent.num_timesteps == settings.budget
+            interval: Any = method.log_interval if log else None
+            with _counted_updates() as count:
+                agent.learn(settings.budget, callback=snapshots, log_interval=interval)
+            if agent.num_timesteps != settings.budget:
+                raise InputError(
+                    f"{method.path}: trained for {agent.num_timesteps} steps; accepted: the budget of "
+                    f"{settings.budget}."
+                )
             snapshots.keep_policy(before=settings.budget + 1)
         except _DivergedError:
             pass
         except ValueError:  # torch refuses to draw from probabilities that are not finite
-            if np.isfinite(policy_table(method, agent, observations)).all():
+            if np.isfinite(policy_table(agent, observations)).all():
                 raise
             snapshots.diverged()
         if log:
             agent.logger.dump(agent.num_timesteps)
             agent.logger.close()
-        is_value = method.output.is_value
-        q = policy_table(method, agent, observations) if is_value else np.empty((0, len(ACTIONS)))
+        output = output_of(agent)
+        q = policy_table(agent, observations) if output.is_value else np.empty((0, len(ACTIONS)))
         if snapshots.diverged_at >= 0:
             q[:] = np.nan
         # A policy that is not finite counts as the uniform random one.
         stochastic = np.where(np.isnan(snapshots.tables), 1 / len(ACTIONS), snapshots.tables)
         return {
             "greedy": snapshots.greedy,
-            "stochastic": stochastic[:0] if is_value else stochastic,
+            "stochastic": stochastic[:0] if output.is_value else stochastic,
             "values": snapshots.tables[schedule.is_mapped].astype(np.float32),
             "disagreements": snapshots.disagreements,
             "cpu_time_s": snapshots.cpu_time_s,
-            "updates": np.array(_n_updates(agent)),
-            "parameters": np.array(
-                sum(weights.numel() for weights in getattr(agent, method.output.net).parameters())
-            ),
+            "updates": np.array(len(count)),
+            "parameters": np.array(sum(weights.numel() for weights in output.net.parameters())),
             "diverged_at": np.array(snapshots.diverged_at),
             "q": q,
             "weights": np.frombuffer(_weights_digest(agent), dtype=np.uint8),
@@ -275,10 +294,19 @@ def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
         np.random.set_state(numpy_state)  # noqa: NPY002
 
 
-def _n_updates(agent: BaseAlgorithm) -> int:
-    """Returns how many steps the optimizer has counted."""
-    states = agent.policy.optimizer.state.values()
-    return int(next(iter(states))["step"]) if states else 0
+@contextmanager
+def _counted_updates() -> Iterator[list[None]]:
+    """Counts the steps of all optimizers.
+
+    Yields:
+      A list with an item for each step so far.
+    """
+    steps: list[None] = []
+    hook = register_optimizer_step_post_hook(lambda *_: steps.append(None))
+    try:
+        yield steps
+    finally:
+        hook.remove()
 
 
 def _weights_digest(agent: BaseAlgorithm) -> bytes:

@@ -16,7 +16,8 @@ class SB3VecEnv(VecEnv):
 
     An `info` has only what SB3 reads: `terminal_observation` and `TimeLimit.truncated` where an episode
     ended. Writing all values for every env would take longer than the step. All arrays are copies. A single
-    generator serves the batch, and every env takes a new draw at each step, so no two envs share draws.
+    generator serves the batch, and each draw for an issuer's reward, an outcome or a start is a new one, so
+    no two envs share draws.
     `seed(s)` seeds that generator; SB3's envs would seed env i with `s + i`.
 
     Attributes:
@@ -48,10 +49,10 @@ class SB3VecEnv(VecEnv):
         """Resets every env; returns observations (N, ...)."""
         if self._seed is not None:
             self._generator, self._seed = np.random.default_rng(self._seed), None
-        observations, _ = self.env.reset()
+        self._restart(np.arange(self.num_envs))
         self.disagreements = 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return observations
+        return self.env.observe()
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Sets the actions of the next step, (N,)."""
@@ -60,7 +61,10 @@ class SB3VecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos."""
         uniform = self._generator.random(self.num_envs) if self.env.model.is_noisy else None
-        taken, grid_reward, issuer_reward, terminated, truncated = self.env.advance(self._actions, uniform)
+        outcome = self._generator.random(self.num_envs) if self.env.model.n_outcomes > 1 else None
+        taken, grid_reward, issuer_reward, terminated, truncated = self.env.advance(
+            self._actions, uniform, outcome
+        )
         observations = self.env.observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated
@@ -69,10 +73,15 @@ class SB3VecEnv(VecEnv):
             for i in ended:
                 infos[i]["terminal_observation"] = observations[i].copy()
                 infos[i]["TimeLimit.truncated"] = not terminated[i]
-            self.env.restart(ended, None)
+            self._restart(ended)
             observations = self.env.observe()
         self.disagreements += int(np.count_nonzero(self._is_disagreement.take(taken)))
         return observations, (grid_reward + issuer_reward).astype(np.float32), dones, infos
+
+    def _restart(self, envs: NDArray[np.intp]) -> None:
+        """Moves the agents of these envs, (n,), to a start."""
+        is_drawn = len(self.env.model.starts) > 1
+        self.env.restart(envs, self._generator.random(len(envs)) if is_drawn else None)
 
     def close(self) -> None:
         """Closes the env."""

@@ -30,7 +30,7 @@ from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.stamp`
 # The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
-PUBLISHED: Final = ("compare_deep", "ablation", "equivalence", "reproduce")
+PUBLISHED: Final = ("compare_deep", "beyond", "ablation", "equivalence", "reproduce")
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more look the same
 _ASIDE: Final = re.compile(r"\[[^\]]*\]|\([^)]*\)|`[^`]*`")  # in which no sentence ends

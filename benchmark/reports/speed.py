@@ -230,7 +230,8 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
         from stable_baselines3.common.vec_env import DummyVecEnv
 
         from agents.sb3 import algorithms
-        from agents.sb3.training import make_agent, policy_table
+        from agents.sb3.tables import policy_table
+        from agents.sb3.training import make_agent
         from agents.sb3.vec_env import SB3VecEnv
     except ModuleNotFoundError as error:
         raise InputError(
@@ -281,7 +282,7 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
 
     def maps(times: int) -> float:
         for _ in range(times):
-            policy_table(methods["dqn"], agent, observations)
+            policy_table(agent, observations)
         return times
 
     def single_maps(times: int) -> float:

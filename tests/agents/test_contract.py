@@ -35,7 +35,7 @@ class WithWeights(Training):
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
     algorithm = load_algorithm(name)
-    settings = algorithm.settings.model_validate({"budget": 2048})
+    settings = algorithm.settings.model_validate({"budget": 10_240})
     if name == "memoryless":
         expected = 1.0, "planner", "thread"
     elif name == "q_learning_plain":

@@ -1,5 +1,6 @@
-"""Algorithms from outside: two tabular update rules and an algorithm of Stable-Baselines3, in this file."""
+"""Algorithms from outside: two tabular update rules, and algorithms of or like Stable-Baselines3's."""
 
+import json
 import subprocess
 import sys
 from dataclasses import fields
@@ -11,10 +12,11 @@ import pytest
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field
+from sb3_contrib import QRDQN
 
 from agents import Schedule, load_algorithm
 from agents.sb3.algorithms import Sb3Algorithm
-from agents.sb3.method import ACTOR, Method
+from agents.sb3.method import Method
 from agents.sb3.settings import Sb3Settings
 from agents.tabular.learner import Settings, TabularAlgorithm
 from agents.tabular.updates import Successor, UpdateRule
@@ -51,7 +53,20 @@ class A2cSettings(Sb3Settings):
         return self.n_steps * self.n_envs
 
 
-A2C: Final = Sb3Algorithm(Method("stable_baselines3:A2C", A2cSettings, ACTOR))
+A2C: Final = Sb3Algorithm(Method("stable_baselines3:A2C", A2cSettings))
+
+
+class Scaled(QRDQN):
+    """QR-DQN with scaled rewards."""
+
+    def __init__(self, *args: Any, scale: float = 1.0, **kwargs: Any) -> None:
+        self.scale = scale
+        super().__init__(*args, **kwargs)
+
+    def _store_transition(
+        self, replay_buffer: Any, buffer_action: Any, new_obs: Any, reward: Any, dones: Any, infos: Any
+    ) -> None:
+        super()._store_transition(replay_buffer, buffer_action, new_obs, self.scale * reward, dones, infos)
 
 
 EXPERIMENT = f"""
@@ -83,6 +98,18 @@ algorithm = "{__name__}:A2C"
 observations = ["coordinates"]
 seeds = 1
 settings = {{ n_steps = 10, gamma = 0.9 }}
+
+[algorithms.trpo]
+algorithm = "sb3_contrib:TRPO"
+observations = ["one_hot"]
+seeds = 2
+settings = {{ n_steps = 50, batch_size = 50, policy_kwargs = {{ net_arch = [16] }} }}
+
+[algorithms.scaled]
+algorithm = "{__name__}:Scaled"
+observations = ["coordinates"]
+seeds = 1
+settings = {{ train_freq = [8, "step"], scale = 0.5 }}
 """
 
 
@@ -161,7 +188,7 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
     path = tmp_path / "outside.toml"
     path.write_text(EXPERIMENT, encoding="utf-8")
     results = records_of(path, tmp_path / "runs.db")
-    assert [record.status for _, record in results] == ["done"] * 7
+    assert [record.status for _, record in results] == ["done"] * 10
     for specification, record in results:
         # A record holds what training alone, in this process, gives.
         training = load_algorithm(specification.algorithm).train(
@@ -185,6 +212,16 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
     assert learned["a2c"]["updates"] == 400 / 10
     body = (2 * 64 + 64) + (64 * 64 + 64)
     assert learned["a2c"]["parameters"] == 2 * body + (64 * 5 + 5) + (64 + 1)
+    assert learned["trpo"]["parameters"] == 2 * (120 * 16 + 16) + (16 * 5 + 5) + (16 + 1)
+    assert learned["scaled"]["parameters"] == body + (64 + 1) * 5 * 200
+    assert learned["scaled"]["updates"] == (400 - 104) / 8 + 1
+    # What a record says of its settings includes the defaults of the class, and is read back.
+    for specification, record in results:
+        settings = json.loads(record.specification)["settings"]
+        if specification.arm == "trpo":
+            assert settings["cg_max_steps"] == 15
+        cls = load_algorithm(specification.algorithm).settings
+        assert cls.model_validate_json(json.dumps(settings)).model_dump(mode="json") == settings
 
 
 def test_settings_from_outside_are_checked(tmp_path: Path) -> None:

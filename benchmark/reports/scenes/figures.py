@@ -1,17 +1,19 @@
 """Figures of the report on scenes: data frames become pictures, and nothing is computed."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, WORSE
 from benchmark.drawing.style import figure_of
 from benchmark.reports.comparison.data import Context
-from benchmark.reports.comparison.figures import legend, lines, signs, style_of
+from benchmark.reports.comparison.figures import is_of, legend, lines, signs, style_of
 from benchmark.reports.comparison.protocol import Learner
 from benchmark.reports.scenes.tables import ENOUGH
 from envs.scene import COLOUR_MAP
@@ -98,36 +100,41 @@ def effects(frame: pd.DataFrame, context: Context) -> Figure:
     """
     names, learners = list(frame["effect"].unique()), _learners(frame)
     labels = {"success": "success", "disagreements": "disagreements per 1,000 steps"}
-    size = (11.0, (0.24 * len(learners) + 0.62) * len(names) + 0.6)
+    size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
     with figure_of(len(names), len(labels), size) as (figure, axes):
         for row, name in enumerate(names):
             part = frame[frame["effect"] == name]
-            pair = f"{part['scenario'].iloc[0]} − {part['against'].iloc[0]}"
             for column, (key, label) in enumerate(labels.items()):
                 axis = axes[row, column]
-                axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-                for place, learner in enumerate(learners):
-                    found = part[
-                        (part["algorithm"] == learner.algorithm)
-                        & (part["observation"] == learner.observation)
-                    ]
-                    style = style_of(learner, context)
-                    for _, each in found.iterrows():
-                        ends = [each[f"{key}_low"], each[f"{key}_high"]]
-                        axis.plot(ends, [place, place], color=style["color"], lw=2.2, alpha=0.6)
-                        axis.plot(each[key], place, color=style["color"], marker=style["marker"], ms=5)
+                _differences(axis, part, key, learners, context)
                 axis.set_yticks(range(len(learners)), map(str, learners) if column == 0 else [])
-                axis.set(ylim=(len(learners) - 0.5, -0.5), title=f"{name} ({pair}): {label}")
-                axis.tick_params(axis="y", length=0)
+                axis.tick_params(axis="y", length=0, labelsize="small")
                 axis.grid(axis="y", lw=0.4, color="0.85")
+                if column == 0:
+                    pair = f"{part['scenario'].iloc[0]} − {part['against'].iloc[0]}"
+                    axis.set_title(f"{name}: {pair}", loc="left", fontweight="bold")
+                if row == len(names) - 1:
+                    axis.set(xlabel=f"difference in {label}")
         for column, key in enumerate(labels):
             reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max())
             for axis in axes[:, column]:
-                axis.set(xlim=(-reach, reach))
-        figure.supxlabel(
-            "difference between two scenes; bar: 95 % interval, not adjusted; exploratory", fontsize="small"
-        )
+                axis.set(xlim=(-reach, reach), ylim=(len(learners) - 0.5, -0.5))
+        text = "difference between two scenes; bar: 95 % interval, not adjusted; exploratory"
+        figure.supxlabel(text, fontsize="small")
     return figure
+
+
+def _differences(
+    axis: Axes, frame: pd.DataFrame, key: str, learners: Sequence[Learner], context: Context
+) -> None:
+    """Draws a dot with its interval for every learner, from top to bottom."""
+    axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+    for place, learner in enumerate(learners):
+        style = style_of(learner, context)
+        for _, row in frame[is_of(frame, learner)].iterrows():
+            ends = [row[f"{key}_low"], row[f"{key}_high"]]
+            axis.plot(ends, [place, place], color=style["color"], lw=2.2, alpha=0.6)
+            axis.plot(row[key], place, color=style["color"], marker=style["marker"], ms=5)
 
 
 def _learners(frame: pd.DataFrame) -> list[Learner]:

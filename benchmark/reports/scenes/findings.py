@@ -16,6 +16,7 @@ from benchmark.reports.comparison.protocol import Learner, Outcome, Protocol, ou
 from benchmark.reports.published import Published
 from benchmark.reports.scenes.tables import ENOUGH
 
+_NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[dict[Outcome, str]] = {
     "earns": "deep RL earns its keep",
     "does not earn": "it does not",
@@ -106,7 +107,7 @@ def _where_better(published: Published, protocol: Protocol) -> list[str]:
 
 
 def _learned(published: Published) -> list[str]:
-    """Says after how many steps each learner has learned each scene, where some net needs fewer than a table."""
+    """Says after how many steps a scene is learned, where some net needs fewer than every table."""
     steps, arms = published.frame("steps"), published.manifest["algorithms"]
     family = steps["algorithm"].map(lambda name: arms[name].get("family", ""))
     written = []
@@ -127,13 +128,15 @@ def _learned(published: Published) -> list[str]:
         )
         if math.isfinite(best["step"]):
             text += (
-                f", that of the fastest table, `{_name(best)}`, from step {link(f'{best.step:,.0f}', 'steps', best)} on: "
+                f", that of the fastest table, `{_name(best)}`, from step "
+                f"{link(f'{best.step:,.0f}', 'steps', best)} on: "
                 f"{best['step'] / net['step']:.2g} times as many"
             )
         else:
             longest = tables.loc[tables["budget"].idxmax()]
             text += (
-                f"; that of no table does, `{_name(longest)}` with {link(f'{longest.budget:,.0f}', 'steps', longest)} steps "
+                f"; that of no table does, `{_name(longest)}` with "
+                f"{link(f'{longest.budget:,.0f}', 'steps', longest)} steps "
                 f"among them"
             )
         written.append(f"{text}. Steps are those of the evaluations.")
@@ -141,25 +144,27 @@ def _learned(published: Published) -> list[str]:
 
 
 def _effects(published: Published) -> list[str]:
-    """Says what each difference between two scenes does to every learner."""
+    """Says what each difference between two scenes does to the learners that the protocol compares."""
     if "effects.csv" not in published:
         return []
-    frame = published.frame("effects")
+    frame, found = published.frame("effects"), published.manifest["facts"].get("protocol")
+    if found is not None:
+        compared = {name for pair in Protocol.from_json(found).contrasts for name in map(str, pair)}
+        frame = frame[[_name(row) in compared for _, row in frame.iterrows()]]
     written = []
     for name, rows in frame.groupby("effect", sort=False):
-        parts = []
-        for _, row in rows.iterrows():
-            parts.append(
-                f"`{_name(row)}` {link(_signed(row['success']), 'effects', row)} "
-                f"[{_signed(row['success_low'])}, {_signed(row['success_high'])}], "
-                f"{link(_signed(row['score']), 'effects', row)} and "
-                f"{link(_signed(row['disagreements'], 1), 'effects', row)}"
-            )
+        parts = [
+            f"`{_name(row)}` {link(_signed(row['success']), 'effects', row)} "
+            f"[{_signed(row['success_low'])}, {_signed(row['success_high'])}] and "
+            f"{link(_signed(row['disagreements'], 0), 'effects', row)} "
+            f"[{_signed(row['disagreements_low'], 0)}, {_signed(row['disagreements_high'], 0)}]"
+            for _, row in rows.iterrows()
+        ]
         first = rows.iloc[0]
         title = str(name)[0].upper() + str(name)[1:]
         written.append(
-            f"{title}: {first['scenario']} minus {first['against']} in success, in score and in disagreements "
-            f"per 1,000 steps of training. {'; '.join(parts)}."
+            f"{title}, that is {first['scenario']} minus {first['against']}, in success and in disagreements "
+            f"per 1,000 steps of training: {'; '.join(parts)}."
         )
     return written
 
@@ -169,19 +174,21 @@ def _hidden(published: Published) -> list[str]:
     frame = published.frame("scenes")
     if "memoryless_score" not in frame:
         return []
-    parts = [
-        f"{row['scenario']} {link(_two(row['memoryless_score']), 'scenes', row)} (hidden: {row['hidden']})"
-        for _, row in frame.iterrows()
-        if row["memoryless_score"] < 1 - 1e-6
-    ]
     n = int(frame["restarts"].max())
-    if not parts:
-        return [f"In every scene the best memoryless policy found in {n} searches is optimal."]
-    rest = len(frame) - len(parts)
+    short = frame[frame["memoryless_score"] < 1 - _NEARLY]
+    rest = len(frame) - len(short)
+    optimal = f"In {rest} of {len(frame)} scenes it scores {1 - _NEARLY:g} or more"
+    if short.empty:
+        return [f"The best memoryless policy found in {n} searches: {optimal[0].lower()}{optimal[1:]}."]
+    parts = [
+        f"{row['scenario']} {link(_two(row['memoryless_score']), 'scenes', row)} with a success of "
+        f"{link(_two(row['memoryless_success']), 'scenes', row)} (hidden: {row['hidden']})"
+        for _, row in short.iterrows()
+    ]
     return [
-        f"Scores of the best memoryless policy found in {n} searches, where 1 is an agent that knows the state: "
-        f"{'; '.join(parts)}. In the other {rest} scenes it is optimal, though the number of wrong PINGs may be hidden. "
-        "The search climbs, so there may be better policies."
+        f"Scores of the best memoryless policy found in {n} searches, where 1 is an agent that knows the "
+        f"state: {'; '.join(parts)}. {optimal}. The search climbs from random policies, so there may be "
+        "better ones."
     ]
 
 

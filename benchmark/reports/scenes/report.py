@@ -160,7 +160,9 @@ ITEMS: Final = (
     ),
     Item(
         name="ahead",
-        description="exploratory: at which steps one learner of a contrast succeeds more often than the other",
+        description=(
+            "exploratory: at which steps one learner of a contrast succeeds more often than the other"
+        ),
         compute=_ahead,
     ),
     Item(
@@ -233,18 +235,22 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
         ("scene", "a scenario: who stands where, how personal space is shaped, and what changes."),
         (
             "success",
-            "the probability, evaluated exactly, that an episode ends with a PING in the target region; a mean "
+            "the probability, evaluated exactly, that an episode ends with a PING in the target region; a "
+            "mean "
             "over runs. Episodes start as the scene says.",
         ),
         (
             "score",
-            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the exact "
-            f"optimum of an agent that knows the state (1), both under a limit of {horizon} steps, and clipped "
+            "undiscounted return by the grid's rewards, scaled between the exact random policy (0) and the "
+            "exact "
+            f"optimum of an agent that knows the state (1), both under a limit of {horizon} steps, and "
+            "clipped "
             "to [0, 1] in every run. Where part of the state is hidden, 1 may be out of reach.",
         ),
         (
             "memoryless",
-            "a policy over what the agent observes now. The best one found is that of the algorithm `memoryless`, "
+            "a policy over what the agent observes now. The best one found is that of the algorithm "
+            "`memoryless`, "
             "which knows the model and climbs its exact expected return.",
         ),
         (
@@ -264,8 +270,10 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
 
 _VERDICTS_TEXT: Final = (
     "A contrast compares two learners in one scene. Verdicts are those of a comparison, see "
-    "`benchmark/analysis/contrasts.py`: p-values are adjusted by Holm's method for all contrasts in all scenes "
-    "together, separately for differences and for equivalence. With few runs, learners that succeed equally often "
+    "`benchmark/analysis/contrasts.py`: p-values are adjusted by Holm's method for all contrasts in all "
+    "scenes "
+    "together, separately for differences and for equivalence. With few runs, learners that succeed equally "
+    "often "
     "are mostly undecided, because equivalence takes more runs than a large difference does."
 )
 
@@ -287,7 +295,8 @@ REPORT: Final = Report(
             key="effects",
             heading="Effects",
             text=(
-                "Pairs of scenes differ in one thing. Differences are of means over runs, with intervals; they are "
+                "Pairs of scenes differ in one thing. Differences are of means over runs, with intervals; "
+                "they are "
                 "not tested."
             ),
         ),

@@ -5,7 +5,7 @@ Planners, which know the model, are no learners: they say what is possible. Numb
 them.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any, Final
 
@@ -54,20 +54,18 @@ def scenes(data: Data) -> pd.DataFrame:
             "cells": len(model.position),
             "states": len(model.observation),
             "observations": model.n_observations,
-            "observed": ", ".join(model.scenario.observe),
-            "hidden": ", ".join(model.scenario.hidden) or "nothing",
+            "observed": _in_words(model.scenario.observe),
+            "hidden": _in_words(model.scenario.hidden) or "nothing",
             "random_return": random,
             "random_success": float(evaluate(model, uniform_policy(model), population.horizon).success),
             "optimal_return": optimal,
         }
-        found = [
-            p
-            for learner, name, p in data.populations
-            if name == scenario and learner not in learners(data).learners
-        ]
+        found = [learner for learner in data.learners if learner not in learners(data).learners]
         if found:
-            returns = np.concatenate([each.arrays["stochastic_grid_return"][:, -1] for each in found])
-            success = np.concatenate([each.arrays["stochastic_success"][:, -1] for each in found])
+            returns, success = (
+                np.concatenate([data.results(learner, scenario, name)[:, -1] for learner in found])
+                for name in ("grid_return", "success")
+            )
             best = int(returns.argmax())
             row |= {"restarts": len(returns), "memoryless_return": returns[best]}
             row |= {"memoryless_success": success[best]}
@@ -229,6 +227,11 @@ def effects(data: Data) -> pd.DataFrame | None:
             row |= {"disagreements_high": value + reach}
             rows.append(row)
     return pd.DataFrame(rows) if rows else None
+
+
+def _in_words(parts: Sequence[str]) -> str:
+    """Returns parts of the state as readers see them."""
+    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
 
 
 def _scenarios(data: Data) -> Iterator[str]:

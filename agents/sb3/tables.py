@@ -1,0 +1,149 @@
+"""What an agent's net says about actions, as a table over all observations.
+
+The table is read from any agent with the interface of Stable-Baselines3: its policy is asked, not its class.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from envs import Model
+from envs.inputs import InputError, imported
+from envs.model import ACTIONS
+from envs.observations import observation_space, observation_table
+
+
+@dataclass(frozen=True)
+class Output:
+    """What an agent's net says about actions, and how to ask it."""
+
+    read: Callable[[torch.Tensor], torch.Tensor]  # observations (O, ...) -> (O, A)
+    is_value: bool  # whether these are action values; else they are probabilities
+    net: torch.nn.Module  # holds all learned parameters, and each once
+
+
+def output_of(agent: BaseAlgorithm) -> Output:
+    """Returns how to ask an agent's net.
+
+    A Q-network has action values, and so has a quantile network: the means of its quantiles (Dabney et al.
+    2018, eq. 3). Target nets are copies and do not count as learned. Any other policy has to be an actor with
+    a categorical distribution.
+
+    Raises:
+      ValueError: The policy has none of these.
+    """
+    policy: Any = agent.policy
+    if isinstance(getattr(policy, "q_net", None), torch.nn.Module):
+        return Output(policy.q_net, is_value=True, net=policy.q_net)
+    if isinstance(getattr(policy, "quantile_net", None), torch.nn.Module):
+        return Output(lambda o: policy.quantile_net(o).mean(dim=1), is_value=True, net=policy.quantile_net)
+    if not hasattr(policy, "get_distribution"):
+        raise ValueError(
+            f"{type(policy).__name__} has neither action values (q_net, quantile_net) nor a distribution of "
+            "actions (get_distribution)"
+        )
+    return Output(lambda o: policy.get_distribution(o).distribution.probs, is_value=False, net=policy)
+
+
+def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
+    """Returns what an agent's net says about every observation, by one forward pass.
+
+    Args:
+      agent: An agent with the interface of SB3.
+      observations: (O, ...), as `envs.observations.observation_table` has them.
+
+    Returns:
+      (O, A): action values, or probabilities whose rows sum to one; not finite if the net diverged.
+    """
+    output = output_of(agent)
+    agent.policy.set_training_mode(False)
+    with torch.no_grad():
+        try:
+            table = output.read(observations).numpy().astype(np.float64)
+        except ValueError:  # torch refuses probabilities that are not finite
+            return np.full((len(observations), len(ACTIONS)), np.nan)
+    return np.asarray(table if output.is_value else table / table.sum(axis=1, keepdims=True))
+
+
+def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
+    """Returns `policy_table` of an agent of any class, checked.
+
+    Args:
+      agent: An agent with the interface of SB3.
+      observations: (O, ...), as `envs.observations.observation_table` has them.
+
+    Raises:
+      ValueError: Its policy cannot be read as a finite table with a row per observation.
+    """
+    name = type(agent.policy).__name__
+    try:
+        table = policy_table(agent, observations)
+    except (AttributeError, IndexError, RuntimeError, TypeError) as error:
+        raise ValueError(f"{name} gives no table of actions: {first_line(error)}") from error
+    if table.shape != (len(observations), len(ACTIONS)) or not np.isfinite(table).all():
+        raise ValueError(f"{name} gives no finite number for each of the {len(ACTIONS)} actions")
+    return table
+
+
+def first_line(error: Exception) -> str:
+    """Returns the first line of an error's message, without a full stop, or its type if it has no message."""
+    lines = str(error).strip().splitlines()
+    return lines[0].rstrip(".") if lines else type(error).__name__
+
+
+class SavedTable(NamedTuple):
+    """The policy of a saved model."""
+
+    table: NDArray[np.float64]  # (O, A) action values, or probabilities whose rows sum to one
+    is_value: bool  # whether these are action values
+
+
+def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> SavedTable:
+    """Reads the policy of a model that was saved by `model.save`.
+
+    Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
+
+    Args:
+      path: The .zip file.
+      algorithm: The import path of its class, for example `"stable_baselines3:DQN"`.
+      model: Compiled scenario with O observations.
+      observation: The form of observation that it was trained with, see `envs.observations`.
+
+    Raises:
+      InputError: The file cannot be loaded as this class, it was made for other observations or actions, or
+        its net gives no finite table.
+    """
+    cls = imported(algorithm, str(path), "algorithm")
+    if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
+        raise InputError(
+            f"{path}: {algorithm} is not a class of saved models; "
+            "accepted: a subclass of stable_baselines3.common.base_class.BaseAlgorithm."
+        )
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; accepted: a file written by model.save.")
+    observations = observation_table(model, observation)
+    try:
+        # An empty replay buffer as large as the one in training would only take memory.
+        agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects={"buffer_size": 1})
+    except Exception as error:  # whatever the pickled objects raise
+        raise InputError(f"{path}: cannot be loaded as {algorithm}: {first_line(error)}.") from error
+    expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
+    for kind, space in expected.items():
+        found = getattr(agent, f"{kind}_space")
+        if found != space:
+            raise InputError(
+                f"{path}: {kind}_space = {found}; accepted in {model.scenario.name} with observation = "
+                f'"{observation}": {space}.'
+            )
+    try:
+        table = readable_table(agent, torch.as_tensor(observations))
+    except ValueError as error:
+        raise InputError(f"{path}: {first_line(error)}.") from error
+    return SavedTable(table, output_of(agent).is_value)

@@ -1,0 +1,280 @@
+"""The model of any scenario against a second implementation, and the envs against the model."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from envs import (
+    ACTIONS,
+    EVENTS,
+    ZONES,
+    InputError,
+    Model,
+    ProxemicEnv,
+    ProxemicVectorEnv,
+    Scenario,
+    compile_scenario,
+    scenario_names,
+)
+from envs.inputs import parse, read_toml
+from envs.model import draw_issuer_reward
+from envs.observations import observation_blocks, observation_table
+from envs.scenario import SCENARIO_DIRECTORY
+from tests.envs.reference import Reference, Tables
+
+MOST_STATES = 200  # that a test compares
+REWARDS = read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"] | {"wrong_ping_uncomfortable": -0.6}
+heading = st.sampled_from(["up", "down", "left", "right"])
+feedback = st.one_of(
+    st.fixed_dictionaries({"kind": st.sampled_from(["none", "distance", "delayed"])}),
+    st.fixed_dictionaries(
+        {"kind": st.sampled_from(["uniform", "binary"]), "low": st.just(-1.5), "high": st.just(1)}
+    ),
+    st.fixed_dictionaries({"kind": st.just("noisy"), "noise": st.just(0.5)}),
+)
+
+
+def shape(lengths: list[float], masks: list[str]) -> st.SearchStrategy[Tables]:
+    length = st.sampled_from(lengths)
+    return st.one_of(
+        st.fixed_dictionaries({"kind": st.sampled_from(["square", "circle"]), "radius": length}),
+        st.fixed_dictionaries({"kind": st.just("ellipse"), "length": length, "width": length}),
+        st.fixed_dictionaries(
+            {"kind": st.just("egg"), "front": length}, optional={"side": length, "back": length}
+        ),
+        st.fixed_dictionaries({"kind": st.just("mask"), "cells": st.sampled_from(masks)}),
+    )
+
+
+def cells(rows: int, columns: int) -> st.SearchStrategy[list[int]]:
+    return st.tuples(st.integers(0, rows - 1), st.integers(0, columns - 1)).map(list)
+
+
+@st.composite
+def regions(draw: st.DrawFn) -> Tables:
+    if draw(st.booleans()):
+        radius = draw(st.integers(0, 1))
+        return {"uncomfortable_radius": radius, "target_radius": radius + 1}
+    shapes = {
+        "uncomfortable": draw(shape([0.5, 1, 1.2], ["I", "##\nI#", "#\nI"])),
+        "target": draw(shape([1, 1.5, 2.5], ["#.#\n#I.\n###", "#\n#\nI"])),
+    }
+    return shapes | ({"unit": "metres"} if draw(st.booleans()) else {})
+
+
+@st.composite
+def changes(draw: st.DrawFn, kind: str, size: tuple[int, int], position: Any) -> tuple[Tables, Tables]:
+    """Draws what is added to the issuer's table, and to the scenario's: a walk, or phases."""
+    is_fixed = isinstance(position[0], int)
+    if kind == "none":
+        return {}, {}
+    if kind == "walk":
+        (row, column) = position
+        to_row = (row + draw(st.integers(1, size[0] - 1))) % size[0]
+        to_column = (column + draw(st.integers(1, size[1] - 1))) % size[1]
+        corners = [[row, to_column], [to_row, to_column], [to_row, column]]
+        return {
+            "walk": {"corners": corners[: draw(st.sampled_from([1, 3]))], "steps": draw(st.integers(1, 2))}
+        }, {}
+    optional: dict[str, st.SearchStrategy[Any]] = {"heading": heading, "regions": regions()}
+    optional |= {"position": cells(*size)} if is_fixed else {}
+    phases = draw(st.lists(st.fixed_dictionaries({}, optional=optional), min_size=1, max_size=3))
+    for name, phase in zip("abc", phases, strict=False):
+        others = [other for other in "abc"[: len(phases)] if other != name]
+        phase["name"] = name
+        if kind == "schedule":
+            phase["steps"] = draw(st.integers(1, 2))
+        else:
+            chance = st.sampled_from([0.1, 0.25, 0.5])
+            phase["next"] = draw(st.dictionaries(st.sampled_from(others), chance)) if others else {}
+    return {}, {"phases": phases, "first_phase": draw(st.sampled_from(["first", "any"]))}
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> Tables:
+    rows, columns = draw(st.integers(3, 5)), draw(st.integers(3, 5))
+    cell = cells(rows, columns)
+    place = st.one_of(cell, st.lists(cell, min_size=1, max_size=3), st.just("anywhere"))
+    walls = draw(st.lists(st.sampled_from("......#"), min_size=rows * columns, max_size=rows * columns))
+    lines = ["".join(walls[i : i + columns]) for i in range(0, rows * columns, columns)]
+    kind = draw(st.sampled_from(["none", "walk", "schedule", "chain"]))
+    position = draw(cell if kind == "walk" else place)
+    of_issuer, of_scenario = draw(changes(kind, (rows, columns), position))
+    other = st.fixed_dictionaries(
+        {"position": cell, "feedback": feedback, "regions": regions()}, optional={"heading": heading}
+    )
+    return {
+        "name": "drawn",
+        "description": "",
+        "grid": {
+            "rows": rows,
+            "columns": columns,
+            "start": draw(st.one_of(st.just("anywhere"), place)),
+            "walls": "\n".join(lines) if draw(st.integers(0, 2)) == 0 else "",
+            "metres_per_cell": 0.8,
+        },
+        "issuer": {"position": position, "feedback": draw(feedback), "heading": draw(heading)} | of_issuer,
+        "regions": draw(regions()),
+        "ping_limit": draw(st.integers(1, 3)),
+        "rewards": REWARDS,
+        "observe": ["agent", *sorted(draw(st.sets(st.sampled_from(["issuer", "phase", "wrong_pings"]))))],
+        "others": draw(st.one_of(st.just([]), st.lists(other, max_size=2))),
+    } | of_scenario
+
+
+def some_states(model: Model) -> list[int]:
+    """Returns all states, or some of them if there are very many."""
+    n_states = len(model.observation)
+    return sorted(np.random.default_rng(0).permutation(n_states)[:MOST_STATES].tolist())
+
+
+def assert_follows_the_tables(model: Model, tables: Tables) -> None:
+    """Compares some hundred states, with all actions, with the second implementation."""
+    reference = Reference(tables)
+    assert list(model.scenario.places) == reference.places
+    n_delays, n_pings = 1 + reference.is_delayed, tables["ping_limit"]
+    shape = len(reference.places), len(reference.clock), n_delays, n_pings, len(reference.cells)
+    assert len(model.observation) == math.prod(shape)
+
+    def index(state: tuple[Any, ...]) -> int:
+        *rest, (row, column) = state
+        return int(np.ravel_multi_index((*rest, row * tables["grid"]["columns"] + column), shape))
+
+    assert model.starts.tolist() == [index(state) for state in reference.starts]
+    for at in some_states(model):
+        j, tick, late, pings, c = map(int, np.unravel_index(at, shape))
+        agent = reference.cells[c]
+        zone = reference.zone(reference.places[j], reference.clock[tick], agent)
+        assert ZONES[model.zone[at]] == zone
+        is_over = zone == "issuer" or agent in reference.walls
+        assert model.is_over[at] == is_over
+        for action in range(len(ACTIONS)):
+            found = dict.fromkeys(model.next_state[at, action].tolist(), 0.0)
+            for following, p in zip(model.next_state[at, action], model.probability[at, action], strict=True):
+                found[int(following)] += p
+            if is_over:
+                expected, facts = {at: 1.0}, (0.0, 0.0, 0.0, True, "none", pings)
+            else:
+                states, facts = reference.step((j, tick, bool(late), pings, agent), action)
+                expected = {index(state): p for state, p in states.items()}
+            for following in found.keys() | expected.keys():
+                assert abs(found.get(following, 0) - expected.get(following, 0)) < 1e-12
+            assert (model.grid_reward[at, action], EVENTS[model.event[at, action]]) == (facts[0], facts[4])
+            assert abs(model.issuer_reward[at, action] - facts[1]) < 1e-12
+            assert model.issuer_noise[at, action] == facts[2]
+            assert (model.terminated[at, action], model.wrong_pings[at, action]) == (facts[3], facts[5])
+
+
+def assert_observes_its_parts(model: Model, tables: Tables) -> None:
+    """Compares every observation with the numbers of its parts."""
+    reference = Reference(tables)
+    contexts = [(place, phase) for place in reference.places for phase in range(len(reference.phases))]
+    stands = [tuple(reference.people(*context)[0]["position"]) for context in contexts]
+    cells = sorted(set(stands))
+    shape = len(reference.places), len(reference.clock), 1 + reference.is_delayed, tables["ping_limit"]
+    largest = max(tables["grid"]["rows"] - 1, 1), max(tables["grid"]["columns"] - 1, 1)
+    blocks, coordinates = observation_blocks(model), observation_table(model, "coordinates")
+    one_hot = observation_table(model, "one_hot")
+    for at in some_states(model):
+        j, tick, _, pings, c = map(int, np.unravel_index(at, (*shape, len(reference.cells))))
+        context = j * len(reference.phases) + reference.clock[tick]
+        agent, issuer = reference.cells[c], stands[context]
+        n_phases, n_pings = len(reference.phases), tables["ping_limit"]
+        known: dict[str, tuple[int, int, list[float]]] = {  # value, number of values, coordinates
+            "agent": (c, len(reference.cells), [agent[0] / largest[0], agent[1] / largest[1]]),
+            "issuer": (cells.index(issuer), len(cells), [issuer[0] / largest[0], issuer[1] / largest[1]]),
+            "phase": (reference.clock[tick], n_phases, [reference.clock[tick] / max(n_phases - 1, 1)]),
+            "wrong_pings": (pings, n_pings, [pings / max(n_pings - 1, 1)]),
+        }
+        number, size, first, columns, values = 0, 1, 0, [], []
+        for part in tables["observe"]:
+            value, n_values, numbers = known[part]
+            number, size = number + size * value, size * n_values
+            columns.append(first + value)
+            first += n_values
+            values += numbers
+        assert (model.n_observations, model.observation[at]) == (size, number)
+        assert blocks[number].tolist() == columns
+        assert np.flatnonzero(one_hot[number]).tolist() == columns
+        assert one_hot.shape[1] == first
+        assert np.abs(coordinates[number] - values).max() < 1e-6
+
+
+def assert_envs_agree(model: Model, n_steps: int) -> None:
+    """Walks through env and batch, and compares them with the arrays, given the draws."""
+    env, batch = ProxemicEnv(model.scenario), ProxemicVectorEnv(1, model.scenario, autoreset_mode="SameStep")
+    draws, actions = np.random.default_rng(3), np.random.default_rng(4)
+    terminated = True
+    for step in range(n_steps):
+        if terminated:
+            observation, info = env.reset(seed=3 if step == 0 else None)
+            if step == 0:
+                assert batch.reset(seed=3)[0][0] == observation
+            n_starts = len(model.starts)
+            state = int(model.starts[int(draws.random() * n_starts) if n_starts > 1 else 0])
+            assert (observation, env.s) == (model.observation[state], state)
+            assert info["zone"] == ZONES.index("outside") == model.zone[state]
+        action = int(actions.integers(len(ACTIONS)))
+        observation, reward, terminated, _, info = env.step(action)
+        uniform = draws.random() if model.is_noisy else 0.5
+        mean, noise = model.issuer_reward[state, action], model.issuer_noise[state, action]
+        issuer_reward = draw_issuer_reward(mean, noise, uniform)
+        outcome = 0
+        if model.n_outcomes > 1:
+            outcome = int((model.probability[state, action].cumsum()[:-1] <= draws.random()).sum())
+        following = int(model.next_state[state, action, outcome])
+        assert model.probability[state, action, outcome] > 0
+        assert (env.s, observation) == (following, model.observation[following])
+        assert reward == model.grid_reward[state, action] + issuer_reward
+        assert terminated == model.terminated[state, action]
+        observations, rewards, ends, _, infos = batch.step(np.array([action]))
+        infos = infos["final_info"] if terminated else infos
+        assert (rewards[0], ends[0]) == (reward, terminated)
+        assert {key: infos[key][0] for key in info} == info
+        assert (infos["event"][0], infos["zone"][0]) == (model.event[state, action], model.zone[following])
+        if not terminated:
+            assert observations[0] == observation
+        state = following
+
+
+def assert_is_a_process(model: Model) -> None:
+    """Checks what holds in every model."""
+    states = np.arange(len(model.observation))
+    assert model.probability.shape == model.next_state.shape == (len(states), 5, model.n_outcomes)
+    assert model.probability.min() >= 0
+    assert model.probability.sum(axis=2) == pytest.approx(1)
+    assert (model.next_state[model.is_over] == states[model.is_over, None, None]).all()
+    assert model.terminated[model.is_over].all()
+    n_block = len(states) // model.n_places
+    assert (model.next_state // n_block == (states // n_block)[:, None, None]).all()
+    walls = model.scenario.grid.is_wall
+    assert not walls[model.cell[model.next_state[~walls[model.cell]]]].any()
+    assert np.isfinite(model.grid_reward + model.issuer_reward).all()
+    assert len(set(model.starts.tolist())) == len(model.starts)
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@given(scenarios())
+def test_any_scenario_follows_its_tables_or_is_refused_in_a_sentence(tables: Tables) -> None:
+    try:
+        model = compile_scenario(parse(Scenario, tables, "drawn.toml"))
+    except InputError:
+        with pytest.raises(InputError, match=r"^drawn\.toml: [^\n]*[^.]\.$"):
+            parse(Scenario, tables, "drawn.toml")
+        return
+    assert_is_a_process(model)
+    assert_follows_the_tables(model, tables)
+    assert_observes_its_parts(model, tables)
+    assert_envs_agree(model, 60)
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_shipped_scenarios_follow_their_tables(name: str) -> None:
+    tables = {"name": name, "observe": ["agent"]} | read_toml(SCENARIO_DIRECTORY / f"{name}.toml")
+    model = compile_scenario(parse(Scenario, tables, name))
+    assert_follows_the_tables(model, tables)
+    assert_observes_its_parts(model, tables)
