@@ -36,10 +36,15 @@ class WithWeights(Training):
 def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
     algorithm = load_algorithm(name)
     settings = algorithm.settings.model_validate({"budget": 10_240})
-    is_tabular = name.startswith("q_learning")
-    assert settings.discount_factor == (0.9 if is_tabular else 0.99)
-    assert algorithm.family == ("tabular" if is_tabular else "deep")
-    assert algorithm.placement == ("thread" if name == "q_learning" else "process")
+    if name == "memoryless":
+        expected = 1.0, "planner", "thread"
+    elif name == "q_learning_plain":
+        expected = 0.9, "tabular", "process"
+    elif name.endswith(("q_learning", "sarsa", "q_lambda")):
+        expected = 0.9, "tabular", "thread"
+    else:
+        expected = 0.99, "deep", "process"
+    assert (settings.discount_factor, algorithm.family, algorithm.placement) == expected
 
 
 @pytest.mark.parametrize(

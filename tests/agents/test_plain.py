@@ -19,15 +19,44 @@ N = 60
 STEPS = (0, 1500, 3000)
 
 
-@pytest.mark.parametrize("scenario", ["S1", "S2"])
-def test_it_learns_as_the_compiled_learner_does(scenario: str) -> None:
-    model = compile_scenario(load_scenario(scenario))
+# An issuer that moves between two places at random, two starts, and every number that may change in training.
+MOVES = {
+    "grid.start": [[0, 0], [9, 11]],
+    "phases": [
+        {"name": "near", "next": {"far": 0.2}},
+        {"name": "far", "position": [3, 4], "next": {"near": 0.1}},
+    ],
+    "observe": ["agent", "phase"],
+}
+DECAYS = {
+    "initial_value": -0.5,
+    "final_learning_rate": 0.1,
+    "learning_rate_fraction": 0.5,
+    "final_epsilon": 0.1,
+    "epsilon_fraction": 0.7,
+}
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides", "changes"),
+    [
+        ("S1", {}, {}),
+        ("S2", {}, {}),
+        ("S1", MOVES, {}),
+        ("S2", {}, DECAYS),
+        ("S1", {}, {"visit_exponent": 0.6}),
+    ],
+)
+def test_it_learns_as_the_compiled_learner_does(
+    scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    model = compile_scenario(load_scenario(scenario, overrides))
     values: dict[str, Any] = {
         "budget": STEPS[-1],
         "time_limit": 200,
         "record_every": STEPS[-1],
         "epsilon": 0.3,
-    }
+    } | changes
     schedule = Schedule(STEPS[-1], STEPS, (0, STEPS[-1]))
     trained = {}
     for name in ("q_learning", "q_learning_plain"):
@@ -42,7 +71,7 @@ def test_it_learns_as_the_compiled_learner_does(scenario: str) -> None:
     ):
         # Other random numbers, the same distribution: so large a difference comes up once in 10,000.
         assert stats.ks_2samp(quantity(compiled), quantity(plain)).pvalue > 1e-4
-    assert (plain.values[:, 0] == 0).all()
+    assert (plain.values[:, 0] == changes.get("initial_value", 0)).all()
     assert np.array_equal(plain.values[:, -1], plain.q.astype(np.float32))
     assert (np.diff(plain.cpu_time_s) > 0).all()
     assert set(plain.updates) == {STEPS[-1]}

@@ -1,0 +1,365 @@
+"""Update rules: by hand, against their textbook loops, and against the values that they converge to."""
+
+from types import SimpleNamespace
+from typing import Any, Final
+
+import numpy as np
+import pytest
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from agents import Schedule, load_algorithm
+from agents.dynamic_programming import expected, solve
+from agents.tabular.kernel import LEAST_TRACE
+from agents.tabular.learner import Settings, TabularAlgorithm, TabularTraining, TraceSettings, train
+from agents.tabular.updates import UpdateRule, greatest_value
+from envs import Model, compile_scenario, load_scenario
+from tests.agents.words import choose, uniform, words
+
+RULES: Final = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_q_lambda")
+
+# A room of 25 cells that the agent enters anywhere, and an issuer whose mood changes at random. Since the
+# first wrong PING ends the episode, and cell and mood are seen, the agent knows its state.
+MOODS: Final[dict[str, Any]] = {
+    "ping_limit": 1,
+    "grid.rows": 5,
+    "grid.columns": 5,
+    "grid.start": "anywhere",
+    "issuer.position": [2, 2],
+    "issuer.feedback": {"kind": "noisy", "noise": 0.5},
+    "regions": {"uncomfortable_radius": 0, "target_radius": 1},
+    "phases": [
+        {"name": "calm", "next": {"tense": 0.3}},
+        {
+            "name": "tense",
+            "next": {"calm": 0.2, "away": 0.1},
+            "regions": {"uncomfortable_radius": 1, "target_radius": 2},
+        },
+        {"name": "away", "position": [0, 4], "next": {"calm": 0.4}},
+    ],
+    "observe": ["agent", "phase"],
+}
+
+
+def learned(name: str, model: Any, settings: dict[str, Any], n_agents: int = 1) -> TabularTraining:
+    """Trains agents by an algorithm with seeds 0, 1 and so on."""
+    algorithm: Any = load_algorithm(name)
+    values = {"record_every": settings["budget"]} | settings
+    seeds = [SeedSequence([3, i]) for i in range(n_agents)]
+    training: TabularTraining = algorithm.train(
+        model, algorithm.settings(**values), "index", seeds, Schedule(values["budget"])
+    )
+    return training
+
+
+def textbook(name: str, model: Model, settings: Any, seed: SeedSequence) -> NDArray[np.float64]:
+    """Learns action values by the algorithm of the textbook, from the words of a seed.
+
+    Only what the textbook keeps is kept: tables, eligibility traces and counts.
+    """
+    stream = words(seed)
+    tables = np.full((2, model.n_observations, 5), settings.initial_value)  # the second for double Q-learning
+    visits = np.zeros((model.n_observations, 5))
+    traces: dict[tuple[int, int], list[float]] = {}  # weight and learning rate
+    n_tables = 2 if name == "double_q_learning" else 1
+
+    def values(o: int) -> NDArray[np.float64]:
+        return np.asarray(tables[:n_tables, o].mean(axis=0))
+
+    def best_actions(row: NDArray[np.float64]) -> list[int]:
+        best = [action for action in range(5) if row[action] == row.max()]
+        return best[:1] if settings.ties == "lowest" else best
+
+    def start() -> int:
+        n = len(model.starts)
+        return int(model.starts[int(uniform(next(stream)) * n)]) if n > 1 else model.start
+
+    state, episode_steps, following_action = start(), 0, -1
+    for step in range(settings.budget):
+        epsilon = settings.epsilon
+        if settings.final_epsilon is not None:
+            epsilon += (settings.final_epsilon - epsilon) * (step / settings.budget)
+        o = int(model.observation[state])
+        action = following_action
+        if name != "sarsa" or episode_steps == 0:
+            action = choose(next(stream), epsilon, best_actions(values(o)))
+        is_greedy = action in best_actions(values(o))
+
+        after = model.transitions(state)[action]
+        reward = after.grid_reward + after.issuer_reward
+        if after.issuer_noise:
+            reward += after.issuer_noise * (2 * uniform(next(stream)) - 1)
+        outcome = 0
+        if model.n_outcomes > 1:
+            outcome = int((np.cumsum(after.probability)[:-1] <= uniform(next(stream))).sum())
+        next_state = after.next_states[outcome]
+        o_next = int(model.observation[next_state])
+        word = next(stream) if name == "double_q_learning" else 0
+        updated = word >> 63
+
+        target = reward
+        if not after.terminated:
+            row = values(o_next)
+            match name:
+                case "q_learning" | "watkins_q_lambda":
+                    value = row.max()
+                case "sarsa":
+                    following_action = choose(next(stream), epsilon, best_actions(row))
+                    value = row[following_action]
+                case "expected_sarsa":
+                    total = (
+                        (row[0] + row[1]) + (row[2] + row[3]) + row[4]
+                    )  # in this order, for the last digit
+                    value = epsilon / 5 * total + (1 - epsilon) * row.max()
+                case "double_q_learning":
+                    argmax = choose(word, 0.0, best_actions(tables[updated, o_next]))
+                    value = tables[1 - updated, o_next, argmax]
+            target += settings.discount * value
+        rate = settings.learning_rate
+        if settings.visit_exponent is not None:
+            visits[o, action] += 1
+            rate /= visits[o, action] ** settings.visit_exponent
+        if name == "watkins_q_lambda":
+            if episode_steps == 0 or not is_greedy:
+                traces.clear()
+            error = target - tables[0, o, action]
+            for trace in traces.values():
+                trace[0] *= settings.discount * settings.trace_decay
+            traces = {pair: trace for pair, trace in traces.items() if trace[0] >= LEAST_TRACE}
+            traces[o, action] = [1.0, rate]
+            for pair, (weight, pair_rate) in traces.items():
+                tables[0, *pair] += pair_rate * error * weight
+        else:
+            tables[updated, o, action] += rate * (target - tables[updated, o, action])
+
+        state, episode_steps = next_state, episode_steps + 1
+        if after.terminated or episode_steps == settings.time_limit:
+            state, episode_steps = start(), 0
+    return np.asarray(tables[:n_tables].mean(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides", "changes"),
+    [
+        ("S1", {}, {}),
+        ("S2", {}, {"ties": "lowest", "epsilon": 0.1, "learning_rate": 0.3, "time_limit": 40}),
+        ("S3", {}, {"final_epsilon": 0.0, "initial_value": 0.5, "time_limit": 60}),
+        ("S1", MOODS, {"visit_exponent": 0.8, "learning_rate": 1.0, "time_limit": 9, "epsilon": 0.2}),
+    ],
+)
+@pytest.mark.parametrize("name", RULES)
+def test_rules_equal_the_textbooks_loop(
+    name: str, scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    model = compile_scenario(load_scenario(scenario, overrides))
+    changes = {"budget": 3000} | changes
+    training = learned(name, model, changes, n_agents=2)
+    settings = load_algorithm(name).settings(**changes)
+    for i, q in enumerate(training.q):
+        assert np.array_equal(q, textbook(name, model, settings, SeedSequence([3, i])))
+    assert training.episodes_ended.min() > 3
+
+
+def small(
+    following: list[list[int]],
+    rewards: list[list[float]],
+    noise: float = 0.0,
+) -> Any:
+    """Returns what training reads of a model, for a small one whose states are observed.
+
+    Args:
+      following: The next state of every state and action; -1 where the episode terminates.
+      rewards: Mean rewards.
+      noise: Half-width of the noise of rewards in all states but the first, in which episodes start.
+    """
+    next_state = np.array(following)
+    n_states = len(next_state)
+    noises = np.full(next_state.shape, noise)
+    noises[0] = 0.0
+    return SimpleNamespace(
+        starts=np.array([0]),
+        next_state=np.maximum(next_state, 0)[..., None],
+        probability=np.ones((*next_state.shape, 1)),
+        grid_reward=np.array(rewards, dtype=np.float64),
+        issuer_reward=np.zeros(next_state.shape),
+        issuer_noise=noises,
+        terminated=next_state < 0,
+        is_wrong_ping=np.arange(5)[None].repeat(n_states, axis=0) > 0,  # counts all actions but the first
+        observation=np.arange(n_states),
+        n_observations=n_states,
+        n_outcomes=1,
+        is_noisy=noise > 0,
+    )
+
+
+# Three states in a row; the first action leads on, and ends the episode with a reward of 1 at the last.
+CHAIN: Final = small(
+    [[1, -1, -1, -1, -1], [2, -1, -1, -1, -1], [-1] * 5],
+    [[0, -1, -1, -1, -1], [0, -1, -1, -1, -1], [1, -1, -1, -1, -1]],
+)
+GREEDY: Final[dict[str, Any]] = {"epsilon": 0.0, "ties": "lowest", "learning_rate": 0.5, "discount": 0.9}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "first", "second"),
+    [
+        # Two episodes of three steps. Errors: 0, 0, 1; then 0, 0.9 * 0.5 = 0.45, 0.5.
+        ("q_learning", {}, [0, 0, 0.5], [0, 0.225, 0.75]),
+        ("sarsa", {}, [0, 0, 0.5], [0, 0.225, 0.75]),
+        # Traces: 0.9 * 0.5 = 0.45 and its square, 0.2025. First episode: the error of 1 moves all three.
+        # Second: errors 0.9 * 0.225 - 0.10125 = 0.10125; 0.9 * 0.5 - 0.225 = 0.225; 1 - 0.5 = 0.5.
+        (
+            "watkins_q_lambda",
+            {"trace_decay": 0.5},
+            [0.10125, 0.225, 0.5],
+            [0.10125 + 0.050625 + 0.050625 + 0.050625, 0.225 + 0.1125 + 0.1125, 0.75],
+        ),
+        # Initial values of 2 are lowered: 2 + 0.5 * (1.8 - 2) = 1.9 twice, and 1.5. Then every state has
+        # another best action, which ends the episode with -1: 2 + 0.5 * (-1 - 2) = 0.5, and again.
+        ("q_learning", {"initial_value": 2.0}, [1.9, 1.9, 1.5], [1.9, 1.9, 1.5]),
+    ],
+)
+def test_two_episodes_by_hand(
+    name: str, changes: dict[str, Any], first: list[float], second: list[float]
+) -> None:
+    for budget, q in ((3, first), (6, second)):
+        training = learned(name, CHAIN, GREEDY | changes | {"budget": budget})
+        assert training.q[0, :, 0] == pytest.approx(q, abs=1e-12)
+        if "initial_value" in changes and budget == 6:
+            assert training.q[0, 0].tolist() == [1.9, 0.5, 0.5, 0.5, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "missing"),
+    [
+        ({"learning_rate": 0.8}, [0.2, 0.2**2, 0.2**3, 0.2**4]),
+        # Rates 0.8, 0.6 and then 0.4: half of the budget is two steps.
+        ({"learning_rate": 0.8, "final_learning_rate": 0.4, "learning_rate_fraction": 0.5},
+         [0.2, 0.2 * 0.4, 0.2 * 0.4 * 0.6, 0.2 * 0.4 * 0.6 * 0.6]),
+        # Rates 1/2, 1/4, 1/6, 1/8
+        ({"learning_rate": 0.5, "visit_exponent": 1.0},
+         [1 / 2, 1 / 2 * 3 / 4, 1 / 2 * 3 / 4 * 5 / 6, 1 / 2 * 3 / 4 * 5 / 6 * 7 / 8]),
+        # Rates 1/2, 1/2**1.5, and so on; 4**0.5 = 2
+        ({"learning_rate": 0.5, "visit_exponent": 0.5},
+         np.cumprod(1 - 0.5 / np.sqrt([1, 2, 3, 4])).tolist()),
+    ],
+)  # fmt: skip
+def test_learning_rates_by_hand(changes: dict[str, Any], missing: list[float]) -> None:
+    # A single state, in which the first action ends the episode with a reward of 1. What its value lacks is
+    # multiplied by 1 - rate at each step.
+    model: Any = small([[-1] * 5], [[1, 0, 0, 0, 0]])
+    settings = Settings(**(GREEDY | {"budget": 4} | changes))
+    training = train(model, settings, [SeedSequence(0)], Schedule(4, (1, 2, 3, 4), (1, 2, 3, 4)))
+    assert 1 - training.values[0, :, 0, 0] == pytest.approx(missing, abs=1e-6)  # float32
+
+
+def test_random_actions_become_rarer() -> None:
+    # A single state without rewards: the greedy action is the first, and every other one is random. Epsilon
+    # falls from 1 to 0.2 in a quarter of the budget.
+    model: Any = small([[-1] * 5], [[0.0] * 5])
+    budget = 400_000
+    settings = Settings(budget=budget, ties="lowest", epsilon=1.0, final_epsilon=0.2, epsilon_fraction=0.25)
+    steps = (0, budget // 8, budget // 4, budget)
+    training = train(model, settings, [SeedSequence(0)], Schedule(budget, steps))
+    n_others = np.diff(training.disagreements[0])
+    for n, length, epsilon in zip(n_others, np.diff(steps), (0.8, 0.4, 0.2), strict=True):
+        mean = 0.8 * epsilon
+        assert n / length == pytest.approx(mean, abs=4.5 * np.sqrt(mean * (1 - mean) / length))
+
+
+def test_without_decaying_traces_q_lambda_is_q_learning() -> None:
+    model = compile_scenario(load_scenario("S2"))
+    changes = {"budget": 5000, "time_limit": 30}
+    q = learned("q_learning", model, changes, 3).q
+    assert np.array_equal(learned("watkins_q_lambda", model, changes | {"trace_decay": 0.0}, 3).q, q)
+    assert not np.array_equal(learned("watkins_q_lambda", model, changes | {"trace_decay": 0.1}, 3).q, q)
+
+
+def epsilon_greedy_values(model: Model, discount: float, epsilon: float) -> NDArray[np.float64]:
+    """Returns the fixed point of the operator that mixes mean and maximum of the next values, (S, A)."""
+    q = np.zeros(model.grid_reward.shape)
+    while True:
+        value = epsilon * q.mean(axis=1) + (1 - epsilon) * q.max(axis=1)
+        following = np.where(model.terminated, 0.0, expected(model, value))
+        new = model.grid_reward + model.issuer_reward + discount * following
+        if np.abs(new - q).max() < 1e-12:
+            return np.asarray(new)
+        q = new
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
+    model = compile_scenario(load_scenario("S1", MOODS))
+    discount, epsilon = 0.8, 0.5
+    changes = {
+        "discount": discount,
+        "epsilon": epsilon,
+        "learning_rate": 1.0,
+        "visit_exponent": 0.8,
+        "budget": 10_000_000,
+    }
+    q = learned(name, model, changes, n_agents=2).q
+    best, mixed = solve(model, discount).q, epsilon_greedy_values(model, discount, epsilon)
+    goes_on = ~model.is_over
+    assert np.abs(best - mixed)[goes_on].max() > 0.3
+    truth = mixed if "sarsa" in name else best
+    for values in q:
+        errors = values[model.observation[goes_on]] - truth[goes_on]
+        assert np.abs(errors).max() < 0.1
+        assert np.abs(errors).mean() < 0.01
+
+
+def test_double_q_learning_does_not_overestimate() -> None:
+    # As in Sutton & Barto (2018), example 6.7: the first action leads to a state in which all rewards are
+    # random, with mean -0.1 and variance 1. Random actions make visits independent of the values. So from
+    # initial values of -0.1, the value of the first action has mean -0.1 if the bootstrap is unbiased.
+    model = small([[1, -1, -1, -1, -1], [-1] * 5], [[0] * 5, [-0.1] * 5], noise=np.sqrt(3))
+    changes = {
+        "budget": 300,
+        "epsilon": 1.0,
+        "learning_rate": 0.1,
+        "discount": 1.0,
+        "initial_value": -0.1,
+    }
+    n = 5000
+    q = {name: learned(name, model, changes, n).q for name in ("q_learning", "double_q_learning")}
+    values = {name: each[:, 0, 0] for name, each in q.items()}
+    error = {name: (each.mean() + 0.1) / (each.std() / np.sqrt(n)) for name, each in values.items()}
+    assert error["q_learning"] > 50
+    assert abs(error["double_q_learning"]) < 4
+
+
+def test_double_q_learning_goes_astray_less_often() -> None:
+    # The example itself: the first action, which looks good by chance, is worse than any other. An episode
+    # has two steps if it is taken, else one.
+    model = small([[1, -1, -1, -1, -1], [-1] * 5], [[0] * 5, [-0.1] * 5], noise=np.sqrt(3))
+    changes = {
+        "budget": 300,
+        "budget_unit": "episodes",
+        "epsilon": 0.1,
+        "learning_rate": 0.1,
+        "discount": 1.0,
+    }
+    share = {}
+    for name in ("q_learning", "double_q_learning"):
+        training = learned(name, model, changes, 2000)
+        share[name] = (training.steps_taken - training.episodes_ended).mean() / 300
+    assert share["double_q_learning"] < share["q_learning"] - 0.05
+    assert share["double_q_learning"] > 0.02  # what exploration alone makes of it: 0.1 / 5
+
+
+def test_two_tables_are_twice_the_parameters() -> None:
+    for name, n_tables in (("q_learning", 1), ("double_q_learning", 2)):
+        assert learned(name, CHAIN, {"budget": 10}).parameters.tolist() == [n_tables * 3 * 5]
+
+
+def test_traces_need_their_settings_and_exclude_other_parts() -> None:
+    rule = UpdateRule(greatest_value, has_traces=True)
+    with pytest.raises(ValueError, match="the rule has traces; accepted: TraceSettings"):
+        train(CHAIN, Settings(budget=10), [SeedSequence(0)], Schedule(10), rule)
+    for part in ("is_on_policy", "has_two_tables"):
+        with pytest.raises(ValueError, match="has_traces: not with is_on_policy or has_two_tables"):
+            UpdateRule(greatest_value, has_traces=True, **{part: True})
+    algorithm = load_algorithm("watkins_q_lambda")
+    assert isinstance(algorithm, TabularAlgorithm)
+    assert algorithm.settings is TraceSettings
