@@ -80,8 +80,9 @@ def reads_tables(settings: BatchedPpoSettings, n_observations: int) -> bool:
     Else actors are read for the present observations at each step, and critics for those of the rollout. With
     many observations, the fewer rows decide.
 
-    >>> [reads_tables(BatchedPpoSettings(n_steps=500, n_envs=n), 13_320) for n in (16, 32)]
-    [False, True]
+    >>> settings = BatchedPpoSettings(budget=8000, n_steps=1000, n_envs=8)
+    >>> [reads_tables(settings, n_observations) for n_observations in (8000, 8001)]
+    [True, False]
     """
     return n_observations <= max(MANY, settings.rollout)
 

@@ -10,13 +10,14 @@ import pytest
 import torch
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
-from scipy.stats import kstest
+from scipy.stats import chisquare, kstest
 from stable_baselines3.common.utils import LinearSchedule
 
 from agents import DeepTraining, Schedule, load_algorithm
 from agents.batched import dqn, kernels, ppo
-from agents.batched.nets import Parameters
+from agents.batched.nets import Activation, Nets, Parameters, layer_shapes
 from agents.batched.settings import BatchedDqnSettings, BatchedPpoSettings
+from agents.batched.training import Streams, input_table
 from agents.dynamic_programming import evaluate
 from agents.policy import ALL_ACTIONS, mask_policy
 from agents.sb3 import algorithms
@@ -24,10 +25,38 @@ from agents.sb3.settings import PolicyArguments
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from envs import InputError, Model, ProxemicVectorEnv, compile_scenario, load_scenario
-from envs.model import EVENTS
+from envs.observations import observation_blocks, observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
 S2 = compile_scenario(load_scenario("S2"))
+# Three observed parts, two outcomes of every action, and six starts. O = 490.
+MOODS = compile_scenario(
+    load_scenario(
+        "S1",
+        {
+            "grid": {"rows": 7, "columns": 7, "start": [[0, 0], [6, 0], [0, 6]]},
+            "issuer.position": [4, 4],
+            "phases": [
+                {"name": "calm", "next": {"tense": 0.3}},
+                {
+                    "name": "tense",
+                    "next": {"calm": 0.5},
+                    "regions": {"uncomfortable_radius": 2, "target_radius": 3},
+                },
+            ],
+            "first_phase": "any",
+            "observe": ["agent", "phase", "wrong_pings"],
+        },
+    )
+)
+NOISY_MOODS = compile_scenario(
+    load_scenario(MOODS.scenario, {"issuer.feedback": {"kind": "uniform", "low": -1.0, "high": 1.0}})
+)
+# So many observations, 13,320, that nets are not read for all of them while they learn.
+ANYWHERE = compile_scenario(
+    load_scenario("S1", {"issuer.position": "anywhere", "observe": ["agent", "issuer"]})
+)
+SCENES = {"S1": S1, "moods": MOODS, "noisy moods": NOISY_MOODS, "anywhere": ANYWHERE}
 SETTINGS: dict[str, Any] = {
     "batched_dqn": BatchedDqnSettings(
         budget=400,
@@ -84,6 +113,8 @@ class Drawn:
         self.learner: Any = None
         self.first: list[NDArray[np.float32]] = []  # first weights and biases, (N, ...) each
         self.actions: list[NDArray[np.int64]] = []  # (N, E) of every step of the envs
+        self.observations: list[NDArray[np.int64]] = []  # (N, E) before the steps
+        self.next_observations: list[NDArray[np.int64]] = []  # (N, E) after them, before resets
         self.batches: list[tuple[NDArray[np.int64], ...]] = []  # (N, B) each
 
 
@@ -138,11 +169,49 @@ def check_weights(net: torch.nn.Module, values: list[torch.Tensor], agent: int) 
             assert torch.linalg.vector_norm(ours - theirs) <= 1e-4 * torch.linalg.vector_norm(theirs)
 
 
-def stock_agent(name: str, settings: Any, observation: str) -> Any:
-    """Returns an agent of Stable-Baselines3 with the same settings, on S1."""
+class Replayed(ProxemicVectorEnv):
+    """An env whose random numbers are such that one agent's observations come again.
+
+    Of what the agent did, it gets the random numbers alone: it must be in the same states by itself.
+    """
+
+    def __init__(self, drawn: Drawn, agent: int, n_envs: int, *arguments: Any, **keywords: Any) -> None:
+        self.wanted = [observations[agent] for observations in drawn.observations]  # (E,) of each step
+        self.wanted_next = [observations[agent] for observations in drawn.next_observations]
+        self.n_taken = 0
+        super().__init__(n_envs, *arguments, **keywords)
+
+    def advance(self, actions: NDArray[Any], *_: Any) -> Any:
+        assert np.array_equal(self.model.observation[self._state], self.wanted[self.n_taken])
+        following = self.model.observation[self.model.next_state[self._state, actions]]  # (E, K)
+        probability = self.model.probability[self._state, actions]
+        fits = (following == self.wanted_next[self.n_taken][:, None]) & (probability > 0)
+        assert fits.any(axis=1).all()
+        below = np.column_stack([np.zeros(len(fits)), probability[:, :-1].cumsum(axis=1)])
+        self.n_taken += 1
+        outcome = below[np.arange(len(fits)), fits.argmax(axis=1)]
+        return super().advance(actions, None, outcome)
+
+    def restart(self, envs: NDArray[np.intp], _: Any) -> None:
+        if self.n_taken == len(self.wanted):  # after the last step
+            return super().restart(envs, np.zeros(len(envs)))
+        fits = self.model.observation[self.model.starts] == self.wanted[self.n_taken][envs, None]
+        assert (fits.sum(axis=1) == 1).all()
+        return super().restart(envs, (fits.argmax(axis=1) + 0.5) / fits.shape[1])
+
+
+def stock_agent(name: str, settings: Any, observation: str, model: Model, drawn: Drawn, agent: int) -> Any:
+    """Returns an agent of Stable-Baselines3 with the same settings, in the scene as the agent met it."""
     method = algorithms.DQN.method if name == "batched_dqn" else algorithms.PPO.method
-    env = ProxemicVectorEnv(
-        settings.n_envs, "S1", observation, max_episode_steps=settings.time_limit, autoreset_mode="SameStep"
+    limit = settings.time_limit
+    env = Replayed(
+        drawn,
+        agent,
+        settings.n_envs,
+        model.scenario,
+        observation,
+        max_episode_steps=limit,
+        autoreset_mode="SameStep",
     )
     theirs = method.settings.model_validate(settings.model_dump(exclude={"device"}))
     return make_agent(method, theirs, SB3VecEnv(env))
@@ -173,11 +242,22 @@ DQN_CHANGES: list[dict[str, Any]] = [
 
 
 @pytest.mark.filterwarnings("ignore:The number of environments used")
-@pytest.mark.parametrize("changes", DQN_CHANGES, ids=str)
+@pytest.mark.parametrize(
+    ("scene", "changes"),
+    [
+        *(("S1", changes) for changes in DQN_CHANGES),
+        ("moods", {"n_envs": 2, "n_steps": 3, "time_limit": 11, "buffer_size": 90, "gradient_steps": 2}),
+        ("moods", {"learning_rate": 1e-2, "gamma": 0.7, "policy_kwargs": {"net_arch": ()}}),
+        ("anywhere", {"tau": 0.3, "target_update_interval": 7}),
+        ("anywhere", {"batch_size": 90, "target_update_interval": 400}),  # read for all observations
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_dqn_is_stable_baselines3s(
-    observation: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    observation: str, scene: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    model = SCENES[scene]
     changes = {"budget": 600} | changes
     settings = settings_of("batched_dqn", **changes)
     drawn = recorded(monkeypatch, dqn)
@@ -187,6 +267,8 @@ def test_dqn_is_stable_baselines3s(
         _, _, _, epsilon, replay, row = arguments
         if len(replay.action):  # not when it is compiled
             drawn.actions.append(replay.action[:, row].astype(np.int64))
+            drawn.observations.append(replay.observation[:, row].astype(np.int64))
+            drawn.next_observations.append(replay.next_observation[:, row].astype(np.int64))
             rates.append(epsilon)
 
     wrap(monkeypatch, kernels, "act", keep_actions)
@@ -196,12 +278,12 @@ def test_dqn_is_stable_baselines3s(
         "draw",
         lambda batch, _: drawn.batches.append(tuple(part.copy() for part in batch)),
     )
-    training = trained("batched_dqn", observation, **changes)
+    training = trained("batched_dqn", observation, model=model, points=(0, 600), **changes)
     n_updates = len(drawn.batches)
     assert n_updates >= 200
     assert training.updates.tolist() == [n_updates] * N_AGENTS
     for agent in range(N_AGENTS):
-        stock = stock_agent("batched_dqn", settings, observation)
+        stock = stock_agent("batched_dqn", settings, observation, model, drawn, agent)
         set_weights(stock.q_net, drawn.first, agent)
         set_weights(stock.q_net_target, drawn.first, agent)
         actions = deque(actions[agent] for actions in drawn.actions)
@@ -253,19 +335,35 @@ PPO_CHANGES: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("changes", PPO_CHANGES, ids=str)
+@pytest.mark.parametrize(
+    ("scene", "changes"),
+    [
+        *(("S1", changes) for changes in PPO_CHANGES),
+        ("moods", {"time_limit": 7, "gae_lambda": 0.5}),
+        ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5}),
+        ("anywhere", {"time_limit": 7}),
+        ("anywhere", {"batch_size": 13, "clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8}),
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_ppo_is_stable_baselines3s(
-    observation: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    observation: str, scene: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    model = SCENES[scene]
     settings = settings_of("batched_ppo", **changes)
     drawn = recorded(monkeypatch, ppo)
     shape = N_AGENTS, settings.n_envs, settings.n_steps
 
     def keep_actions(_: Any, arguments: tuple[Any, ...]) -> None:
-        if len(arguments[7].action):  # not when it is compiled
-            by_env = arguments[7].action.reshape(shape)
-            drawn.actions.extend(by_env[:, :, t].copy() for t in range(settings.n_steps))
+        first, after, n_observations, rollout, results, _ = arguments[5:]
+        for t in range(first, after):
+            for kept, values in (
+                (drawn.actions, rollout.action),
+                (drawn.observations, rollout.observed % n_observations),
+                (drawn.next_observations, results.next_observed % n_observations),
+            ):
+                kept.append(values.reshape(shape)[:, :, t].copy())
 
     def keep_orders(_: Any, arguments: tuple[Any, ...]) -> None:
         if len(arguments[1]):
@@ -273,9 +371,9 @@ def test_ppo_is_stable_baselines3s(
 
     wrap(monkeypatch, kernels, "roll_out", keep_actions)
     wrap(monkeypatch, kernels, "shuffle", keep_orders)
-    training = trained("batched_ppo", observation, **changes)
+    training = trained("batched_ppo", observation, model=model, points=(0, 400), **changes)
     for agent in range(N_AGENTS):
-        stock = stock_agent("batched_ppo", settings, observation)
+        stock = stock_agent("batched_ppo", settings, observation, model, drawn, agent)
         half = len(drawn.first) // 2
         actors = torch.nn.ModuleList([stock.policy.mlp_extractor.policy_net, stock.policy.action_net])
         critics = torch.nn.ModuleList([stock.policy.mlp_extractor.value_net, stock.policy.value_net])
@@ -328,55 +426,94 @@ def agents_at_start(model: Model, n_envs: int) -> kernels.Agents:
     seeds = np.arange(1, 9, dtype=np.uint64).reshape(2, 4) * np.uint64(0x9E3779B97F4A7C15)
     shape = 2, n_envs
     return kernels.Agents(
-        seeds, np.full(shape, model.start), np.zeros(shape, np.int64), np.zeros(2, np.int64)
+        seeds, np.full(shape, model.start, np.int64), np.zeros(shape, np.int64), np.zeros(2, np.int64)
     )
 
 
-@pytest.mark.parametrize("scenario", ["S1", "S2", "S3"])
-def test_agents_step_as_the_vector_env_does(scenario: str) -> None:
-    model = compile_scenario(load_scenario(scenario))
-    n_agents, n_envs, n_steps, limit = 2, 3, 400, 20
+def replay_of(*shape: int) -> kernels.Replay:
+    """Returns empty buffers, (N, C, E)."""
+    return kernels.Replay(*(np.zeros(shape, kind) for kind in ("i4", "i1", "f4", "i4", "?", "?")))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        S1,
+        S2,
+        compile_scenario(load_scenario("S3")),
+        NOISY_MOODS,
+        ANYWHERE,
+        compile_scenario(load_scenario("Walking")),
+    ],
+    ids=["S1", "S2", "S3", "moods", "anywhere", "walking"],
+)
+def test_agents_step_as_the_vector_env_does(model: Model) -> None:
+    """Given the draws, of which there are no others than those made here, in this order."""
+    n_agents, n_envs, n_steps, limit, epsilon = 2, 3, 400, 8, 0.5
     world, shape = kernels.world_of(model, limit), (n_agents, n_envs)
-    agents = agents_at_start(model, n_envs)
-    buffer = [np.zeros((n_agents, n_steps, n_envs), kind) for kind in ("i4", "i1", "f4", "i4", "?", "?")]
-    replay = kernels.Replay(*buffer)
+    agents, replay = agents_at_start(model, n_envs), replay_of(n_agents, n_steps, n_envs)
+    env = ProxemicVectorEnv(n_agents * n_envs, model.scenario, max_episode_steps=limit)
+    streams = agents.streams.copy()
+
+    def draw(is_random: bool) -> float:
+        """Draws from the stream of agent n, if there is something to draw."""
+        return float(kernels._draw(streams, n)) if is_random else np.nan
+
+    uniform, outcome, start = (np.full(shape, np.nan) for _ in range(3))
+    for n, e in np.ndindex(shape):
+        start[n, e] = draw(len(model.starts) > 1)
+    kernels.start(world, agents)
+    assert np.array_equal(streams, agents.streams)
+    env.restart(np.arange(n_agents * n_envs), start.ravel())
+    wrong = np.zeros(shape, dtype=np.int64)
     for row in range(n_steps):
+        assert np.array_equal(env._state, agents.state.ravel())
+        before = env.observe()
         q = np.tile(np.array([0, 0, 0, 0, 1], np.float32), (*shape, 1))
-        kernels.act(world, agents, q, 0.5, replay, row)
-    env = ProxemicVectorEnv(n_agents * n_envs, scenario, max_episode_steps=limit, autoreset_mode="SameStep")
-    cells, _ = env.reset()
-    wrong = np.zeros(n_agents * n_envs, dtype=np.int64)
-    for row in range(n_steps):
-        assert np.array_equal(cells, replay.observation[:, row].ravel())
-        actions = replay.action[:, row].ravel().astype(np.int64)
-        cells, _, terminated, truncated, info = env.step(actions)
-        following = cells.copy()
-        ended = terminated | truncated
-        if ended.any():
-            following[ended] = info["final_obs"][ended].astype(np.int64)
-        assert np.array_equal(following, replay.next_observation[:, row].ravel())
-        assert np.array_equal(terminated, replay.terminated[:, row].ravel())
-        assert np.array_equal(truncated & ~terminated, replay.truncated[:, row].ravel())
-        event = np.where(ended, info["final_info"]["event"], info["event"]) if ended.any() else info["event"]
-        grid, issuer = (
-            np.where(ended, info["final_info"][name], info[name]) if ended.any() else info[name]
-            for name in ("grid_reward", "issuer_reward")
+        kernels.act(world, agents, q, epsilon, replay, row)
+        actions = np.full(shape, 4)
+        for n in range(n_agents):
+            explores = draw(True) < epsilon
+            for e in range(n_envs):
+                random = draw(True)
+                actions[n, e] = int(random * 5) if explores else 4
+                uniform[n, e] = draw(model.is_noisy)
+                outcome[n, e] = draw(model.n_outcomes > 1)
+                ends = replay.terminated[n, row, e] or replay.truncated[n, row, e]
+                start[n, e] = draw(ends and len(model.starts) > 1)
+        assert np.array_equal(streams, agents.streams)
+        assert np.array_equal(actions, replay.action[:, row])
+        taken, grid, issuer, terminated, truncated = env.advance(
+            actions.ravel(), uniform.ravel(), outcome.ravel()
         )
-        received = replay.reward[:, row].ravel()
-        if scenario == "S2":  # the issuer's reward is drawn
-            assert (np.abs(received - grid) <= np.where(actions == 4, 1.0, 1e-6)).all()
-        else:
-            assert received == pytest.approx(grid + issuer, abs=1e-6)
-        wrong += np.isin(event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
-    assert agents.disagreements.tolist() == wrong.reshape(shape).sum(axis=1).tolist()
+        assert np.array_equal(replay.observation[:, row].ravel(), before)
+        assert np.array_equal(replay.next_observation[:, row].ravel(), env.observe())
+        assert np.array_equal(replay.reward[:, row].ravel(), (grid + issuer).astype(np.float32))
+        assert np.array_equal(replay.terminated[:, row].ravel(), terminated)
+        assert np.array_equal(replay.truncated[:, row].ravel(), truncated & ~terminated)
+        wrong += model.is_wrong_ping.take(taken).reshape(shape)
+        ended = np.flatnonzero(terminated | truncated)
+        env.restart(ended, start.ravel()[ended])
+    assert agents.disagreements.tolist() == wrong.sum(axis=1).tolist()
+    assert min(replay.terminated.sum(), replay.truncated.sum()) > 5
     share = (replay.action != 4).mean()  # half of the steps explore, a fifth of these by PING
     assert abs(share - 0.4) < 4 * np.sqrt(0.4 * 0.6 / (n_steps * n_agents))
 
 
+def test_first_episodes_start_anywhere_they_may() -> None:
+    streams = Streams([SeedSequence([4, seed]) for seed in range(600)])
+    states = streams.agents(kernels.world_of(MOODS, None), 4).state
+    counts = np.bincount(states.ravel(), minlength=len(MOODS.observation))
+    assert np.flatnonzero(counts).tolist() == sorted(MOODS.starts.tolist())
+    assert chisquare(counts[MOODS.starts]).pvalue > 1e-3
+    assert (states != states[:, :1]).any()
+    few = Streams([SeedSequence([4, seed]) for seed in (7, 3)]).agents(kernels.world_of(MOODS, None), 4)
+    assert np.array_equal(few.state, states[[7, 3]])
+
+
 def test_issuers_rewards_are_uniform() -> None:
     agents, n_steps = agents_at_start(S2, 2), 1000
-    buffer = [np.zeros((2, n_steps, 2), kind) for kind in ("i4", "i1", "f4", "i4", "?", "?")]
-    replay = kernels.Replay(*buffer)
+    replay = replay_of(2, n_steps, 2)
     q = np.tile(np.array([0, 0, 0, 0, 1], np.float32), (2, 2, 1))
     for row in range(n_steps):
         kernels.act(kernels.world_of(S2, None), agents, q, 0.0, replay, row)
@@ -387,15 +524,30 @@ def test_issuers_rewards_are_uniform() -> None:
     assert len(np.unique(noise)) > 0.99 * noise.size
 
 
-def test_actions_are_drawn_from_their_probabilities() -> None:
+@pytest.mark.parametrize("is_of_envs", [False, True])
+def test_actions_are_drawn_from_their_probabilities(is_of_envs: bool) -> None:
     agents, n_steps = agents_at_start(S1, 2), 5000
-    kinds = ("i8", "i8", "f4", "f4", "f4", "f4")
-    rollout = kernels.Rollout(*(np.zeros((2, 2 * n_steps), kind) for kind in kinds))
+    shape = 2, 2 * n_steps
+    rollout = kernels.Rollout(*(np.zeros(shape, kind) for kind in ("i8", "i8", "f4", "f4", "f4", "f4")))
+    results = kernels.Results(*(np.zeros(shape, kind) for kind in ("f4", "i8", "?", "?")))
     expected = np.array([0.1, 0.3, 0.05, 0.25, 0.3], np.float32)
-    probability = np.tile(expected, (2, 120, 1))
-    value, counts = np.zeros((2, 120), np.float32), np.zeros((2, n_steps), np.int64)
+    probability = np.tile(expected, (2, 2 if is_of_envs else 120, 1))
+    counts = np.zeros((2, n_steps), np.int64)
     world = kernels.world_of(S1, None)
-    kernels.roll_out(world, agents, probability, np.log(probability), value, 0.0, 0.0, rollout, counts)
+    for t in range(n_steps) if is_of_envs else [0]:
+        kernels.roll_out(
+            world,
+            agents,
+            probability,
+            np.log(probability),
+            is_of_envs,
+            t,
+            t + 1 if is_of_envs else n_steps,
+            120,
+            rollout,
+            results,
+            counts,
+        )
     shares = np.bincount(rollout.action.ravel(), minlength=5) / rollout.action.size
     assert shares == pytest.approx(expected, abs=4 * np.sqrt(0.25 / rollout.action.size))
     assert np.exp(rollout.old_log_probability) == pytest.approx(expected[rollout.action])
@@ -424,7 +576,7 @@ def test_large_grids_have_observations_of_their_own() -> None:
     large = compile_scenario(load_scenario("S1", {"grid.rows": 200, "grid.columns": 200, "ping_limit": 2}))
     agents = agents_at_start(large, 1)
     agents.state[:] = 39_990
-    replay = kernels.Replay(*(np.zeros((2, 1, 1), kind) for kind in ("i4", "i1", "f4", "i4", "?", "?")))
+    replay = replay_of(2, 1, 1)
     kernels.act(kernels.world_of(large, None), agents, np.zeros((2, 1, 5), np.float32), 0.0, replay, 0)
     assert replay.observation.ravel().tolist() == [39_990] * 2
     assert replay.next_observation.ravel().tolist() == [39_790] * 2  # a move up
@@ -460,6 +612,47 @@ def test_first_weights_of_ppo_are_orthogonal(observation: str, monkeypatch: pyte
         for matrix in weights:
             short = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
             assert short @ short.T == pytest.approx(gain**2 * np.eye(len(short)), abs=1e-5)
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+def test_nets_of_one_hot_parts_are_those_of_the_whole_rows(activation: Activation) -> None:
+    """Adding up a row of weights for each part is multiplying by observations of zeros and ones."""
+    rows = torch.from_numpy(observation_table(MOODS, "one_hot"))
+    blocks = torch.from_numpy(observation_blocks(MOODS))
+    generator = torch.Generator().manual_seed(0)
+    shapes = list(layer_shapes(rows.shape[1], (16, 8), 5))
+    values = [torch.randn(3, *shape, generator=generator) for shape in shapes]
+    observed = torch.randint(490, (3, 64), generator=generator) + 490 * torch.arange(3)[:, None]
+    slope = torch.randn(3, 64, 5, generator=generator)
+    gradients = [[torch.zeros_like(value) for value in values] for _ in range(2)]
+    outputs = []
+    for table, written in zip((rows, blocks), gradients, strict=True):
+        nets = Nets(values, written, activation, table)
+        outputs.append(nets.forward(observed).clone())
+        nets.backward(slope)
+    assert torch.allclose(outputs[0], outputs[1], rtol=1e-4, atol=1e-4)
+    for dense, sparse in zip(*gradients, strict=True):
+        assert dense.abs().max() > 1
+        assert torch.allclose(dense, sparse, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_many_observations_are_read_in_chunks(observation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    table, n_inputs = input_table(ANYWHERE, observation, torch.device("cpu"))
+    generator = torch.Generator().manual_seed(0)
+    shapes = layer_shapes(n_inputs, (16,), 5)
+    values = [torch.randn(2, *shape, generator=generator) for shape in shapes]
+    nets = Nets(values, [], "relu", table)
+    observed = torch.arange(2 * 13_320).view(2, -1)
+    whole = nets.forward(observed)
+    sizes = []
+    wrap(monkeypatch, Nets, "forward", lambda chunk, _: sizes.append(chunk.shape[1]))
+    assert torch.allclose(nets.read(observed), whole, rtol=1e-5, atol=1e-5)
+    assert len(sizes) > 1
+    assert max(sizes) <= 2000
+    sizes.clear()
+    assert torch.allclose(nets.read(observed[:, :2000]), whole[:, :2000], rtol=1e-5, atol=1e-5)
+    assert sizes == [2000]
 
 
 def test_agents_that_stop_early_make_steps_of_their_own() -> None:
@@ -501,25 +694,34 @@ def equal(one: DeepTraining, other: DeepTraining, rows: Any = slice(None)) -> bo
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 @pytest.mark.parametrize(
-    ("name", "changes"),
+    ("name", "scene", "changes"),
     [
-        ("batched_dqn", {"policy_kwargs": {"net_arch": (128, 128)}, "batch_size": 64}),
-        ("batched_dqn", {"policy_kwargs": {"net_arch": ()}, "n_steps": 3, "batch_size": 128}),
-        ("batched_dqn", {"policy_kwargs": {"net_arch": (33,)}, "tau": 0.3, "n_envs": 2, "batch_size": 17}),
-        ("batched_ppo", {"policy_kwargs": {"net_arch": (128, 128)}, "n_steps": 50, "batch_size": 100}),
-        ("batched_ppo", {"policy_kwargs": {"net_arch": ()}, "batch_size": 17, "ent_coef": 0.1}),
-        ("batched_ppo", {"policy_kwargs": {"net_arch": (33,)}, "batch_size": 13, "clip_range_vf": 0.1}),
-        ("batched_ppo", {"target_kl": 0.004, "learning_rate": 3e-3, "batch_size": 39}),
+        ("batched_dqn", "S1", {"policy_kwargs": {"net_arch": (128, 128)}, "batch_size": 64}),
+        ("batched_dqn", "S1", {"policy_kwargs": {"net_arch": ()}, "n_steps": 3, "batch_size": 128}),
+        (
+            "batched_dqn",
+            S1,
+            {"policy_kwargs": {"net_arch": (33,)}, "tau": 0.3, "n_envs": 2, "batch_size": 17},
+        ),
+        ("batched_dqn", "noisy moods", {"policy_kwargs": {"net_arch": (128, 128)}, "n_envs": 2}),
+        ("batched_dqn", "anywhere", {"policy_kwargs": {"net_arch": (128, 128)}, "batch_size": 64}),
+        ("batched_ppo", "S1", {"policy_kwargs": {"net_arch": (128, 128)}, "n_steps": 50, "batch_size": 100}),
+        ("batched_ppo", "S1", {"policy_kwargs": {"net_arch": ()}, "batch_size": 17, "ent_coef": 0.1}),
+        ("batched_ppo", "S1", {"policy_kwargs": {"net_arch": (33,)}, "batch_size": 13, "clip_range_vf": 0.1}),
+        ("batched_ppo", "S1", {"target_kl": 0.004, "learning_rate": 3e-3, "batch_size": 39}),
+        ("batched_ppo", "noisy moods", {"policy_kwargs": {"net_arch": (128, 128)}}),
+        ("batched_ppo", "anywhere", {"policy_kwargs": {"net_arch": (128, 128)}, "n_envs": 4, "n_steps": 25}),
     ],
     ids=str,
 )
 def test_bits_of_an_agent_do_not_depend_on_its_batch(
-    name: str, observation: str, changes: dict[str, Any]
+    name: str, observation: str, scene: str, changes: dict[str, Any]
 ) -> None:
-    changes = {"budget": 200} | changes
-    together = trained(name, observation, [*range(25)], points=(0, 100, 200), **changes)
+    changes, model = {"budget": 200} | changes, SCENES[scene]
+    points = (200,) if scene == "anywhere" else (0, 100, 200)  # many observations take long to read
+    together = trained(name, observation, [*range(25)], model, points, **changes)
     for seeds in ([24], [6, 0], [5, 4, 3, 2, 1]):
-        assert equal(together, trained(name, observation, seeds, points=(0, 100, 200), **changes), seeds)
+        assert equal(together, trained(name, observation, seeds, model, points, **changes), seeds)
     assert len(np.unique(together.weights, axis=0)) == 25
 
 
@@ -528,11 +730,13 @@ def rows_of(training: DeepTraining, rows: list[int]) -> DeepTraining:
     return DeepTraining(**{field.name: getattr(training, field.name)[rows] for field in fields(training)})
 
 
+@pytest.mark.parametrize("scene", ["S1", "anywhere"])
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_diverged_agent_counts_as_random_and_disturbs_no_other(
-    name: str, monkeypatch: pytest.MonkeyPatch
+    name: str, scene: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sound = trained(name, seeds=[0, 2])
+    model = SCENES[scene]
+    sound = trained(name, seeds=[0, 2], model=model)
     module = dqn if name == "batched_dqn" else ppo
     wrap(
         monkeypatch,
@@ -540,7 +744,7 @@ def test_a_diverged_agent_counts_as_random_and_disturbs_no_other(
         "draw_weights",
         lambda _, arguments: arguments[0].parameters.values[0][1].fill_(torch.nan),
     )
-    training = trained(name)
+    training = trained(name, model=model)
     assert training.diverged_at.tolist() == [-1, 0, -1]
     assert equal(training, sound, [0, 2])
     assert (training.greedy[1] == ALL_ACTIONS).all()
@@ -603,6 +807,21 @@ def test_last_snapshot_is_the_final_net_and_the_first_the_untrained(
 
 
 @pytest.mark.parametrize("name", SETTINGS)
+def test_policies_and_values_are_of_one_net(name: str) -> None:
+    training = trained(name, model=MOODS, points=(0, 130, 200, 390, 400))  # maps at 0, 200 and 400
+    is_mapped = np.array([True, False, True, False, True])
+    assert training.greedy.shape == (N_AGENTS, 5, 490)
+    assert np.array_equal(training.greedy[:, is_mapped], 1 << training.values.argmax(axis=-1))
+    if name == "batched_dqn":
+        assert np.array_equal(training.values[:, -1], training.q)
+        assert training.stochastic.shape == (N_AGENTS, 0, 490, 5)
+    else:
+        assert np.array_equal(training.values, training.stochastic[:, is_mapped].astype(np.float32))
+        assert np.array_equal(training.greedy, 1 << training.stochastic.argmax(axis=-1))
+    assert len(np.unique(training.values, axis=1)[0]) == 3
+
+
+@pytest.mark.parametrize("name", SETTINGS)
 def test_more_snapshots_change_no_result(name: str) -> None:
     few, many = trained(name), trained(name, points=tuple(range(0, 401, 20)))
     assert np.array_equal(few.weights, many.weights)
@@ -621,6 +840,10 @@ def test_parameters_and_updates_by_hand() -> None:
     assert training.parameters.tolist() == [2 * hidden + 16 * 5 + 5 + 16 + 1] * 3
     assert training.updates.tolist() == [400 // 40 * 10 * 2] * 3
     assert trained("batched_dqn", gradient_steps=0).updates.tolist() == [0] * 3
+    cells, phases, pings = 49, 2, 5
+    hidden = (cells + phases + pings) * 24 + 24 + 24 * 16 + 16
+    training = trained("batched_dqn", model=MOODS)
+    assert training.parameters.tolist() == [hidden + 16 * 5 + 5] * 3
 
 
 def test_torch_is_set_and_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
