@@ -151,9 +151,8 @@ class Regions(Table):
     def _nested(self) -> Self:
         radii = self.uncomfortable_radius, self.target_radius
         shapes = self.uncomfortable, self.target
-        if (None in radii, None in shapes) not in ((True, False), (False, True)) or (
-            None in radii and radii != (None, None)
-        ):
+        given = tuple(each is not None for each in (*radii, *shapes))
+        if given not in ((True, True, False, False), (False, False, True, True)):
             raise ValueError(
                 "accepted: the keys uncomfortable_radius and target_radius, or the tables uncomfortable "
                 "and target"

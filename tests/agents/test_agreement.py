@@ -16,6 +16,12 @@ OVERRIDES: list[dict[str, Any]] = [
     {"issuer.position": [8, 6]},
     {"rewards.wrong_ping_uncomfortable": -0.8},
 ]
+NOISY_MOODS = {"issuer.feedback": {"kind": "noisy", "noise": 0.5}}
+CASES = [
+    *((name, overrides) for name in SCENARIOS for overrides in OVERRIDES),
+    *((name, {}) for name in ("AnyStart", "Delayed", "Moody", "TwoPeople", "Walking")),
+    ("Moody", NOISY_MOODS),  # draws three numbers: for a start, for noise, then for the outcome
+]
 
 
 def wandering(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
@@ -23,17 +29,20 @@ def wandering(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
     return rng.choice(5, size=n, p=[0.12, 0.28, 0.12, 0.33, 0.15])
 
 
-@pytest.mark.parametrize("overrides", OVERRIDES)
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize(("name", "overrides"), CASES)
 def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any]) -> None:
     env = gymnasium.make(f"envs:Proxemic/{name}-v0", overrides=overrides, max_episode_steps=-1)
     single = ProxemicVectorEnv(1, name, overrides=overrides, autoreset_mode="SameStep")
     model = compile_scenario(load_scenario(name, overrides))
     env.reset(seed=11)
     single.reset(seed=11)
-    draws = np.random.default_rng()
-    draws.bit_generator.state = env.unwrapped.np_random.bit_generator.state
-    state = model.start
+    draws = np.random.default_rng(11)
+
+    def start() -> int:
+        n_starts = len(model.starts)
+        return int(model.starts[int(draws.random() * n_starts)]) if n_starts > 1 else model.start
+
+    state = start()
     met = set()
     for action in wandering(np.random.default_rng(0), 5000):
         observation, reward, terminated, truncated, info = env.step(int(action))
@@ -41,15 +50,19 @@ def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any
         # The planner's arrays, with the env's next draw.
         uniform = draws.random() if model.is_noisy else 0.5
         issuer = model.issuer_reward[state, action] + model.issuer_noise[state, action] * (2 * uniform - 1)
-        following = model.next_state[state, action, 0]
+        chances = model.probability[state, action].cumsum()
+        outcome = int((chances[:-1] <= draws.random()).sum()) if model.n_outcomes > 1 else 0
+        following = model.next_state[state, action, outcome]
         assert (observation, terminated, truncated) == (
             model.observation[following],
             model.terminated[state, action],
             False,
         )
         assert reward == model.grid_reward[state, action] + issuer
-        ((_, p_following, p_reward, p_terminated),) = env.unwrapped.P[state][action]  # type: ignore[attr-defined]
-        assert (p_following, p_terminated) == (following, terminated)
+        outcomes = env.unwrapped.P[state][action]  # type: ignore[attr-defined]
+        probability, p_following, p_reward, p_terminated = outcomes[outcome]
+        assert (probability, p_following) == (model.probability[state, action, outcome], following)
+        assert p_terminated == terminated
         if not model.is_noisy:
             assert p_reward == reward
         batch_info = batch[4]["final_info"] if terminated else batch[4]
@@ -64,7 +77,7 @@ def test_env_batch_and_planner_walk_together(name: str, overrides: dict[str, Any
         state = following
         if terminated:
             env.reset()
-            state = model.start
+            state = start()
     assert met == set(EVENTS) - {"none"}
 
 

@@ -175,9 +175,9 @@ class Reference:
 def is_inside(shape: Tables, ahead: float, aside: float) -> bool:
     match shape["kind"]:
         case "square":
-            return max(abs(ahead), abs(aside)) <= shape["radius"] + 1e-9
+            return bool(max(abs(ahead), abs(aside)) <= shape["radius"] + 1e-9)
         case "circle":
-            return hypot(ahead, aside) <= shape["radius"] + 1e-9
+            return bool(hypot(ahead, aside) <= shape["radius"] + 1e-9)
         case "ellipse":
             length, width = shape["length"], shape["width"]
         case "egg":

@@ -276,5 +276,7 @@ def test_any_scenario_follows_its_tables_or_is_refused_in_a_sentence(tables: Tab
 def test_shipped_scenarios_follow_their_tables(name: str) -> None:
     tables = {"name": name, "observe": ["agent"]} | read_toml(SCENARIO_DIRECTORY / f"{name}.toml")
     model = compile_scenario(parse(Scenario, tables, name))
+    assert_is_a_process(model)
+    assert_envs_agree(model, 300)
     assert_follows_the_tables(model, tables)
     assert_observes_its_parts(model, tables)

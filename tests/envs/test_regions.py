@@ -1,5 +1,7 @@
 """Zones, distances and outlines of the regions: by hand, and as properties of drawn sets of cells."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from envs import ZONES, Scenario, load_scenario
-from envs.regions import outlines, target_distance
+from envs.inputs import parse
+from envs.regions import Heading, Regions, merged, outlines, target_distance, zones
 
 SIGNS = {"outside": ".", "target": "+", "uncomfortable": "x", "issuer": "I"}
 
@@ -114,3 +117,74 @@ def test_outlines_enclose_exactly_the_set(inside: NDArray[np.bool_]) -> None:
     assert (winding == inside).all()
     padded = np.pad(inside, 1).astype(int)
     assert length == abs(np.diff(padded, axis=0)).sum() + abs(np.diff(padded, axis=1)).sum()
+
+
+CIRCLE = {"uncomfortable": {"kind": "circle", "radius": 1}, "target": {"kind": "circle", "radius": 2}}
+ELLIPSE = {
+    "uncomfortable": {"kind": "ellipse", "length": 1, "width": 0.5},
+    "target": {"kind": "ellipse", "length": 3, "width": 1.5},
+}
+EGG = {"uncomfortable": {"kind": "egg", "front": 1.5}, "target": {"kind": "egg", "front": 3}}
+MASK = {
+    "uncomfortable": {"kind": "mask", "cells": "##\nI."},
+    "target": {"kind": "mask", "cells": "###\n.I#\n#.."},
+}
+
+
+@pytest.mark.parametrize(
+    ("table", "heading", "expected"),
+    [
+        # Within a distance of 1 the four neighbours, within 2 the diagonal ones (1.41) and the next but one.
+        (CIRCLE, "left", [".......", "...+...", "..+x+..", ".+xIx+.", "..+x+..", "...+...", "......."]),
+        # Three ahead and behind; aside at most 1.5 * sqrt(1 - (2 / 3) ** 2) = 1.1 in the second row ahead.
+        (ELLIPSE, "up", ["...+...", "..+++..", "..+x+..", "..+I+..", "..+x+..", "..+++..", "...+..."]),
+        (ELLIPSE, "left", [".......", ".......", ".+++++.", "++xIx++", ".+++++.", ".......", "......."]),
+        # Three ahead, two aside, 1.5 behind: aside 2 * sqrt(1 - (2 / 3) ** 2) = 1.5 in the second row ahead,
+        # 1.9 in the first, and 1.5 in the row behind. Uncomfortable is one ahead, and one aside.
+        (EGG, "up", ["...+...", "..+++..", "..+x+..", ".+xIx+.", "..+++..", ".......", "......."]),
+        (EGG, "down", [".......", ".......", "..+++..", ".+xIx+.", "..+x+..", "..+++..", "...+..."]),
+        (EGG, "left", [".......", "...+...", ".++x+..", "++xI+..", ".++x+..", "...+...", "......."]),
+        (EGG, "right", [".......", "...+...", "..+x++.", "..+Ix++", "..+x++.", "...+...", "......."]),
+        # As drawn for "up", then turned.
+        (MASK, "up", [".......", ".......", "..+xx..", "...I+..", "..+....", ".......", "......."]),
+        (MASK, "right", [".......", ".......", "..+.+..", "...Ix..", "...+x..", ".......", "......."]),
+        (MASK, "down", [".......", ".......", "....+..", "..+I...", "..xx+..", ".......", "......."]),
+        (MASK, "left", [".......", ".......", "..x+...", "..xI...", "..+.+..", ".......", "......."]),
+    ],
+)
+def test_shapes_by_hand(table: dict[str, Any], heading: Heading, expected: list[str]) -> None:
+    regions = parse(Regions, table, "by hand")
+    assert drawn(zones(regions, heading, (3, 3), (7, 7)), 7) == expected
+
+
+def test_metres_are_cells_of_the_given_width() -> None:
+    shapes = {"uncomfortable": {"kind": "circle", "radius": 0.5}, "target": {"kind": "circle", "radius": 1}}
+    in_metres = parse(Regions, shapes | {"unit": "metres"}, "by hand")
+    in_cells = parse(Regions, CIRCLE, "by hand")
+    assert (zones(in_metres, "up", (3, 3), (7, 7), 0.5) == zones(in_cells, "up", (3, 3), (7, 7))).all()
+    # 0.3 * 3 is a little less than 0.9 in floating point; the cell on the border belongs to the region.
+    border = {"uncomfortable": {"kind": "circle", "radius": 0.1}, "target": {"kind": "circle", "radius": 0.9}}
+    zone = zones(parse(Regions, border | {"unit": "metres"}, "by hand"), "up", (3, 3), (7, 7), 0.3)
+    assert drawn(zone, 7)[3] == "+++I+++"
+
+
+def test_regions_of_several_people_merge_to_the_nearest_zone() -> None:
+    first = np.array([ZONES.index(zone) for zone in ("outside", "outside", "target", "target", "issuer")])
+    second = np.array(
+        [ZONES.index(zone) for zone in ("outside", "target", "target", "uncomfortable", "target")]
+    )
+    merged_zones = merged(np.array([first, second], dtype=np.int8))
+    assert [ZONES[zone] for zone in merged_zones] == [
+        "outside",
+        "target",
+        "target",
+        "uncomfortable",
+        "issuer",
+    ]
+
+
+def test_hall_and_egg_have_as_large_regions() -> None:
+    counts = {name: np.bincount(load_scenario(name).zone[0, 0]).tolist() for name in ("Hall", "Egg")}
+    assert counts == {"Hall": [133, 40, 8, 1], "Egg": [134, 40, 7, 1]}
+    turned = load_scenario("Turning").zone[0]  # (phases, cells): none is cut by the room's edges
+    assert [np.bincount(zone).tolist() for zone in turned] == [[134, 40, 7, 1]] * 4

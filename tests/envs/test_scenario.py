@@ -13,6 +13,21 @@ from envs.inputs import override, parse, read_toml
 from envs.scenario import SCENARIO_DIRECTORY, Scenario
 
 S1 = read_toml(SCENARIO_DIRECTORY / "S1.toml") | {"name": "S1"}
+FLOOR = "\n".join(["............"] * 10)
+CIRCLE = {"kind": "circle", "radius": 1}
+
+
+def shapes(uncomfortable: dict[str, Any], target: dict[str, Any]) -> dict[str, Any]:
+    return {"uncomfortable": uncomfortable, "target": target}
+
+
+def mask(cells: str) -> dict[str, Any]:
+    return {"kind": "mask", "cells": cells}
+
+
+def person(position: list[int]) -> dict[str, Any]:
+    regions = {"uncomfortable_radius": 0, "target_radius": 1}
+    return {"position": position, "feedback": {"kind": "none"}, "regions": regions}
 
 
 def test_paper_scenarios_are_shipped() -> None:
@@ -53,6 +68,139 @@ def test_paper_scenarios_are_shipped() -> None:
         ({"ping_limit": 10**6}, "120000000 states; accepted: at most 100000"),
         ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
         ({"name": "other"}, "unknown key name"),
+        # Walls
+        ({"grid.walls": "#.#"}, 'walls: accepted: 10 lines of 12 characters, "#" a wall, "." floor'),
+        ({"grid.walls": FLOOR.replace(".", "x")}, "walls: accepted: 10 lines of 12 characters"),
+        ({"grid.walls": "#" + FLOOR[1:]}, "grid.start = [0, 0] is a wall; accepted: another cell"),
+        ({"grid.walls": "#" * 131}, "walls: accepted: 10 lines"),
+        # Places
+        ({"grid.start": []}, "grid.start = []: accepted: at least one cell"),
+        ({"grid.start": "nowhere"}, 'grid.start = "nowhere": accepted: a cell [ROW, COLUMN]'),
+        (
+            {"grid.start": [[0, 0], [5, 8]]},
+            "grid.start = [5, 8] lies inside a region of the issuer at [6, 8];",
+        ),
+        (
+            {"issuer.position": [[6, 8], [1, 1]]},
+            "issuer.position = [1, 1] leaves no start outside every region",
+        ),
+        (
+            {"issuer.position": "anywhere", "regions.target_radius": 11},
+            'grid.start = [0, 0] lies inside a region of the issuer at "anywhere"; accepted: a cell outside',
+        ),
+        (
+            {"issuer.position": "anywhere", "grid.start": "anywhere", "regions.target_radius": 11},
+            'issuer.position = "anywhere" leaves no start outside every region; accepted: smaller regions',
+        ),
+        # Regions
+        ({"regions": {}}, "accepted: the keys uncomfortable_radius and target_radius, or the tables"),
+        (
+            {"regions.target": CIRCLE},
+            "accepted: the keys uncomfortable_radius and target_radius, or the tables",
+        ),
+        (
+            {"regions": {"uncomfortable_radius": 1}},
+            "accepted: the keys uncomfortable_radius and target_radius",
+        ),
+        ({"regions": {"uncomfortable": CIRCLE}}, "accepted: the keys uncomfortable_radius and target_radius"),
+        (
+            {"regions": shapes(CIRCLE, CIRCLE)},
+            "with the issuer at [6, 8], the target region has no cell that",
+        ),
+        ({"regions": shapes(CIRCLE, {"kind": "round"})}, "regions.target = "),
+        ({"regions": shapes(CIRCLE, {"kind": "circle"})}, "the key regions.target.circle.radius is missing"),
+        (
+            {"regions": shapes(CIRCLE, CIRCLE | {"width": 1})},
+            "[regions.target.circle]: unknown key width; accepted: kind, radius.",
+        ),
+        ({"regions": shapes(CIRCLE, {"kind": "egg", "front": 0})}, "regions.target.egg.front = 0"),
+        ({"regions": shapes(mask("#.\nI"), CIRCLE)}, "cells: accepted: lines of equal length"),
+        ({"regions": shapes(mask("II"), CIRCLE)}, 'cells: accepted: exactly one "I", the person'),
+        ({"regions": shapes(mask("I?"), CIRCLE)}, 'of the characters "I", "#" and "."'),
+        (
+            {"regions": shapes(CIRCLE, mask("###I")) | {"unit": "metres"}},
+            'unit = "metres": accepted: "cells", since a mask is drawn in cells',
+        ),
+        ({"regions.unit": "metres"}, 'unit = "metres": accepted: "cells", since radii are in cells'),
+        (
+            {"regions": shapes(CIRCLE, CIRCLE | {"radius": 2}) | {"unit": "metres"}},
+            'regions.unit = "metres": accepted with grid.metres_per_cell',
+        ),
+        # Observation
+        ({"observe": ["issuer"]}, "observe = ['issuer']: accepted: \"agent\", and other parts once each"),
+        ({"observe": ["agent", "agent"]}, 'accepted: "agent", and other parts once each'),
+        ({"observe": ["phase", "agent"]}, "accepted: in this order, ['agent', 'phase']"),
+        ({"observe": ["agent", "zone"]}, 'observe.1 = "zone": input should be'),
+        # Phases
+        ({"phases": [{"name": "a"}]}, "phases.0 (a): accepted: steps in every phase, or next in every phase"),
+        ({"phases": [{"name": "a", "steps": 1, "next": {}}]}, "phases.0 (a): accepted: steps in every phase"),
+        (
+            {"phases": [{"name": "a", "steps": 1}, {"name": "b", "next": {"a": 0.5}}]},
+            "phases.1 (b): accepted: steps in every phase, or next in every phase",
+        ),
+        ({"phases": [{"name": "a", "steps": 1}] * 2}, "phases.0.name = a: accepted: another name"),
+        ({"phases": [{"name": "a", "steps": 0}]}, "phases.0.steps = 0"),
+        ({"phases": [{"name": "a", "stepps": 3}]}, "[phases.0]: unknown key stepps (did you mean steps?)"),
+        (
+            {"phases": [{"name": "a", "next": {"c": 0.5}}, {"name": "b", "next": {}}]},
+            "phases.0.next: c is not another phase; accepted: b",
+        ),
+        ({"phases": [{"name": "a", "next": {"a": 0.5}}]}, "phases.0.next: a is not another phase"),
+        ({"phases": [{"name": "a", "next": {"a": 0.0}}]}, "phases.0.next.a = 0.0"),
+        (
+            {"phases": [{"name": name, "next": {o: 0.6 for o in "abc" if o != name}} for name in "abc"]},
+            "phases.0.next: the probabilities sum to more than 1; accepted: at most 1",
+        ),
+        ({"phases": [{"name": "a", "steps": 1, "position": [20, 0]}]}, "phases.0.position = [20, 0] is off"),
+        ({"first_phase": "last"}, 'first_phase = "last"'),
+        (
+            {"issuer.position": "anywhere", "phases": [{"name": "a", "steps": 1, "position": [6, 8]}]},
+            'phases with positions and issuer.position = "anywhere": accepted: a cell',
+        ),
+        # Walks
+        ({"issuer.walk": {"corners": []}}, "issuer.walk.corners = []: accepted: at least 1 items"),
+        ({"issuer.walk": {"corners": [[3, 3]]}}, "issuer.walk.corners: from [6, 8] to [3, 3]: accepted"),
+        (
+            {"issuer.walk": {"corners": [[6, 3], [4, 3]]}},
+            "from [4, 3] to [6, 8]: accepted: another cell of the",
+        ),
+        ({"issuer.walk": {"corners": [[6, 30]]}}, "issuer.walk.corners = [6, 30] is off the grid"),
+        (
+            {"issuer.walk": {"corners": [[6, 3]]}, "phases": [{"name": "a", "steps": 1}]},
+            "issuer.walk and phases: accepted: one of them",
+        ),
+        (
+            {"issuer.walk": {"corners": [[6, 3]]}, "issuer.position": [[6, 8], [6, 7]]},
+            "issuer.walk with issuer.position = [[6, 8], [6, 7]]: accepted: a cell",
+        ),
+        (
+            {"issuer.walk": {"corners": [[6, 3]]}, "issuer.feedback": {"kind": "delayed"}},
+            'feedback.kind = "delayed" with an issuer that moves: accepted: any other kind',
+        ),
+        ({"issuer.walk": {"corners": [[6, 3]]}, "others": [person([6, 5])]}, "corners = [6, 5] is taken by"),
+        # Other people
+        ({"others": [person([6, 8])]}, "issuer.position = [6, 8] is taken by another person"),
+        ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8] is taken by another person"),
+        (
+            {"others": [person([2, 8])] * 2, "issuer.position": "anywhere"},
+            "others.0.position = [2, 8] is taken",
+        ),
+        ({"others": [person([0, 0])]}, "grid.start = [0, 0] is taken by another person"),
+        (
+            {"others": [person([0, 1])]},
+            "of the issuer at [6, 8] or of another person; accepted: a cell outside",
+        ),
+        ({"others": [person([2, 20])]}, "others.0.position = [2, 20] is off the grid"),
+        ({"others": [{"position": [2, 8]}]}, "the key others.0.feedback is missing"),
+        (
+            {"others": [person([2, 8]) | {"walk": {}}]},
+            "[others.0]: unknown key walk; accepted: feedback, heading, position, regions.",
+        ),
+        (
+            {"ping_limit": 50, "issuer.position": "anywhere", "issuer.feedback": {"kind": "delayed"}},
+            "120 cells (grid.rows x grid.columns) x 50 wrong PINGs (ping_limit) x 120 cells for the issuer "
+            "(issuer.position) x 2 with and without feedback to come (issuer.feedback) = 1440000 states",
+        ),
     ],
 )
 def test_mistakes_get_one_sentence(changes: dict[str, Any], expected: str) -> None:

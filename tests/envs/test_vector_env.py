@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 from numpy.typing import NDArray
 
-from envs import OBSERVATIONS, ZONES, InputError, ProxemicVectorEnv, load_scenario
+from envs import OBSERVATIONS, ZONES, InputError, ProxemicVectorEnv, load_scenario, scenario_names
 
 SCENARIOS = ("S1", "S2", "S3")
 MODES = tuple(AutoresetMode)
@@ -91,6 +91,31 @@ def test_batch_equals_gymnasiums(name: str, observation: str, mode: AutoresetMod
             assert_same(ours.reset(), theirs.reset())
     assert n_ends > 50
     assert n_resets > 50
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", sorted(set(scenario_names()) - set(SCENARIOS)))
+def test_batch_of_every_scene_equals_gymnasiums(name: str, mode: AutoresetMode) -> None:
+    n, limit = 3, 15
+    observation = OBSERVATIONS[scenario_names().index(name) % 3]
+    ours = gymnasium.make_vec(
+        f"envs:Proxemic/{name}-v0",
+        num_envs=n,
+        observation=observation,
+        max_episode_steps=limit,
+        autoreset_mode=mode,
+    )
+    theirs = sync_env(n, name, observation, limit, mode)
+    assert ours.observation_space == theirs.observation_space
+    assert_same(ours.reset(seed=3), theirs.reset(seed=3))
+    rng = np.random.default_rng(2)
+    for _ in range(60):
+        actions = rng.choice(5, size=n, p=[0.1, 0.25, 0.1, 0.25, 0.3])
+        mine, its = ours.step(actions), theirs.step(actions)
+        assert_same(mine, its)
+        if mode is AutoresetMode.DISABLED and (its[2] | its[3]).any():
+            mask = {"reset_mask": its[2] | its[3]}
+            assert_same(ours.reset(options=dict(mask)), theirs.reset(options=dict(mask)))
 
 
 def test_noise_equals_gymnasiums_over_many_blocks_of_draws() -> None:

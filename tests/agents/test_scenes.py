@@ -1,0 +1,68 @@
+"""The shipped scenes as tasks: what can be reached, and how well."""
+
+from collections import deque
+
+import numpy as np
+import pytest
+
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import uniform_policy
+from envs import EVENTS, ZONES, Model, compile_scenario, load_scenario, scenario_names
+from envs.model import MOVES
+
+TARGET = EVENTS.index("target_ping")
+
+
+def moves_to_target(model: Model, start: int) -> int:
+    """Returns the fewest moves from a cell to a target region that avoid uncomfortable cells, by breadth."""
+    grid, zone = model.scenario.grid, [ZONES[index] for index in model.scenario.zone[0, 0]]
+    far, cells = {start: 0}, deque([start])
+    while zone[at := cells.popleft()] != "target":
+        for row, column in np.array(divmod(at, grid.columns)) + MOVES:
+            to = int(row * grid.columns + column)
+            is_floor = 0 <= row < grid.rows and 0 <= column < grid.columns and not grid.is_wall[to]
+            if is_floor and zone[to] in ("outside", "target") and to not in far:
+                far[to] = far[at] + 1
+                cells.append(to)
+    return far[at]
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_the_optimum_is_much_better_than_the_random_policy(name: str) -> None:
+    model = compile_scenario(load_scenario(name))
+    optimum = solve(model, horizon=200).value[model.starts]
+    random = evaluate(model, uniform_policy(model), 200)
+    assert optimum.mean() > random.scenario_return + 3
+    assert random.success < 0.25
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_target_region_can_be_reached_from_every_start(name: str) -> None:
+    model = compile_scenario(load_scenario(name))
+    can = (model.event == TARGET).any(axis=1)
+    goes_on = (model.probability > 0) & ~model.terminated[:, :, None]
+    n_found = 0
+    while n_found < (n_found := int(can.sum())):
+        can |= (goes_on & can[model.next_state]).any(axis=(1, 2))
+    assert can[model.starts].all()
+
+
+@pytest.mark.parametrize(
+    ("name", "moves"),
+    [("S1", 10), ("Walls", 13), ("LargeRoom", 24), ("Hall", 8), ("Egg", 7), ("TwoPeople", 7), ("YesNo", 10)],
+)
+def test_the_optimum_walks_straight_to_the_target_region(name: str, moves: int) -> None:
+    model = compile_scenario(load_scenario(name))
+    assert moves_to_target(model, 0) == moves
+    last = 2.0 if name == "YesNo" else 1.0  # of a right PING, with the issuer's reward
+    assert solve(model, horizon=200).value[model.start] == pytest.approx(last - 0.1 * moves)
+
+
+def test_the_optimum_from_any_start_and_to_any_place() -> None:
+    model = compile_scenario(load_scenario("AnyStart"))
+    moves = [moves_to_target(model, cell) for cell in model.cell[model.starts].tolist()]
+    assert solve(model, horizon=200).value[model.starts] == pytest.approx(1 - 0.1 * np.array(moves))
+    anywhere = compile_scenario(load_scenario("Anywhere"))
+    # With the issuer in [r, c], the nearest cell of the ring is [max(r - 2, 0), max(c - 2, 0)].
+    far = [max(r - 2, 0) + max(c - 2, 0) for r, c in anywhere.scenario.places]
+    assert solve(anywhere, horizon=200).value[anywhere.starts] == pytest.approx(1 - 0.1 * np.array(far))

@@ -1,0 +1,350 @@
+"""Scenes beyond the paper, by hand: walls, phases, walks, several people, feedback and starts."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from envs import (
+    EVENTS,
+    ZONES,
+    ProxemicEnv,
+    Scenario,
+    compile_scenario,
+    load_scenario,
+    scenario_names,
+)
+from envs.model import PING, Model
+
+UP, DOWN, LEFT, RIGHT = range(4)
+PAPER = {"S1", "S2", "S3"}
+SHY = {"uncomfortable_radius": 2, "target_radius": 3}
+PHASES = [{"name": "calm", "steps": 2}, {"name": "tense", "regions": SHY, "steps": 3}]
+MOODS = [
+    {"name": "calm", "next": {"tense": 0.2, "glad": 0.3}},
+    {"name": "tense", "regions": SHY, "next": {"calm": 1.0}},
+    {"name": "glad", "next": {}},
+]
+
+
+def compiled(overrides: dict[str, Any], name: str = "S1") -> Model:
+    return compile_scenario(load_scenario(name, overrides))
+
+
+def cell(row: int, column: int) -> int:
+    return row * 12 + column
+
+
+def test_scenes_are_shipped() -> None:
+    assert set(scenario_names()) == PAPER | {
+        "Anywhere", "AnywhereHidden", "AnyStart", "Hall", "Egg", "Turning", "TurningHidden", "Walking",
+        "Moody", "MoodyHidden", "TwoPeople", "Walls", "LargeRoom", "Counted", "Delayed", "YesNo",
+    }  # fmt: skip
+    for name in set(scenario_names()) - {"Anywhere", "AnywhereHidden"}:
+        assert len(compile_scenario(load_scenario(name)).observation) <= 40_000
+    assert len({load_scenario(name).rewards for name in scenario_names()}) == 1
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "differing"),
+    [
+        ("Anywhere", "AnywhereHidden", {"observe"}),
+        ("Moody", "MoodyHidden", {"observe"}),
+        ("Turning", "TurningHidden", {"observe"}),
+        ("Egg", "TurningHidden", {"phases", "first_phase"}),
+        ("Hall", "Egg", {"regions"}),
+        ("S1", "Counted", {"observe"}),
+        ("S1", "AnyStart", {"grid"}),
+        ("S1", "Walls", {"grid"}),
+        ("S1", "YesNo", {"issuer"}),
+        ("S3", "Delayed", {"issuer"}),
+        ("S1", "TwoPeople", {"others"}),
+        ("S1", "LargeRoom", {"grid", "issuer"}),
+        ("S1", "MoodyHidden", {"phases", "first_phase"}),
+    ],
+)
+def test_scenes_that_are_compared_differ_in_one_thing(first: str, second: str, differing: set[str]) -> None:
+    tables = [dict(load_scenario(name)) for name in (first, second)]
+    keys = {key for key in Scenario.model_fields if tables[0][key] != tables[1][key]}
+    assert keys - {"name", "description"} == differing
+
+
+def test_hidden_is_what_does_not_follow_from_the_observed() -> None:
+    hidden = {name: load_scenario(name).hidden for name in scenario_names()}
+    assert hidden == dict.fromkeys(scenario_names(), ("wrong_pings",)) | {
+        "Counted": (),
+        "AnywhereHidden": ("issuer", "wrong_pings"),
+        "MoodyHidden": ("phase", "wrong_pings"),
+        "TurningHidden": ("phase", "wrong_pings", "clock"),
+        "Turning": ("wrong_pings", "clock"),
+        "Walking": ("wrong_pings", "clock"),  # the phase follows from the issuer's cell
+        "Delayed": ("wrong_pings", "feedback to come"),
+    }
+
+
+def test_walls_stop_the_agent() -> None:
+    model = compile_scenario(load_scenario("Walls"))
+    for row, column in ((0, 3), (2, 3), (6, 3), (8, 3), (9, 3)):
+        assert model.next_state[cell(row, column), RIGHT, 0] == cell(row, column)
+        assert EVENTS[model.event[cell(row, column), RIGHT]] == "move"
+    assert model.next_state[cell(7, 3), RIGHT, 0] == cell(7, 4)  # the door
+    assert model.next_state[cell(7, 4), UP, 0] == model.next_state[cell(7, 4), DOWN, 0] == cell(7, 4)
+    assert model.next_state[cell(1, 10), DOWN, 0] == cell(2, 10)  # the other door
+    assert model.next_state[cell(1, 9), DOWN, 0] == cell(1, 9)
+    is_wall = model.scenario.grid.is_wall
+    assert is_wall.sum() == 9 + 6  # ten cells less the door, and seven less the door
+    assert (model.is_over == (is_wall | (np.arange(120) == cell(6, 8)))[model.cell]).all()
+
+
+def test_phases_follow_by_schedule() -> None:
+    model = compiled({"phases": PHASES})
+    assert model.scenario.ticks.tolist() == [0, 0, 1, 1, 1]
+    state, phases, zones = model.start, [], []
+    for _ in range(7):
+        phases.append(int(model.context[state]))
+        zones.append([ZONES[model.zone[state - model.cell[state] + cell(6, column)]] for column in (5, 6, 7)])
+        state = int(model.next_state[state, LEFT, 0])  # against the wall: the agent stays
+        assert model.cell[state] == 0
+    assert phases == [0, 0, 1, 1, 1, 0, 0]
+    calm = ["outside", "target", "uncomfortable"]
+    tense = ["target", "uncomfortable", "uncomfortable"]
+    assert zones == [calm, calm, tense, tense, tense, calm, calm]
+    assert (model.probability == 1).all()
+
+
+def test_an_action_is_judged_in_the_phase_before_it() -> None:
+    model = compiled({"phases": PHASES})
+    last_calm = 1 * 600 + cell(6, 6)  # at the second tick, in the target region while calm lasts
+    assert EVENTS[model.event[last_calm, PING]] == "target_ping"
+    assert EVENTS[model.event[last_calm, UP]] == "move"
+    tense = int(model.next_state[last_calm, UP, 0])
+    assert (tense, ZONES[model.zone[tense]]) == (2 * 600 + cell(5, 6), "uncomfortable")
+    assert EVENTS[model.event[tense, PING]] == "wrong_ping"
+
+
+def test_moods_follow_by_chance() -> None:
+    model = compiled({"phases": MOODS})
+    assert model.n_outcomes == 3
+    calm, tense, glad = (phase * 600 + cell(0, 0) for phase in range(3))
+    expected = {calm: {calm: 0.5, glad: 0.3, tense: 0.2}, tense: {calm: 1.0}, glad: {glad: 1.0}}
+    for state, chances in expected.items():
+        found: dict[int, float] = {}
+        for following, chance in zip(
+            model.next_state[state, LEFT], model.probability[state, LEFT], strict=True
+        ):
+            found[int(following)] = found.get(int(following), 0) + chance
+        assert {s: p for s, p in found.items() if p} == pytest.approx(chances)
+        outcomes = model.P[state][LEFT]
+        assert sum(outcome[0] for outcome in outcomes) == pytest.approx(1)
+        assert {outcome[1] for outcome in outcomes if outcome[0]} == set(chances)
+
+
+def test_moods_come_as_often_as_their_chances_say() -> None:
+    env = ProxemicEnv("Moody")
+    env.reset(seed=0)
+    phases = []
+    for _ in range(20_000):
+        env.step(LEFT)
+        phases.append(int(env.model.context[env.s]))
+    shares = np.bincount(phases, minlength=3) / len(phases)
+    # By detailed balance 1/2, 1/4 and 1/4. A mood lasts ten steps, so these are about a thousand draws.
+    assert shares == pytest.approx([0.5, 0.25, 0.25], abs=0.07)
+    calm = np.array(phases[:-1]) == 0
+    leaves = np.array(phases[1:])[calm] != 0
+    assert leaves.mean() == pytest.approx(0.1, abs=4 * np.sqrt(0.09 / calm.sum()))
+
+
+def test_equal_chains_draw_alike_whatever_their_order() -> None:
+    turned = [MOODS[0] | {"next": dict(reversed(MOODS[0]["next"].items()))}, *MOODS[1:]]  # type: ignore[attr-defined]
+    first, second = (load_scenario("S1", {"phases": phases}) for phases in (MOODS, turned))
+    assert (first, hash(first)) == (second, hash(second))
+    assert first.model_dump_json() == second.model_dump_json()
+
+
+def test_the_walk_by_hand() -> None:
+    model = compile_scenario(load_scenario("Walking"))
+    stages = model.scenario.stages
+    top, right = [(3, column) for column in range(4, 8)], [(row, 8) for row in range(3, 7)]
+    bottom, left = [(7, column) for column in range(8, 4, -1)], [(row, 4) for row in range(7, 3, -1)]
+    assert [stage.position for stage in stages] == top + right + bottom + left
+    headings = ["right"] * 4 + ["down"] * 4 + ["left"] * 4 + ["up"] * 4
+    assert [stage.heading for stage in stages] == headings
+    state, seen = int(model.starts[0]), []
+    for _ in range(34):
+        seen.append(int(model.context[state]))
+        state = int(model.next_state[state, LEFT, 0])
+    assert seen == [tick // 2 for tick in range(32)] + [0, 0]  # a cell takes two steps
+    assert [int(stage) for stage in model.context[model.starts]] == [tick // 2 for tick in range(32)]
+
+
+def test_the_walker_waits_for_the_agent_and_bumps_into_nobody() -> None:
+    model = compile_scenario(load_scenario("Walking"))
+    ahead = 1 * 600 + cell(3, 5)  # second tick: the issuer in [3, 4] is about to enter the agent's cell
+    assert ZONES[model.zone[ahead]] == "uncomfortable"
+    for action in (UP, DOWN, RIGHT):  # the agent makes way
+        state = int(model.next_state[ahead, action, 0])
+        assert model.context[state] == 1
+    state = int(model.next_state[ahead, PING, 0])  # it stays, so the issuer waits
+    assert (state, model.context[state]) == (ahead + 120, 0)
+    assert EVENTS[model.event[ahead, LEFT]] == "issuer_reached"
+    # Nobody but the agent ends an episode: a move that goes on never ends in a person's cell.
+    following = model.next_state[~model.terminated]
+    assert (model.zone[following] != ZONES.index("issuer")).all()
+    # Behind the issuer nothing holds it up: at the same tick the agent steps into the cell it has left.
+    behind = 3 * 600 + cell(3, 4)  # fourth tick: the issuer in [3, 5] leaves for [3, 6]
+    assert model.context[int(model.next_state[behind, PING, 0])] == 2
+
+
+def test_two_people_share_the_room() -> None:
+    model = compile_scenario(load_scenario("TwoPeople"))
+    zone = {
+        at: ZONES[model.zone[cell(*at)]] for at in ((6, 8), (2, 10), (4, 7), (4, 8), (5, 8), (5, 10), (0, 7))
+    }
+    assert zone == {
+        (6, 8): "issuer",
+        (2, 10): "issuer",
+        (4, 7): "target",  # of both: two from the one, three from the other
+        (4, 8): "uncomfortable",  # target of the one, too near to the other
+        (5, 8): "uncomfortable",  # too near to the one, target of the other
+        (5, 10): "target",
+        (0, 7): "target",
+    }
+    assert EVENTS[model.event[cell(2, 9), RIGHT]] == "issuer_reached"
+    assert EVENTS[model.event[cell(6, 7), RIGHT]] == "issuer_reached"
+
+
+def test_the_nearest_person_answers() -> None:
+    other = {"position": [0, 11], "feedback": {"kind": "uniform", "low": 0.0, "high": 1.0}}
+    model = compiled({"others": [other | {"regions": SHY}]}, "S3")
+    # From the start, the issuer of S3 is 14 and the other person 11 steps away.
+    assert (model.issuer_reward[0, PING], model.issuer_noise[0, PING]) == (0.5, 0.5)
+    # Cell [3, 8]: three steps from the issuer, six from the other.
+    assert model.issuer_reward[cell(3, 8), PING] == pytest.approx(-3 / 14)
+    assert not model.issuer_noise[cell(3, 8), PING]
+    # Cell [2, 9]: five from the issuer, four from the other. Cell [2, 8]: four and five.
+    assert model.issuer_noise[cell(2, 9), PING] == 0.5
+    assert not model.issuer_noise[cell(2, 8), PING]
+    # Equally near, in [4, 9] with 2 + 1 = 3 and a person in [2, 8]: the issuer, who is declared first.
+    tied = compiled({"others": [other | {"position": [2, 8], "regions": SHY}]}, "S3")
+    assert not tied.issuer_noise[cell(4, 9), PING]
+    assert tied.issuer_noise[cell(3, 9), PING] == 0.5
+
+
+def test_feedback_by_hand() -> None:
+    binary = compile_scenario(load_scenario("YesNo"))
+    assert binary.issuer_reward[[cell(4, 6), cell(5, 7), cell(0, 0)], PING].tolist() == [1.0, -1.0, -1.0]
+    assert not binary.issuer_reward[:, :PING].any()
+    noisy = compiled({"issuer.feedback": {"kind": "noisy", "noise": 0.25}})
+    assert noisy.issuer_reward[cell(6, 6), PING] == pytest.approx(-2 / 14)
+    assert noisy.issuer_noise[cell(6, 6), PING] == 0.25
+    assert not noisy.issuer_noise[:, :PING].any()
+
+
+def test_delayed_feedback_comes_with_the_next_action() -> None:
+    env = ProxemicEnv("Delayed")
+    env.reset()
+    found = [env.step(action)[4]["issuer_reward"] for action in (PING, RIGHT, PING, PING, LEFT, LEFT)]
+    # At the start, 14 steps away, feedback is -1; one cell to the right, it is -13 / 14.
+    assert found == pytest.approx([0, -1, 0, -13 / 14, -13 / 14, 0])
+    env.reset()
+    rewards = [env.step(PING)[4]["issuer_reward"] for _ in range(5)]
+    assert rewards == pytest.approx([0, -1, -1, -1, -1])  # that on the fifth never comes
+
+
+def test_feedback_is_relative_to_the_farthest_start_of_the_same_place() -> None:
+    model = compiled({"grid.start": [[0, 0], [9, 0]], "issuer.position": [[6, 8], [2, 3]]}, "S3")
+    per_place = model.issuer_reward.reshape(2, 5, 120, 5)[:, 0, :, PING]
+    assert per_place[0, cell(6, 6)] == pytest.approx(-2 / 14)  # [0, 0] is 14 away, [9, 0] 11
+    assert per_place[1, cell(2, 5)] == pytest.approx(-2 / 10)  # [9, 0] is 10 away, [0, 0] 5
+    # The agent starts where the issuer stands in the first phase, but only in the second: 14 cells away.
+    phases = [{"name": "a", "steps": 1, "position": [0, 0]}, {"name": "b", "steps": 1, "position": [6, 8]}]
+    moving = compiled({"phases": phases, "first_phase": "any"}, "S3")
+    assert moving.issuer_reward[600 + cell(6, 6), PING] == pytest.approx(-2 / 14)
+
+
+def test_starts_are_all_allowed_cells_equally_often() -> None:
+    model = compile_scenario(load_scenario("AnyStart"))
+    outside = [cell(r, c) for r in range(10) for c in range(12) if max(abs(r - 6), abs(c - 8)) > 2]
+    assert sorted(model.starts.tolist()) == outside
+    env = ProxemicEnv("AnyStart")
+    drawn = [env.reset(seed=seed if seed == 0 else None)[0] for seed in range(9500)]
+    counts = np.bincount(np.array(drawn, dtype=int), minlength=120)
+    assert counts.sum() == counts[outside].sum()
+    # Chi-square with 94 degrees of freedom: mean 94, standard deviation sqrt(188).
+    assert ((counts[outside] - 100) ** 2 / 100).sum() < 94 + 4.5 * np.sqrt(188)
+
+
+def test_the_issuer_stands_anywhere_but_beside_the_start() -> None:
+    model = compile_scenario(load_scenario("Anywhere"))
+    near = {(row, column) for row in range(3) for column in range(3)}
+    everywhere = {(row, column) for row in range(10) for column in range(12)}
+    assert set(model.scenario.places) == everywhere - near
+    assert (model.cell[model.starts] == 0).all()
+    assert sorted(set(model.context[model.starts].tolist())) == list(range(111))
+    assert model.n_observations == 120 * 111
+    hidden = compile_scenario(load_scenario("AnywhereHidden"))
+    assert (hidden.next_state == model.next_state).all()
+    assert (hidden.observation == model.observation % 120).all()
+
+
+def test_a_cell_among_four_people_is_not_the_end() -> None:
+    """Every action there ends the episode, which goes on until one is taken."""
+    small = {"uncomfortable_radius": 0, "target_radius": 1}
+    people = [
+        {"position": at, "feedback": {"kind": "none"}, "regions": small} for at in ([5, 7], [6, 6], [7, 7])
+    ]
+    model = compiled({"others": people, "ping_limit": 1})  # with the issuer in [6, 8], around [6, 7]
+    assert model.terminated[cell(6, 7)].all()
+    assert not model.is_over[cell(6, 7)]
+
+
+def test_counted_observes_wrong_pings() -> None:
+    env = gymnasium.make("envs:Proxemic/Counted-v0")
+    assert env.observation_space == gymnasium.spaces.Discrete(600)
+    assert env.reset()[0] == 0
+    assert [int(env.step(PING)[0]) for _ in range(4)] == [120, 240, 360, 480]
+    one_hot = ProxemicEnv("Counted", "one_hot")
+    one_hot.reset()
+    assert np.flatnonzero(one_hot.step(PING)[0]).tolist() == [0, 121]
+    coordinates = ProxemicEnv("Counted", "coordinates")
+    coordinates.reset()
+    coordinates.step(RIGHT)
+    assert np.asarray(coordinates.step(PING)[0]).tolist() == pytest.approx([0, 1 / 11, 1 / 4])
+
+
+def test_text_shows_walls_people_and_phase() -> None:
+    env = ProxemicEnv("Walls", render_mode="ansi")
+    env.reset()
+    lines = str(env.render()).splitlines()
+    assert lines[0] == "A . . . # . . . . . . ."
+    assert lines[2] == ". . . . # # # # # # . #"
+    assert len(lines) == 11  # there is a single phase
+    two = ProxemicEnv("TwoPeople", render_mode="ansi")
+    two.reset()
+    assert str(two.render()).splitlines()[2] == ". . . . . . . + x x I x"
+    moody = ProxemicEnv("Moody", render_mode="ansi")
+    moody.reset()
+    for phase, name in enumerate(("calm", "tense", "cheerful")):
+        moody.s = phase * 600
+        lines = str(moody.render()).splitlines()
+        assert lines[-2:] == [f"phase: {name}", "event: none"]
+        expected = {"calm": "+ x I x + .", "tense": "x x I x x +", "cheerful": ". + I + . ."}
+        assert lines[6].endswith(expected[name])
+
+
+def test_image_shows_walls_and_headings() -> None:
+    env = ProxemicEnv("Walls", render_mode="rgb_array")
+    env.reset()
+    image = np.asarray(env.render())
+    wall = image[2 * 40 + 20, 4 * 40 + 20].tolist()
+    walls = [(r, c) for r in range(10) for c in range(12) if image[r * 40 + 20, c * 40 + 20].tolist() == wall]
+    assert [r * 12 + c for r, c in walls] == np.flatnonzero(env.model.scenario.grid.is_wall).tolist()
+    egg = ProxemicEnv("Egg", render_mode="rgb_array")
+    egg.reset()
+    person = np.asarray(egg.render())[6 * 40 + 1 : 7 * 40, 7 * 40 + 1 : 8 * 40].astype(int).sum(axis=2)
+    dark = person < 200
+    assert dark[:6].any()  # the nose, above the ring
+    assert not dark[-5:].any()
+    assert not dark[:, :5].any()
+    assert not dark[:, -5:].any()
