@@ -70,8 +70,8 @@ def curves(frame: pd.DataFrame, context: Context) -> Figure:
 
     Args:
       frame: `benchmark.reports.scenes.tables.curves`.
-      context: Of the comparison; if it has a protocol, the learners that it compares are drawn, and those that
-        train longest.
+      context: Of the comparison; if it has a protocol, the learners that it compares are drawn, and those
+        that train longest.
     """
     scenarios, learners = list(frame["scenario"].unique()), _learners(frame)
     if context.protocol is not None:
