@@ -36,7 +36,8 @@ def test_regions_end_where_the_room_does() -> None:
 
 
 def test_scene_of_equal_scenarios_is_the_same() -> None:
-    assert scene_of(compile_scenario(load_scenario("S1"))) is scene_of(S1)
+    first, second = (compile_scenario(load_scenario("S1")) for _ in range(2))
+    assert scene_of(first) is scene_of(second)
 
 
 def test_json_holds_the_scene() -> None:
@@ -89,3 +90,42 @@ def test_colour_limits_leave_out_outliers_and_what_is_not_known() -> None:
     assert colour_limits(np.append(np.zeros(1000), 99.0)) == (0.0, 1e-9)
     assert colour_limits(np.full(3, np.nan)) == (0.0, 1.0)
     assert colour_limits(np.full((2, 2), 5.0)) == (5.0, 5.0 + 1e-9)
+
+
+def test_walls_belong_to_no_region() -> None:
+    """The room of S1 with walls in two corners of the target region."""
+    floor = [["."] * 12 for _ in range(10)]
+    floor[4][6] = floor[8][10] = "#"
+    scene = scene_of(compile_scenario(load_scenario("S1", {"grid.walls": "\n".join(map("".join, floor))})))
+    assert np.flatnonzero(scene.is_wall).tolist() == [4 * 12 + 6, 8 * 12 + 10]
+    (border,) = scene.outlines[0].loops
+    assert set(border) == {(4, 7), (4, 11), (8, 11), (8, 10), (9, 10), (9, 6), (5, 6), (5, 7)}
+    assert np.flatnonzero(scene.is_over).tolist() == [4 * 12 + 6, 6 * 12 + 8, 8 * 12 + 10]
+
+
+def test_people_look_where_they_look_if_it_matters() -> None:
+    assert [glyph.heading for glyph in scene_of(S1).glyphs] == [None, None]
+    assert scene_of(S1).phase == ""
+    turning = compile_scenario(load_scenario("Turning"))
+    scenes = [scene_of(turning, phase) for phase in range(4)]
+    assert [scene.glyphs_of("issuer")[0].heading for scene in scenes] == [(-1, 0), (0, 1), (1, 0), (0, -1)]
+    assert [scene.phase for scene in scenes] == ["looks up", "looks right", "looks down", "looks left"]
+    for scene in scenes:
+        (person,) = scene.glyphs_of("issuer")
+        assert person.heading is not None
+        tip, *base = person.nose
+        assert tip == pytest.approx(0.5 * np.array(person.heading))
+        assert np.mean(base, axis=0) == pytest.approx(0.2 * np.array(person.heading))
+        assert np.ptp(base, axis=0) == pytest.approx(0.5 * abs(np.array(person.heading)[::-1]))
+
+
+def test_scenes_of_places_and_phases() -> None:
+    anywhere = compile_scenario(load_scenario("Anywhere"))
+    assert scene_of(anywhere, 0).cells_of("issuer") == [3]  # nearer ones leave the start no room
+    assert scene_of(anywhere, 110).cells_of("issuer") == [119]
+    assert scene_of(anywhere, 110).cells_of("start") == [0]
+    assert scene_of(compile_scenario(load_scenario("AnyStart"))).cells_of("start") == []
+    moody = compile_scenario(load_scenario("Moody"))
+    sizes = [scene_of(moody, phase).zone.count("target") for phase in range(3)]
+    assert sizes == [16, 24, 8]  # rings of radius 2, 3 and 1
+    assert scene_of(compile_scenario(load_scenario("TwoPeople"))).cells_of("issuer") == [80, 34]

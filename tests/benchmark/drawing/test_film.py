@@ -12,10 +12,11 @@ from PIL import Image, ImageDraw
 from agents.dynamic_programming import evaluate
 from agents.policy import mask_policy
 from benchmark.drawing.film import Film, Moment, end_of, film_of, learning, picture, write
+from benchmark.drawing.text import to_text
 from envs import InputError, compile_scenario, load_scenario
 from envs.model import PING
 from envs.regions import outlines
-from envs.scene import Outline, scene_of
+from envs.scene import COLOURS, Outline, scene_of
 from tests.benchmark.populations import population
 
 
@@ -201,3 +202,28 @@ def test_films_are_written_with_a_frame_per_moment(film: Film, tmp_path: Path, n
 def test_other_forms_of_film_are_refused(film: Film, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"film\.mp4: accepted: a name that ends in \.webp or \.gif\."):
         write([picture(film, end_of(film, 0))], tmp_path / "film.mp4")
+
+
+def test_walls_and_noses_are_painted(film: Film) -> None:
+    floor = [["."] * 12 for _ in range(10)]
+    floor[2][3] = "#"
+    walls = {"grid.walls": "\n".join(map("".join, floor))}
+    looking = {"regions.target_radius": None, "regions.uncomfortable_radius": None, "issuer.heading": "left"}
+    shapes = {
+        f"regions.{name}": {"kind": "egg", "front": f} for name, f in (("uncomfortable", 1.5), ("target", 3))
+    }
+    scene = scene_of(compile_scenario(load_scenario("S1", walls | looking | shapes)))
+    image = picture(replace(film, scene=scene), Moment(25, (0,)), 60, has_marks=False)
+    assert pixel(image, 2, 3, 0.45, 0.45, side=60) == pytest.approx(COLOURS["wall"], abs=2)
+    assert pixel(image, 2, 3, -0.25, -0.25, side=60) == pytest.approx(COLOURS["line"], abs=60)  # a stroke
+    assert min(pixel(image, 6, 8, 0, -0.6, side=60)) > 220  # the nose, left of the star
+    assert max(pixel(image, 6, 8, 0, 0.6, side=60)) < 220
+
+
+def test_text_shows_walls(film: Film) -> None:
+    walls = scene_of(compile_scenario(load_scenario("Walls")))
+    assert "# wall" in to_text(replace(film, scene=walls), Moment(25, (0,))).plain
+    lines = to_text(replace(film, scene=walls), Moment(25, (0,))).plain.splitlines()[2:12]
+    found = [(r, c) for r, line in enumerate(lines) for c in range(12) if line[3 * c + 1] == "#"]
+    assert [r * 12 + c for r, c in found] == np.flatnonzero(walls.is_wall).tolist()
+    assert "# wall" not in to_text(film, Moment(25, (0,))).plain

@@ -12,7 +12,7 @@ from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Rectangle
 from matplotlib.quiver import Quiver
 
 from benchmark.drawing.maps import actions, heat, region_legend, triangles
@@ -94,3 +94,23 @@ def test_legend_names_the_borders_of_the_scene() -> None:
     region_legend(figure)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == ["issuer", *(outline.label for outline in SCENE.outlines), "start"]
+
+
+def test_walls_and_noses_are_drawn() -> None:
+    walls = scene_of(compile_scenario(load_scenario("Walls")))
+    axis = Figure().subplots()
+    heat(axis, walls, np.zeros(120), NORM)
+    squares = [patch.get_xy() for patch in drawn(axis.patches, Rectangle)]
+    assert [(row + 0.5) * 12 + column + 0.5 for column, row in squares] == np.flatnonzero(
+        walls.is_wall
+    ).tolist()
+    egg = scene_of(compile_scenario(load_scenario("Egg")))
+    axis = Figure().subplots()
+    heat(axis, egg, np.zeros(182), NORM)
+    nose = drawn(axis.patches, Polygon)[-1].get_xy()
+    assert nose[0] == pytest.approx([7, 6 - 0.75])  # the person in row 6, column 7 looks up
+    two = scene_of(compile_scenario(load_scenario("TwoPeople")))
+    axis = Figure().subplots()
+    heat(axis, two, np.zeros(120), NORM)
+    stars = [line.get_xydata().tolist() for line in drawn(axis.lines, Line2D)]
+    assert stars == [[[8, 6]], [[10, 2]], [[0, 0]]]  # both people, start
