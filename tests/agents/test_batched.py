@@ -247,7 +247,6 @@ DQN_CHANGES: list[dict[str, Any]] = [
     [
         *(("S1", changes) for changes in DQN_CHANGES),
         ("moods", {"n_envs": 2, "n_steps": 3, "time_limit": 11, "buffer_size": 90, "gradient_steps": 2}),
-        ("moods", {"learning_rate": 1e-2, "gamma": 0.7, "policy_kwargs": {"net_arch": ()}}),
         ("anywhere", {"tau": 0.3, "target_update_interval": 7}),
         ("anywhere", {"batch_size": 90, "target_update_interval": 400}),  # read for all observations
     ],
@@ -339,10 +338,8 @@ PPO_CHANGES: list[dict[str, Any]] = [
     ("scene", "changes"),
     [
         *(("S1", changes) for changes in PPO_CHANGES),
-        ("moods", {"time_limit": 7, "gae_lambda": 0.5}),
-        ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5}),
-        ("anywhere", {"time_limit": 7}),
-        ("anywhere", {"batch_size": 13, "clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8}),
+        ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5, "time_limit": 7}),
+        ("anywhere", {"clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8, "time_limit": 7}),
     ],
     ids=str,
 )
@@ -700,7 +697,7 @@ def equal(one: DeepTraining, other: DeepTraining, rows: Any = slice(None)) -> bo
         ("batched_dqn", "S1", {"policy_kwargs": {"net_arch": ()}, "n_steps": 3, "batch_size": 128}),
         (
             "batched_dqn",
-            S1,
+            "S1",
             {"policy_kwargs": {"net_arch": (33,)}, "tau": 0.3, "n_envs": 2, "batch_size": 17},
         ),
         ("batched_dqn", "noisy moods", {"policy_kwargs": {"net_arch": (128, 128)}, "n_envs": 2}),
