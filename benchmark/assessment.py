@@ -23,7 +23,7 @@ from agents.policy import Policy
 from benchmark.analysis.population import anchors, overlap
 from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
 from benchmark.drawing.style import figure_of
-from benchmark.page.sources import open_folder, section
+from benchmark.page.sources import Folder, open_folder, section
 from envs import ACTIONS, ZONES, InputError, Model, compile_scenario, load_scenario
 from envs.inputs import unknown_name
 from envs.model import PING
@@ -130,13 +130,16 @@ class Assessment:
             *(f"  {label:20} {text}" for label, text in rows.items()),
         ]
         if self.standing is None:
-            return "\n".join([*lines, f"no rank: {self.results} has no published results for this scenario"])
+            return "\n".join(
+                [*lines, f"no rank: there are no published results for this scenario in {self.results}"]
+            )
         rank, tied, learners = self.standing
         n, runs = len(learners), learners["runs"].sum()
         lines += [
             f"ranks {rank} of {n + 1} by score{f', tied with {tied}' if tied else ''}: {n} published "
             f"learners by their mean scores, from {runs:,} runs,",
             "and this agent, a single policy: its score says nothing about other runs of its training",
+            "score: the mean; lower, equal, higher: the share of runs that score so against this agent",
             "",
             learners.to_string(index=False, float_format="{:.4f}".format),
         ]
@@ -361,35 +364,38 @@ def _named(model: Model, o: int) -> str:
 def _published(model: Model, results: Path) -> pd.DataFrame | None:
     """Reads the scores of all published runs in a scenario: experiment, learner, score.
 
-    A folder counts if it has the scenario as it is now and the same time limit, and is complete, with the
-    seeds that its experiment declares. Checks do not count: they are trained with another learner's settings.
-    Nor do miniatures for tests.
+    Raises:
+      InputError: A folder of results is damaged.
     """
-    name, declared = model.scenario.name, model.scenario.model_dump(mode="json")
-    frames = []
-    for file in sorted(results.glob(f"*/{_SCORES}")):
-        folder = open_folder(file.parent, "")
-        manifest = folder.manifest
-        if (
-            manifest["scenarios"].get(name) != declared
-            or manifest["horizon"] != HORIZON
-            or manifest["partial"]
-            or manifest["experiment"] != file.parent.name  # other seeds
-            or file.parent.name.endswith("_smoke")
-        ):
-            continue
-        frame = section(folder, lambda folder: folder.read(_SCORES, embed=False))
-        if "score" not in frame:  # of an experiment about implementations
-            continue
-        is_check = frame["algorithm"].map(
-            lambda arm, arms=manifest["algorithms"]: bool(arms[arm]["check_of"])
-        )
-        frame = frame[(frame["scenario"] == name) & ~is_check]
-        learner = frame["algorithm"] + ", " + frame["observation"]
-        frames.append(
-            pd.DataFrame({"experiment": file.parent.name, "learner": learner, "score": frame["score"]})
-        )
-    return pd.concat(frames, ignore_index=True) if frames else None
+    folders = [open_folder(file.parent, "") for file in sorted(results.glob(f"*/{_SCORES}"))]
+    frames = [section(folder, lambda folder: _scores(folder, model)) for folder in folders]
+    found = [frame for frame in frames if frame is not None]
+    return pd.concat(found, ignore_index=True) if found else None
+
+
+def _scores(folder: Folder, model: Model) -> pd.DataFrame | None:
+    """Reads the scores of a folder's learners in a scenario; None if it has none that can be compared.
+
+    They can if the folder has the scenario as it is now and the same time limit, and is complete, with the
+    seeds that its experiment declares. Miniatures for tests do not count, nor do checks, which are trained
+    with the settings of another learner.
+    """
+    name, manifest = model.scenario.name, folder.manifest
+    if (
+        manifest["scenarios"].get(name) != model.scenario.model_dump(mode="json")
+        or manifest["horizon"] != HORIZON
+        or manifest["partial"]
+        or manifest["experiment"] != folder.path.name  # other seeds
+        or folder.path.name.endswith("_smoke")
+    ):
+        return None
+    frame = folder.read(_SCORES, embed=False)
+    if "score" not in frame:  # of an experiment about implementations
+        return None
+    checks = [arm for arm, declared in manifest["algorithms"].items() if declared["check_of"]]
+    frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(checks)]
+    learner = frame["algorithm"] + ", " + frame["observation"]
+    return pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})
 
 
 def _map(assessment: Assessment) -> Figure:

@@ -11,9 +11,11 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.save is not None:
         check_picture(options.save)
-    agent = options.model if options.agent is None else imported(options.agent, "--agent", "function")
-    if options.agent is not None and not callable(agent):
-        raise InputError(f"--agent {options.agent}: accepted: a function of the observation.")
+    agent = options.model
+    if options.agent is not None:
+        agent = imported(options.agent, "--agent", "function")
+        if not callable(agent):
+            raise InputError(f"--agent {options.agent}: accepted: a function of the observation.")
     assessment = assess(
         agent,
         scenario=options.scenario,
