@@ -114,14 +114,14 @@ class Assessment:
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
         rows = {
-            "score": f"{self.score:<10g} 0 is the random policy, 1 the optimal one; clipped to [0, 1]",
+            "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
             "unbounded score": f"{self.unbounded_score:g}",
             "success": f"{self.success:g}",
             "steps": f"{self.steps:g}",
             "wrong PINGs": f"{self.wrong_pings:g}",
             "uncomfortable steps": f"{self.uncomfortable_steps:g}",
-            "region overlap": f"{self.region_overlap:<10g} of where PING is the likeliest action with the "
-            "target region",
+            "region overlap": f"{self.region_overlap:<10g} (of where PING is the likeliest action with the "
+            "target region)",
         }
         name = self.model.scenario.name
         lines = [
