@@ -22,6 +22,7 @@ examples:
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       build results/index.html from published results
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
+  python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark speed                        measure speed against common alternatives
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
@@ -124,6 +125,31 @@ def _parser() -> argparse.ArgumentParser:
     watch.add_argument(
         "--save", type=Path, metavar="FILE", help="write an animated .webp or .gif instead of showing it"
     )
+
+    assess = command("assess", "score an agent exactly, and rank it among the published learners")
+    agent = assess.add_mutually_exclusive_group(required=True)
+    agent.add_argument(
+        "--agent",
+        metavar="MODULE:FUNCTION",
+        help="a function of the observation that returns an action or five probabilities",
+    )
+    agent.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="a model saved by Stable-Baselines3; loading it can run any code: load only what you trust",
+    )
+    assess.add_argument(
+        "--algorithm", metavar="MODULE:CLASS", help="the saved model's class, as in stable_baselines3:PPO"
+    )
+    assess.add_argument(
+        "--stochastic", action="store_true", help="let a saved model draw its actions (default: greedy)"
+    )
+    assess.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
+    assess.add_argument(
+        "--observation", required=True, help="what the agent takes: index, one_hot or coordinates"
+    )
+    assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     speed.add_argument(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from envs import ACTIONS
 from envs.model import MOVES, PING
-from envs.scene import BORDERS, COLOUR_MAP, COLOURS, TRIANGLES, Scene
+from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, TRIANGLES, Scene
 
 _DASHES: Final = (0, (2, 1.5))
 _AROUND_SOLID: Final[list[AbstractPathEffect]] = [
@@ -93,6 +93,19 @@ def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
     )  # fmt: skip
 
 
+def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:
+    """Draws an arrow head for every move, beside the centre of its cell, so that several fit into one.
+
+    Args:
+      axis: Where to draw.
+      moves: Columns row, column, action.
+    """
+    centre = moves[["column", "row"]].to_numpy()[:, None, :]
+    action = moves["action"].map(ACTIONS.index).to_numpy(dtype=int)
+    heads = list(centre + ARROWHEADS[action][..., ::-1])
+    axis.add_collection(PolyCollection(heads, facecolors="white", edgecolors="black", linewidths=0.4))
+
+
 def dots(axis: Axes, cells: pd.DataFrame) -> None:
     """Draws a dot in each of these cells; columns row and column."""
     axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
@@ -133,8 +146,14 @@ def colour_bar(
         bar.ax.axhline(0.0, color="white", lw=1.5)  # marks where the sign changes
 
 
-def region_legend(figure: Figure, *more: Line2D) -> None:
-    """Draws a legend of borders, glyphs and more marks on the maps."""
+def region_legend(figure: Figure, *more: Line2D, columns: int | None = None) -> None:
+    """Draws a legend of borders, glyphs and more marks on the maps.
+
+    Args:
+      figure: Where to draw.
+      *more: Further entries.
+      columns: Entries in a row; by default all.
+    """
     borders = [
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
@@ -145,4 +164,4 @@ def region_legend(figure: Figure, *more: Line2D) -> None:
         Line2D([], [], ls="", marker="s", mfc="none", mec="black", ms=5, label="start"),
         *more,
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns or len(handles), frameon=False)

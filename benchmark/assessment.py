@@ -1,0 +1,437 @@
+"""Assesses any agent exactly: its score, a map of where it PINGs, its rank among the published learners.
+
+An agent is a function of the observation, or a model saved by Stable-Baselines3. It is read as a table over
+all observations, so it counts as memoryless: what a function remembers between calls is not judged.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib import pyplot as plt
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from agents.dynamic_programming import Evaluation, evaluate
+from agents.policy import Policy
+from benchmark.analysis.population import anchors, overlap
+from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
+from benchmark.drawing.style import figure_of
+from benchmark.page.sources import Folder, open_folder, section
+from envs import ACTIONS, ZONES, InputError, Model, compile_scenario, load_scenario
+from envs.inputs import unknown_name
+from envs.model import PING
+from envs.observations import OBSERVATIONS, observation_table
+from envs.scenario import ScenarioLike
+from envs.scene import COLOURS, scene_of
+
+Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
+
+HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
+RESULTS: Final = Path(__file__).parents[1] / "results"
+_SCORES: Final = "scores.csv"
+_ASKED_AGAIN: Final = 200  # observations for which a function is asked a second time
+_TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
+_ROUNDING: Final = 1e-6  # of scores, which files have with six significant digits
+_LONGEST_ANSWER: Final = 100  # characters that a message repeats
+_TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
+
+
+class Standing(NamedTuple):
+    """How an agent's score compares with those of the published learners in the same scenario."""
+
+    rank: int  # 1 plus the number of learners with a higher mean score
+    tied: int  # learners with the same mean score
+    # By mean score: experiment, learner, runs, score (the mean), and the shares of its runs that score lower
+    # than, equal to and higher than the agent.
+    learners: pd.DataFrame
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What an agent does in a scenario. O observations, F fresh states, A actions."""
+
+    model: Model
+    observation: str  # the form that the agent is given
+    policy: Policy  # (O, A) its action probabilities
+    evaluation: Evaluation  # exact, from the scenario's starts
+    results: Path  # the folder that holds the published results
+
+    @cached_property
+    def unbounded_score(self) -> float:
+        """The return as a score: 0 is the random policy, 1 the optimal one, and below 0 is possible."""
+        random, optimal = anchors(self.model, HORIZON, "start")["grid_return"]
+        return round((float(self.evaluation.grid_return) - random) / (optimal - random), 9)
+
+    @property
+    def score(self) -> float:
+        """The score clipped to [0, 1], as published learners are compared."""
+        return min(max(self.unbounded_score, 0.0), 1.0)
+
+    @property
+    def success(self) -> float:
+        """The probability that an episode ends with a PING in the target region."""
+        return float(self.evaluation.success)
+
+    @property
+    def steps(self) -> float:
+        """Expected steps of an episode."""
+        return float(self.evaluation.steps)
+
+    @property
+    def wrong_pings(self) -> float:
+        """Expected wrong PINGs of an episode."""
+        return float(self.evaluation.wrong_pings)
+
+    @property
+    def uncomfortable_steps(self) -> float:
+        """Expected steps of an episode that end in the uncomfortable region."""
+        return float(self.evaluation.zone_steps[ZONES.index("uncomfortable")])
+
+    @cached_property
+    def marked(self) -> NDArray[np.bool_]:
+        """(F,) in which fresh states PING is the likeliest action; if a move is as likely, it is not."""
+        observed = self.model.observation[self.model.fresh_state]
+        return np.asarray(self.policy.argmax(axis=1) == PING)[observed]
+
+    @property
+    def region_overlap(self) -> float:
+        """Intersection over union of `marked` and the target region."""
+        return float(overlap(self.marked, self.model.zone_of_cell == ZONES.index("target")))
+
+    @cached_property
+    def standing(self) -> Standing | None:
+        """The rank among the published learners; None if nothing is published for this scenario."""
+        published = _published(self.model, self.results)
+        return None if published is None else standing_of(self.score, published)
+
+    def __str__(self) -> str:
+        """All numbers, and the standing, as text."""
+        rows = {
+            "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
+            "unbounded score": f"{self.unbounded_score:g}",
+            "success": f"{self.success:g}",
+            "steps": f"{self.steps:g}",
+            "wrong PINGs": f"{self.wrong_pings:g}",
+            "uncomfortable steps": f"{self.uncomfortable_steps:g}",
+            "region overlap": f"{self.region_overlap:<10g} (of where PING is the likeliest action with the "
+            "target region)",
+        }
+        name = self.model.scenario.name
+        lines = [
+            f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over episodes "
+            f"of at most {HORIZON} steps",
+            *(f"  {label:20} {text}" for label, text in rows.items()),
+        ]
+        if self.standing is None:
+            return "\n".join(
+                [*lines, f"no rank: there are no published results for this scenario in {self.results}"]
+            )
+        rank, tied, learners = self.standing
+        n, runs = len(learners), learners["runs"].sum()
+        lines += [
+            f"ranks {rank} of {n + 1} by score{f', tied with {tied}' if tied else ''}: {n} published "
+            f"learners by their mean scores, from {runs:,} runs,",
+            "and this agent, a single policy: its score says nothing about other runs of its training",
+            "score: the mean; lower, equal, higher: the share of runs that score so against this agent",
+            "",
+            learners.to_string(index=False, float_format="{:.4f}".format),
+        ]
+        return "\n".join(lines)
+
+    def draw(self, path: str | Path) -> None:
+        """Draws where the agent PINGs, and which moves are its likeliest elsewhere.
+
+        If an observation is more than the agent's cell, the map is of the first place of the issuer and of
+        the first phase, before any wrong PING.
+
+        Args:
+          path: A .png or .svg file.
+
+        Raises:
+          InputError: The file name has another ending, or the file cannot be written.
+        """
+        path = Path(path)
+        check_picture(path)
+        figure = _map(self)
+        try:
+            figure.savefig(path, dpi=160, bbox_inches="tight")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}.") from error
+        finally:
+            plt.close(figure)
+
+
+def assess(
+    agent: Act | str | Path,
+    *,
+    scenario: ScenarioLike,
+    observation: str,
+    algorithm: str | None = None,
+    stochastic: bool = False,
+    results: str | Path = RESULTS,
+) -> Assessment:
+    """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
+
+    A function is called once for every observation of the scenario, and for some of them a second time. A
+    saved model acts greedily unless `stochastic` is true. Loading it can run any code: load only files that
+    you trust.
+
+    Args:
+      agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`) or five
+        probabilities; or the path of a model saved by Stable-Baselines3.
+      scenario: A name or a path, see `envs.load_scenario`.
+      observation: The form of observation that the agent takes, see `envs.observations`.
+      algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
+      stochastic: Whether a saved model draws its actions by the probabilities that it has learned.
+      results: The folder of published results among which the agent is ranked.
+
+    Raises:
+      InputError: The scenario, the form of observation or the saved model cannot be used, or the function
+        returns something else, or not the same when it is asked again.
+    """
+    model = compile_scenario(load_scenario(scenario))
+    if observation not in OBSERVATIONS:
+        unknown_name("observation", "form", str(observation), OBSERVATIONS)
+    if isinstance(agent, str | Path):
+        policy = _policy_of_saved(Path(agent), algorithm, model, observation, stochastic=stochastic)
+    elif not callable(agent):
+        raise InputError(
+            f"agent = {_shown(agent)}: accepted: a function of the observation, or the path of a saved model."
+        )
+    elif algorithm is not None or stochastic:
+        raise InputError("algorithm, stochastic: accepted only together with the path of a saved model.")
+    else:
+        policy = policy_of(agent, model, observation)
+    return Assessment(model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
+
+
+def policy_of(act: Act, model: Model, observation: str) -> Policy:
+    """Asks a function for its action in every observation.
+
+    Some observations are asked a second time in another order, since a function that remembers or draws
+    something would be misjudged. This finds most such functions, not all.
+
+    Args:
+      act: Takes an observation and returns an action or five probabilities.
+      model: Compiled scenario with O observations.
+      observation: The form in which `act` takes observations.
+
+    Returns:
+      Action probabilities, (O, A).
+
+    Raises:
+      InputError: `act` fails, or returns something else, or another answer the second time.
+    """
+    table = observation_table(model, observation)
+    # As an environment gives it: a number, or an array that the function may change.
+    given: list[Any] = table.tolist() if table.ndim == 1 else list(table)
+
+    def ask(o: int) -> tuple[NDArray[np.float64], object]:
+        try:
+            answer = act(given[o] if isinstance(given[o], int) else given[o].copy())
+        except Exception as error:  # whatever the function raises
+            raise InputError(
+                f"act: failed for {_named(model, o)}: {type(error).__name__}: {error}."
+            ) from error
+        row = _row(answer)
+        if row is None:
+            raise InputError(
+                f"act: returned {_shown(answer)} for {_named(model, o)}; accepted: an action, a whole number "
+                f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one."
+            )
+        return row, answer
+
+    asked = [ask(o) for o in range(len(given))]
+    for o in np.random.default_rng(0).permutation(len(given))[:_ASKED_AGAIN].tolist():
+        row, answer = ask(o)
+        before, first_answer = asked[o]
+        if abs(row - before).max() > _TOLERANCE:
+            raise InputError(
+                f"act: returned {_shown(first_answer)} and, asked again, {_shown(answer)} for "
+                f"{_named(model, o)}; accepted: an answer that depends on the observation alone, without "
+                f"memory; an agent that draws its actions returns {len(ACTIONS)} probabilities."
+            )
+    return np.stack([row for row, _ in asked])
+
+
+def standing_of(score: float, published: pd.DataFrame) -> Standing:
+    """Ranks a score among learners by their mean scores.
+
+    Args:
+      score: Of the agent, in [0, 1].
+      published: A row per run: experiment, learner, score.
+    """
+    runs = published.assign(
+        lower=published["score"] < score - _ROUNDING,
+        equal=(published["score"] - score).abs() <= _ROUNDING,
+        higher=published["score"] > score + _ROUNDING,
+    )
+    learners = (
+        runs.groupby(["experiment", "learner"], sort=False)
+        .agg(
+            runs=("score", "size"),
+            score=("score", "mean"),
+            lower=("lower", "mean"),
+            equal=("equal", "mean"),
+            higher=("higher", "mean"),
+        )
+        .reset_index()
+        .sort_values("score", ascending=False, kind="stable", ignore_index=True)
+    )
+    above = int((learners["score"] > score + _ROUNDING).sum())
+    tied = int(((learners["score"] - score).abs() <= _ROUNDING).sum())
+    return Standing(above + 1, tied, learners)
+
+
+def check_picture(path: Path) -> None:
+    """Checks that a map can be written to a file.
+
+    Raises:
+      InputError: The file name has an ending other than .png and .svg, or its folder is missing.
+    """
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise InputError(f"{path}: accepted: a name that ends in .png or .svg.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}.")
+
+
+def _policy_of_saved(
+    path: Path, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
+) -> Policy:
+    """Reads the policy of a saved model, (O, A)."""
+    if algorithm is None:
+        raise InputError(
+            f'{path}: the algorithm is missing; accepted: module:class, for example "stable_baselines3:PPO".'
+        )
+    try:
+        from agents.sb3.tables import saved_table
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{path}: a saved model needs the package {error.name}, which is not installed; "
+            "make .venv/.deep installs it."
+        ) from error
+    table, is_value = saved_table(path, algorithm, model, observation)
+    if not stochastic:
+        return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
+    if is_value:
+        raise InputError(
+            f"{path}: {algorithm} learns action values; stochastic: accepted with probabilities."
+        )
+    return table
+
+
+def _row(answer: object) -> NDArray[np.float64] | None:
+    """Returns the probabilities, (A,), that a function's answer stands for; None if it is no answer."""
+    try:
+        values = np.asarray(answer)
+    except (ValueError, TypeError, RuntimeError):  # nested lists, or tensors that need a gradient
+        return None
+    if values.shape == () and values.dtype.kind in "iu" and 0 <= values < len(ACTIONS):
+        return np.asarray(np.eye(len(ACTIONS))[int(values)])
+    if values.shape != (len(ACTIONS),) or values.dtype.kind not in "iuf":
+        return None
+    probabilities = values.astype(np.float64)
+    total = probabilities.sum()
+    if not ((probabilities >= 0).all() and abs(total - 1.0) <= _TOLERANCE):
+        return None
+    return np.asarray(probabilities / total)
+
+
+def _shown(answer: object) -> str:
+    """Returns an object as a message has it: on one line, and not too long."""
+    text = " ".join(repr(answer).split())
+    return text if len(text) <= _LONGEST_ANSWER else f"{text[: _LONGEST_ANSWER - 3]}..."
+
+
+def _named(model: Model, o: int) -> str:
+    """Returns which observation this is: its number, the agent's cell, and its other parts."""
+    rest, cell = divmod(o, model.parts[0].size)
+    row, column = model.position[cell]
+    parts = [f"row {row}, column {column}"]
+    for part in model.parts[1:]:
+        rest, value = divmod(rest, part.size)
+        parts.append(f"{part.name} {value}")
+    return f"observation {o} ({', '.join(parts)})"
+
+
+def _published(model: Model, results: Path) -> pd.DataFrame | None:
+    """Reads the scores of all published runs in a scenario: experiment, learner, score.
+
+    Raises:
+      InputError: A folder of results is damaged.
+    """
+    folders = [open_folder(file.parent, "") for file in sorted(results.glob(f"*/{_SCORES}"))]
+    frames = [section(folder, lambda folder: _scores(folder, model)) for folder in folders]
+    found = [frame for frame in frames if frame is not None]
+    return pd.concat(found, ignore_index=True) if found else None
+
+
+def _scores(folder: Folder, model: Model) -> pd.DataFrame | None:
+    """Reads the scores of a folder's learners in a scenario; None if it has none that can be compared.
+
+    They can if the folder has the scenario as it is now and the same time limit, and is complete, with the
+    seeds that its experiment declares. Miniatures for tests do not count, nor do checks, which are trained
+    with the settings of another learner.
+    """
+    name, manifest = model.scenario.name, folder.manifest
+    if (
+        manifest["scenarios"].get(name) != model.scenario.model_dump(mode="json")
+        or manifest["horizon"] != HORIZON
+        or manifest["partial"]
+        or manifest["experiment"] != folder.path.name  # other seeds
+        or folder.path.name.endswith("_smoke")
+    ):
+        return None
+    frame = folder.read(_SCORES, embed=False)
+    if "score" not in frame:  # of an experiment about implementations
+        return None
+    checks = [arm for arm, declared in manifest["algorithms"].items() if declared["check_of"]]
+    frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(checks)]
+    learner = frame["algorithm"] + ", " + frame["observation"]
+    return pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})
+
+
+def _map(assessment: Assessment) -> Figure:
+    """Draws the map of an agent, see `Assessment.draw`."""
+    model = assessment.model
+    scene, states = scene_of(model), model.states_of(0)
+    policy = assessment.policy[model.observation[states]]  # (C, A)
+    is_likeliest = policy >= policy.max(axis=1, keepdims=True) - _TIE
+    is_ping = policy.argmax(axis=1) == PING  # no move is as likely
+    row, column = model.position.T
+    cells = pd.DataFrame({"row": row, "column": column})
+    norm = Normalize(0.0, 1.0)
+    with figure_of(1, 1, (6.0, 2.1 + 4.6 * scene.rows / scene.columns)) as (figure, axes):
+        figure.set_layout_engine("compressed")  # the colour scale gets the height of the map
+        axis = axes[0, 0]
+        axis.set_facecolor(np.array(COLOURS["over"]) / 255)
+        heat(axis, scene, np.where(scene.is_over, np.nan, policy[:, PING]), norm)
+        for action, name in enumerate(ACTIONS[:PING]):
+            arrowheads(axis, cells[is_likeliest[:, action] & ~scene.is_over].assign(action=name))
+        dots(axis, cells[is_ping & ~scene.is_over])
+        title = f"{model.scenario.name}: score {assessment.score:.3g}, success {assessment.success:.3g}"
+        axis.set_title("\n".join(filter(None, [title, _where(model, scene.phase)])))
+        colour_bar(figure, [axis], norm, "probability of PING")
+        ping = Line2D([], [], ls="", marker="o", color="black", ms=4, label="PING is the likeliest action")
+        move = Line2D([], [], ls="", marker=">", color="black", ms=4, label="likeliest moves")
+        region_legend(figure, ping, move, columns=2)
+    return figure
+
+
+def _where(model: Model, phase: str) -> str:
+    """Returns which of the agent's observations a map shows; empty if it shows all."""
+    if model.observes_cells:
+        return ""
+    row, column = model.scenario.people[0][0][0].cell
+    issuer = f"the issuer in row {row}, column {column}"
+    if model.n_places > 1:
+        issuer += f", the first of {model.n_places} places"
+    pings = "no wrong PING yet" if "wrong_pings" in model.scenario.observe else ""
+    return "; ".join(filter(None, [issuer, phase and f"phase: {phase}", pings]))

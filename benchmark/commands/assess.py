@@ -1,0 +1,31 @@
+"""Scores an agent exactly, ranks it among the published learners, and draws where it PINGs."""
+
+import argparse
+
+from benchmark.assessment import assess, check_picture
+from envs import InputError
+from envs.inputs import imported
+
+
+def main(options: argparse.Namespace) -> int:
+    """Runs the command; returns the exit code."""
+    if options.save is not None:
+        check_picture(options.save)
+    agent = options.model
+    if options.agent is not None:
+        agent = imported(options.agent, "--agent", "function")
+        if not callable(agent):
+            raise InputError(f"--agent {options.agent}: accepted: a function of the observation.")
+    assessment = assess(
+        agent,
+        scenario=options.scenario,
+        observation=options.observation,
+        algorithm=options.algorithm,
+        stochastic=options.stochastic,
+        results=options.results,
+    )
+    print(assessment)
+    if options.save is not None:
+        assessment.draw(options.save)
+        print(f"\nmap: {options.save}")
+    return 0

@@ -1,0 +1,473 @@
+"""Assessing an agent: how it is read, against hand-made policies, and how it is ranked, by hand."""
+
+import json
+import math
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from agents.dynamic_programming import evaluate, solve
+from agents.policy import uniform_policy
+from benchmark.assessment import Act, assess, standing_of
+from envs import EVENTS, InputError, compile_scenario, load_scenario
+from envs.model import PING
+from envs.observations import observation_table
+
+S1 = compile_scenario(load_scenario("S1"))
+DOWN, RIGHT = 1, 3
+
+
+def optimal(scenario: str) -> Act:
+    """An optimal policy over the numbers of observations: where nothing that matters is hidden."""
+    model = compile_scenario(load_scenario(scenario))
+    best = solve(model, 1.0, 200, issuer_rewards=False).q.argmax(axis=1)
+    action = dict(zip(model.observation[model.fresh_state].tolist(), best[model.fresh_state], strict=True))
+    return lambda o: action.get(o, 0)
+
+
+def approach(o: NDArray[np.float32]) -> int:
+    """Reads its cell and the issuer's, of 10 rows and 12 columns; PINGs at Chebyshev distance 2."""
+    down, right = np.rint((o[2:4] - o[:2]) * (9, 11)).astype(int)
+    if max(abs(down), abs(right)) == 2:
+        return PING
+    if abs(down) > abs(right):
+        return DOWN if down > 0 else 0
+    return RIGHT if right > 0 else 2
+
+
+# Exact numbers
+
+
+@pytest.mark.parametrize("scenario", ["S1", "S2", "S3"])
+def test_optimal_policy_scores_one_and_ranks_first(scenario: str) -> None:
+    assessment = assess(optimal(scenario), scenario=scenario, observation="index")
+    # Row 4, column 6 is the nearest cell of the target region: ten moves and a PING.
+    assert assessment.score == 1
+    assert assessment.success == pytest.approx(1)
+    assert assessment.steps == pytest.approx(11)
+    assert (assessment.wrong_pings, assessment.uncomfortable_steps) == (0, 0)
+    assert assessment.standing is not None
+    learners = assessment.standing.learners
+    perfect = learners[learners["score"] == 1]
+    assert (assessment.standing.rank, assessment.standing.tied) == (1, len(perfect))
+    assert (perfect["equal"] == 1).all()
+    assert set(learners["lower"] + learners["equal"]) == {1}
+    assert (learners["higher"] == 0).all()
+    folder = Path(__file__).parents[2] / "results" / "compare_deep"
+    published = pd.read_csv(folder / "scores.csv").query("scenario == @scenario")
+    algorithms = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["algorithms"]
+    names = {
+        f"{arm}, {observation}"
+        for arm, observation in zip(published["algorithm"], published["observation"], strict=True)
+        if not algorithms[arm]["check_of"]
+    }
+    assert set(learners[learners["experiment"] == "compare_deep"]["learner"]) == names
+
+
+@pytest.mark.parametrize("scenario", ["S2", "Moody", "Egg"])
+def test_random_policy_scores_zero(scenario: str) -> None:
+    assessment = assess(lambda _: np.full(5, 0.2, dtype=np.float32), scenario=scenario, observation="one_hot")
+    model = compile_scenario(load_scenario(scenario))
+    assert assessment.unbounded_score == pytest.approx(0, abs=1e-9)
+    assert assessment.success == pytest.approx(float(evaluate(model, uniform_policy(model), 200).success))
+    assert assessment.region_overlap == 0  # PING is as likely as a move, so it is nowhere the likeliest
+
+
+def test_an_agent_that_never_pings_by_hand() -> None:
+    assessment = assess(lambda _: 0, scenario="S1", observation="index")
+    assert (assessment.success, assessment.steps, assessment.score) == (0, 200, 0)
+    # 200 steps cost 20; the optimum pays 0; the random policy's return is what gives it a score of 0.
+    random = float(evaluate(S1, uniform_policy(S1), 200).grid_return)
+    assert assessment.unbounded_score == pytest.approx((-20 - random) / -random)
+
+
+def test_episodes_of_the_environment_agree() -> None:
+    """A second method: episodes of an agent that draws its actions, played in the environment."""
+
+    def act(o: NDArray[np.float32]) -> list[float]:
+        return [0, 0.35, 0, 0.45, 0.2] if o[0] + o[1] > 0.5 else [0, 0.5, 0, 0.5, 0]
+
+    assessment = assess(act, scenario="Moody", observation="coordinates")
+    env = gymnasium.make("envs:Proxemic/Moody-v0", observation="coordinates")
+    rng = np.random.default_rng(0)
+    n, successes, steps = 1500, 0, 0
+    for episode in range(n):
+        observation, _ = env.reset(seed=episode)
+        ended = False
+        while not ended:
+            action = int(rng.choice(5, p=act(observation)))
+            observation, _, terminated, truncated, info = env.step(action)
+            ended, steps = terminated or truncated, steps + 1
+        successes += EVENTS[info["event"]] == "target_ping"
+    assert 0.1 < assessment.success < 0.9
+    assert successes / n == pytest.approx(assessment.success, abs=4 * 0.5 / math.sqrt(n))
+    assert steps / n == pytest.approx(assessment.steps, rel=0.05)
+
+
+# Several parts
+
+
+def test_issuer_anywhere_is_found_by_hand() -> None:
+    assessment = assess(approach, scenario="Anywhere", observation="coordinates")
+    assert assessment.score == pytest.approx(1)
+    assert assessment.success == pytest.approx(1)
+    assert assessment.region_overlap == 1  # over all places of the issuer
+
+
+def test_moods_are_seen_and_overlap_is_over_all_of_them() -> None:
+    radius = (2, 3, 1)  # of the target region when calm, tense and cheerful
+
+    def act(o: int) -> int:
+        phase, cell = divmod(o, 120)
+        row, column = divmod(cell, 12)
+        return PING if max(abs(row - 6), abs(column - 8)) == radius[phase] else DOWN
+
+    assessment = assess(act, scenario="Moody", observation="index")
+    assert assessment.region_overlap == 1
+    always_calm = assess(lambda o: act(o % 120), scenario="Moody", observation="index")
+    # Rings of 16, 24 and 8 cells, of which the last column lies outside the tense ring's 7 x 7 square; the
+    # ring of 16 is marked in each of three moods.
+    tense = sum(max(abs(r - 6), abs(c - 8)) == 3 for r in range(10) for c in range(12))
+    assert tense == 24
+    assert always_calm.region_overlap == pytest.approx(16 / (3 * 16 + 24 + 8))
+
+
+def test_overlap_by_hand() -> None:
+    assessment = assess(lambda o: PING if o // 12 in (4, 5) else DOWN, scenario="S1", observation="index")
+    # Of 24 cells in rows 4 and 5, the region has five and two; it has 16 in all.
+    assert assessment.region_overlap == pytest.approx(7 / (24 + 16 - 7))
+
+
+# Functions
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        4,
+        np.int64(4),
+        np.array(4),
+        [0, 0, 0, 0, 1],
+        np.array([0, 0, 0, 0, 1], dtype=np.float32),
+        (0, 0, 0, 0, 1),
+    ],
+)
+def test_answers_that_mean_ping(answer: object) -> None:
+    policy = assess(lambda _: answer, scenario="S1", observation="index").policy
+    assert policy.tolist() == [[0, 0, 0, 0, 1]] * 120
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        5, -1, 2.0, True, None, "UP", [1], [0.5, 0.5], [0.2, 0.2, 0.2, 0.2, 0.3], [1.1, -0.1, 0, 0, 0],
+        [math.nan] * 5, [math.inf, 0, 0, 0, 0], (3, None), np.array([4]), {}, [[1], [2, 3]],
+    ],
+)  # fmt: skip
+def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
+    with pytest.raises(InputError) as refused:
+        assess(lambda o: answer if o == 14 else 0, scenario="S1", observation="index")
+    message = str(refused.value)
+    assert message.startswith(f"act: returned {' '.join(repr(answer).split())} for observation 14 ")
+    assert "(row 1, column 2); accepted: an action" in message
+    assert "\n" not in message
+
+
+def test_observations_are_named_by_their_parts() -> None:
+    message = r"observation 385 \(row 2, column 1, wrong_pings 3\)"
+    with pytest.raises(InputError, match=message):
+        assess(lambda o: None if o == 385 else 0, scenario="Counted", observation="index")
+
+
+def test_a_function_that_fails_is_reported() -> None:
+    with pytest.raises(InputError, match=r"act: failed for observation 0 .*: IndexError: ") as refused:
+        assess(lambda o: o[9], scenario="S1", observation="coordinates")
+    assert isinstance(refused.value.__cause__, IndexError)
+
+
+@pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
+def test_observations_are_those_of_the_environment(observation: str) -> None:
+    env = gymnasium.make("envs:Proxemic/Moody-v0", observation=observation)
+    given: list[Any] = []
+
+    def act(o: Any) -> int:
+        assert env.observation_space.contains(o)
+        given.append(o)
+        return 0
+
+    assess(act, scenario="Moody", observation=observation)
+    model = compile_scenario(load_scenario("Moody"))
+    assert np.array_equal(given[: model.n_observations], observation_table(model, observation))
+
+
+def test_a_function_may_change_what_it_is_given() -> None:
+    def act(o: NDArray[np.float32]) -> int:
+        action = PING if o[0] > 0.5 else DOWN
+        o[:] = 1
+        return action
+
+    policy = assess(act, scenario="S1", observation="coordinates").policy
+    assert (policy[:, PING] == np.repeat([0, 1], 60)).all()
+
+
+def counting() -> Act:
+    calls = count()
+    return lambda _: next(calls) % 5
+
+
+def drawing() -> Act:
+    rng = np.random.default_rng(0)
+    return lambda _: rng.integers(5)
+
+
+def drifting() -> Act:
+    calls = count()
+    return lambda _: [1 - (p := next(calls) / 1000), p, 0, 0, 0]
+
+
+@pytest.mark.parametrize("make", [counting, drawing, drifting])
+def test_functions_with_memory_are_refused(make: Callable[[], Act]) -> None:
+    with pytest.raises(
+        InputError, match=r"returned .* and, asked again, .*without memory; an agent that draws"
+    ):
+        assess(make(), scenario="S1", observation="index")
+
+
+@pytest.mark.parametrize(
+    ("agent", "options", "expected"),
+    [
+        (3, {}, "agent = 3: accepted: a function of the observation, or the path of a saved model."),
+        ("model.zip", {}, "model.zip: the algorithm is missing; accepted: module:class"),
+        (
+            lambda _: 0,
+            {"algorithm": "stable_baselines3:PPO"},
+            "algorithm, stochastic: accepted only together",
+        ),
+        (lambda _: 0, {"stochastic": True}, "algorithm, stochastic: accepted only together"),
+        (
+            lambda _: 0,
+            {"observation": "cell"},
+            "observation: unknown form cell; accepted: coordinates, index",
+        ),
+        (lambda _: 0, {"scenario": "S4"}, "scenarios: unknown scenario S4; accepted: AnyStart"),
+    ],
+)
+def test_mistakes_get_one_sentence(agent: Any, options: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError) as refused:
+        assess(agent, **{"scenario": "S1", "observation": "index", **options})
+    assert expected in str(refused.value)
+
+
+# Saved models
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A PPO and a DQN that were trained for some hundred steps in Moody, which has two observed parts."""
+    sb3 = pytest.importorskip("stable_baselines3")
+    env = gymnasium.make("envs:Proxemic/Moody-v0", observation="one_hot")
+    folder = tmp_path_factory.mktemp("saved")
+    for name, settings in (("PPO", {"n_steps": 256}), ("DQN", {"learning_starts": 50, "buffer_size": 500})):
+        model = getattr(sb3, name)("MlpPolicy", env, seed=0, device="cpu", **settings)
+        model.learn(512).save(folder / name)
+    return {name: folder / f"{name}.zip" for name in ("PPO", "DQN")}
+
+
+@pytest.mark.parametrize("name", ["PPO", "DQN"])
+def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> None:
+    import stable_baselines3
+
+    agent = getattr(stable_baselines3, name).load(saved[name], device="cpu")
+    from_file = assess(
+        saved[name], algorithm=f"stable_baselines3:{name}", scenario="Moody", observation="one_hot"
+    )
+    model = compile_scenario(load_scenario("Moody"))
+    actions, _ = agent.predict(observation_table(model, "one_hot"), deterministic=True)
+    by_hand = evaluate(model, np.eye(5)[actions], 200)
+    assert from_file.success == float(by_hand.success)
+    assert from_file.steps == float(by_hand.steps)
+    function = assess(
+        lambda o: agent.predict(o, deterministic=True)[0], scenario="Moody", observation="one_hot"
+    )
+    assert (function.policy == from_file.policy).all()
+
+
+def test_saved_actor_draws_its_actions_on_request(saved: dict[str, Path]) -> None:
+    import stable_baselines3
+    import torch
+
+    agent = stable_baselines3.PPO.load(saved["PPO"], device="cpu")
+    model = compile_scenario(load_scenario("Moody"))
+    drawn = assess(
+        str(saved["PPO"]),
+        algorithm="stable_baselines3:PPO",
+        scenario="Moody",
+        observation="one_hot",
+        stochastic=True,
+    )
+    with torch.no_grad():
+        latent = agent.policy.mlp_extractor.forward_actor(
+            torch.as_tensor(observation_table(model, "one_hot"))
+        )
+        logits = agent.policy.action_net(latent).double().numpy()
+    weights = np.exp(logits)
+    assert drawn.policy == pytest.approx(weights / weights.sum(axis=1, keepdims=True), abs=1e-6)
+    with pytest.raises(InputError, match="learns action values; stochastic: accepted with probabilities"):
+        assess(
+            saved["DQN"],
+            algorithm="stable_baselines3:DQN",
+            scenario="Moody",
+            observation="one_hot",
+            stochastic=True,
+        )
+
+
+# Rank
+
+
+def runs(**scores: list[float]) -> pd.DataFrame:
+    rows = [("e", learner, score) for learner, values in scores.items() for score in values]
+    return pd.DataFrame(rows, columns=["experiment", "learner", "score"])
+
+
+def test_standing_by_hand() -> None:
+    published = runs(a=[1.0, 1.0], b=[0.5, 0.5, 0.2], c=[0.0, 0.8], d=[0.0, 0.1])
+    standing = standing_of(0.4, published)  # as the means of b and c
+    assert (standing.rank, standing.tied) == (2, 2)
+    learners = standing.learners.set_index("learner")
+    assert learners["score"].is_monotonic_decreasing
+    learners = learners.loc[["a", "b", "c", "d"]]
+    assert learners["runs"].tolist() == [2, 3, 2, 2]
+    assert learners["score"].tolist() == pytest.approx([1, 0.4, 0.4, 0.05])
+    assert learners["lower"].tolist() == pytest.approx([0, 1 / 3, 0.5, 1])
+    assert learners["equal"].tolist() == [0, 0, 0, 0]
+    assert learners["higher"].tolist() == pytest.approx([1, 2 / 3, 0.5, 0])
+
+
+def test_scores_within_the_rounding_of_files_are_equal() -> None:
+    third = 0.978097834
+    standing = standing_of(third, runs(a=[float(f"{third:.6g}")], b=[0.97809], c=[0.97811]))
+    assert (standing.rank, standing.tied) == (2, 1)
+    assert standing.learners.set_index("learner")["equal"].to_dict() == {"a": 1, "b": 0, "c": 0}
+
+
+def publish(folder: Path, scores: str, **changes: Any) -> None:
+    """Writes a folder of results like a published one."""
+    manifest = {
+        "experiment": folder.name,
+        "report": "comparison",
+        "horizon": 200,
+        "partial": "",
+        "scenarios": {"S1": load_scenario("S1").model_dump(mode="json")},
+        "algorithms": {arm: {"check_of": of} for arm, of in (("table", ""), ("net", ""), ("same", "net"))},
+    }
+    folder.mkdir()
+    (folder / "manifest.json").write_text(json.dumps(manifest | changes), encoding="utf-8")
+    (folder / "scores.csv").write_text(scores, encoding="utf-8")
+
+
+SCORES = """scenario,algorithm,observation,score
+S1,table,index,1.0
+S1,table,index,0.0
+S1,net,one_hot,0.25
+S1,net,coordinates,0.0
+S1,same,one_hot,1.0
+S2,table,index,1.0
+"""
+
+
+def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> None:
+    def standing(scenario: str | Path = "S1") -> Any:
+        return assess(lambda _: 0, scenario=scenario, observation="index", results=tmp_path).standing
+
+    assert standing() is None
+    publish(tmp_path / "some", SCORES)
+    expected = [["table, index", 2, 0.5], ["net, one_hot", 1, 0.25], ["net, coordinates", 1, 0.0]]
+    assert standing().learners[["learner", "runs", "score"]].to_numpy().tolist() == expected
+    publish(tmp_path / "some_seeds_0-9", SCORES, experiment="some")
+    publish(tmp_path / "some_smoke", SCORES)
+    publish(tmp_path / "unfinished", SCORES, partial="Partial: a run is missing.")
+    publish(tmp_path / "longer", SCORES, horizon=201)
+    publish(tmp_path / "unscored", SCORES.replace("score", "success"))
+    changed = load_scenario("S1", {"rewards.other": -0.2}).model_dump(mode="json")
+    publish(tmp_path / "changed", SCORES, scenarios={"S1": changed})
+    assert set(standing().learners["experiment"]) == {"some"}
+    publish(tmp_path / "another", SCORES)
+    assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
+    assert set(standing().learners["experiment"]) == {"some", "another"}
+    assert standing("S2") is None
+    other = tmp_path / "S1.toml"  # another scenario of the same name
+    shipped = Path(__file__).parents[2] / "envs" / "scenarios" / "S1.toml"
+    other.write_text(shipped.read_text(encoding="utf-8").replace("other = -0.1", "other = -0.15"))
+    assert standing(other) is None
+
+
+def test_damaged_results_are_reported(tmp_path: Path) -> None:
+    publish(tmp_path / "some", "algorithm,score\ntable,1.0\n")
+    with pytest.raises(InputError, match="damaged, or made by another version"):
+        assess(lambda _: 0, scenario="S1", observation="index", results=tmp_path).standing  # noqa: B018
+
+
+def test_text_has_the_numbers_and_claims_no_more(tmp_path: Path) -> None:
+    publish(tmp_path / "some", SCORES)
+    text = str(assess(optimal("S1"), scenario="S1", observation="index", results=tmp_path))
+    assert "ranks 1 of 4 by score: 3 published learners by their mean scores, from 4 runs," in text
+    assert "a single policy: its score says nothing about other runs" in text
+    assert "better" not in text
+    text = str(assess(approach, scenario="Anywhere", observation="coordinates", results=tmp_path))
+    assert f"no rank: there are no published results for this scenario in {tmp_path}" in text
+    assert "ranks" not in text
+
+
+# Map
+
+
+@pytest.mark.parametrize("scenario", ["S1", "Moody", "Anywhere", "Counted", "Walls", "AnyStart"])
+def test_map_is_drawn_of_every_kind_of_scenario(tmp_path: Path, scenario: str) -> None:
+    path = tmp_path / "map.PNG"
+    assess(lambda o: PING if o % 7 else 0, scenario=scenario, observation="index").draw(path)
+    with Image.open(path) as image:
+        assert min(image.size) > 500
+
+
+def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
+    from matplotlib.collections import PolyCollection, QuadMesh
+
+    from benchmark import assessment as module
+
+    def act(o: NDArray[np.float32]) -> list[float]:
+        row = round(float(o[0]) * 9)
+        return [0, 0.3, 0, 0.3, 0.4] if row == 6 else [0, 0.5, 0, 0.5, 0]
+
+    figure = module._map(assess(act, scenario="S1", observation="coordinates"))
+    axis = figure.axes[0]
+    (mesh,) = [each for each in axis.collections if isinstance(each, QuadMesh)]
+    shown = np.ma.filled(np.ma.asarray(mesh.get_array()).astype(float), np.nan).reshape(10, 12)
+    expected = np.zeros((10, 12))
+    expected[6] = 0.4
+    expected[6, 8] = np.nan  # the issuer's cell
+    assert np.array_equal(shown, expected, equal_nan=True)
+    heads = [len(each.get_paths()) for each in axis.collections if type(each) is PolyCollection]
+    assert heads == [0, 108, 0, 108]  # up, down, left, right; nine rows of twelve cells
+    dots = [line for line in axis.lines if line.get_marker() == "o"]
+    assert sorted(np.asarray(dots[0].get_xydata())[:, 0]) == [c for c in range(12) if c != 8]
+    assert set(np.asarray(dots[0].get_xydata())[:, 1]) == {6}
+
+
+def test_a_map_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
+    assessment = assess(lambda _: 0, scenario="S1", observation="index")
+    with pytest.raises(InputError, match=r"map\.pdf: accepted: a name that ends in \.png or \.svg\."):
+        assessment.draw(tmp_path / "map.pdf")
+    with pytest.raises(InputError, match="there is no folder"):
+        assessment.draw(tmp_path / "nowhere" / "map.png")
+    (tmp_path / "map.png").mkdir()
+    with pytest.raises(InputError, match=r"map\.png: cannot be written: "):
+        assessment.draw(tmp_path / "map.png")
