@@ -30,7 +30,7 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
-beyond: $(DEEP) ## scenes beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
+beyond: $(DEEP) ## scenarios beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there

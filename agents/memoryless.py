@@ -3,7 +3,8 @@
 An agent that observes the state can act by `agents.dynamic_programming.solve`. If part of it is hidden, the
 best policy over observations is hard to find: with memory the problem is PSPACE-hard, without memory NP-hard
 (Littman 1994, "Memoryless policies: theoretical limitations and practical results"), and it may have to be
-stochastic (Singh, Jaakkola and Jordan 1994). This module climbs from a random policy: it computes the exact
+stochastic (Singh, Jaakkola and Jordan 1994). The search starts from a policy that follows the
+optimal values, averaged over the states of an observation, plus noise. It computes the exact
 gradient of the expected return under the time limit (Sutton & Barto 2018, equation 13.5, without sampling)
 and makes steps of natural policy gradient (Kakade 2001), which for a table adds advantages to logits. A step
 that does not improve the return is tried again at 0.3 of its length. So the result is a lower bound of what
@@ -45,7 +46,7 @@ class MemorylessSettings(LearnerSettings):
     guidance: Annotated[float, Field(ge=0, le=1000)] = (
         1.0  # how much the first policy follows the optimal values
     )
-    noise: Annotated[float, Field(ge=0, le=1000)] = 1.0  # standard deviation of the first logits
+    noise: Annotated[float, Field(ge=0, le=1000)] = 1.0  # standard deviation of what is added to them
 
     @property
     def discount_factor(self) -> float:

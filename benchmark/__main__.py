@@ -17,7 +17,7 @@ examples:
   python -m benchmark run reproduce --seeds 0-9    only ten agents per scenario
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run compare_deep --report    tables against DQN and PPO, about an hour
-  python -m benchmark run beyond --report          the same in scenes beyond the paper, about half an hour
+  python -m benchmark run beyond --report          the same in scenarios beyond the paper, about half an hour
   python -m benchmark report reproduce             draw results/reproduce from stored runs
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       build results/index.html from published results
@@ -143,11 +143,13 @@ def _parser() -> argparse.ArgumentParser:
         "--algorithm", metavar="MODULE:CLASS", help="the saved model's class, as in stable_baselines3:PPO"
     )
     assess.add_argument(
-        "--stochastic", action="store_true", help="let a saved model draw its actions (default: greedy)"
+        "--stochastic", action="store_true", help="let a saved model sample its actions (default: greedy)"
     )
     assess.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
     assess.add_argument(
-        "--observation", required=True, help="what the agent takes: index, one_hot or coordinates"
+        "--observation",
+        required=True,
+        help="form of observation that the agent takes: index, one_hot or coordinates",
     )
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 

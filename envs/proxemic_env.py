@@ -41,22 +41,23 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Observation Space
     The parts that the scenario names (`observe`): the agent's cell, and in some scenarios the issuer's cell,
-    the phase or the number of wrong PINGs. With parts of n1, n2, ... values, in this order, they come in one
+    the phase or the number of wrong PINGs. Parts with n1, n2, ... values are combined in this order, in one
     of three forms (`observation`):
 
     - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0. Of the
       agent's cell alone, row * columns + column
-    - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, a block per part in which the value's item is 1
+    - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per part, with a 1 at its value
     - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number for each other part,
       each divided by its maximum
 
-    The issuer's cell has a value for each cell in which the issuer may be. What is not observed is hidden:
-    in all scenarios but `Counted`, the number of wrong PINGs so far.
+    The issuer's cell has a value for each cell in which the issuer may be. What varies and
+    does not follow from the observation is hidden. The number of wrong PINGs so far is hidden in all shipped
+    scenarios except `Counted`.
 
     ## Starting State
-    One of the scenario's starts, all equally likely, with no wrong PING: of the agent's cells outside every
-    region, of the issuer's places, and of the phases, as far as the scenario leaves them open. In S1 to S3
-    there is a single start, cell (0, 0).
+    One of the scenario's starts, all equally likely, with no wrong PING so far. A start is a cell of the
+    agent outside every region, a place of the issuer and a tick of a phase; a scenario may fix any of them.
+    In S1 to S3 there is a single start, cell (0, 0).
 
     ## Rewards
     The grid's reward for the event plus, for every PING, the issuer's reward: that of the nearest person, if

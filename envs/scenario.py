@@ -177,7 +177,7 @@ class Issuer(Table):
 
 
 class Person(Table):
-    """Another issuer, who stays in one cell."""
+    """Another person with regions, who stays in one cell."""
 
     later: ClassVar[frozenset[str]] = frozenset({"heading"})
 
@@ -256,7 +256,7 @@ class Scenario(Table):
     observe: tuple[Literal["agent", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
-    first_phase: Literal["first", "any"] = "first"  # in which an episode starts, "any" at any of its ticks
+    first_phase: Literal["first", "any"] = "first"  # in which an episode starts; "any": any tick of any phase
 
     # What the tables come to
 
@@ -470,7 +470,7 @@ class Scenario(Table):
         regions = [self.regions, *(person.regions for person in self.others)]
         regions += [phase.regions for phase in self.phases if phase.regions is not None]
         if self.grid.metres_per_cell is None and any(each.unit == "metres" for each in regions):
-            raise ValueError('regions.unit = "metres": accepted with grid.metres_per_cell')
+            raise ValueError('regions.unit = "metres": needs grid.metres_per_cell')
         return self
 
     @model_validator(mode="after")
@@ -558,8 +558,8 @@ class Scenario(Table):
             "cells (grid.rows x grid.columns)": self.grid.rows * self.grid.columns,
             "wrong PINGs (ping_limit)": self.ping_limit,
             "cells for the issuer (issuer.position)": len(_cells(self.issuer.position, self.grid)),
-            "steps of a round (phases, or issuer.walk)": len(self.ticks),
-            "with and without feedback to come (issuer.feedback)": 2 if self.is_delayed else 1,
+            "ticks (phases, or issuer.walk)": len(self.ticks),
+            "cases, with and without pending feedback (issuer.feedback)": 2 if self.is_delayed else 1,
         }
         n_states = math.prod(factors.values())
         if n_states > MAX_STATES:

@@ -55,8 +55,8 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
         speed = pd.read_csv(tmp_path / "speed_smoke" / "speed.csv")
         assert list(speed)[:4] == ["name", "per_second", "baseline", "ratio"]
         assert {
-            "q_learning_kernel", "q_learning_threads", "vector_env_1000", "evaluate", "sb3_dqn", "sb3_ppo",
-            "vec_env_8", "vec_env_64", "map_all_cells",
+            "q_learning_kernel", "q_learning_threads", "q_learning_anywhere", "vector_env_1000", "evaluate",
+            "sb3_dqn", "sb3_ppo", "vec_env_8", "vec_env_64", "map_all_cells",
         } <= set(speed["name"])  # fmt: skip
     if target == "report":
         assert {path.name for path in tmp_path.iterdir()} == {"README.md", "index.html", "reproduce"}

@@ -23,10 +23,10 @@ _SET_HERE: Final = {
     "policy": "agents have the class's MlpPolicy",
     "env": "the experiment names the scenarios",
     "device": "agents train on the CPU, where results can be repeated",
-    "seed": "every run derives its seed from its names",
+    "seed": "every run derives its seed from the experiment",
     "verbose": "training prints nothing",
     "tensorboard_log": "run --tensorboard DIR writes logs",
-    "stats_window_size": "it changes nothing but logs",
+    "stats_window_size": "it affects only logs",
 }
 _SET_BY_THE_CLASS: Final = dict.fromkeys(
     ("observation_space", "action_space", "lr_schedule", "use_sde"), "the class passes it to its policy"

@@ -92,7 +92,7 @@ class Protocol(Table):
 
 
 class Effect(Table):
-    """Two scenarios that differ in one thing, so that the difference of a learner's results is its effect."""
+    """Two scenarios of which one has something that the other has not."""
 
     name: Annotated[str, Field(min_length=1, max_length=60)]  # what differs, in words
     scenario: str  # with it
@@ -118,7 +118,7 @@ class Experiment(Table):
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
     algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
     protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
-    effects: tuple[Effect, ...] = ()  # of scenarios on every learner, for a report on scenes
+    effects: tuple[Effect, ...] = ()  # of scenarios on every learner, for a report on scenarios
     readings: dict[_Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")

@@ -19,7 +19,7 @@ REPORTS: Final = {
     "comparison": "benchmark.reports.comparison:REPORT",
     "equivalence": "benchmark.reports.equivalence:REPORT",
     "replication": "benchmark.reports.replication:REPORT",
-    "scenes": "benchmark.reports.scenes:REPORT",
+    "scenarios": "benchmark.reports.scenarios:REPORT",
 }
 
 _T = TypeVar("_T")

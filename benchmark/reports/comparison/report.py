@@ -581,8 +581,15 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
     return [(term, text) for term, text in terms if term not in left_out]
 
 
-def protocol_terms(published: Published) -> Sequence[tuple[str, str]]:
-    """Explains the protocol, as declared."""
+def protocol_terms(
+    published: Published, means: str = "means over scenarios, which weigh the same"
+) -> Sequence[tuple[str, str]]:
+    """Explains the protocol, as declared.
+
+    Args:
+      published: The folder of results.
+      means: What is compared.
+    """
     found = published.manifest["facts"].get("protocol")
     if found is None:
         return []
@@ -602,8 +609,8 @@ def protocol_terms(published: Published) -> Sequence[tuple[str, str]]:
         (
             "endpoints",
             f"first success, with a margin of {found['success_margin']:g}; second the clipped score, with a "
-            f"margin of {found['score_margin']:g}; the score without bounds decides nothing. Both are means "
-            "over scenarios, which weigh the same.",
+            f"margin of {found['score_margin']:g}; the score without bounds decides nothing. Both are "
+            f"{means}.",
         ),
         ("policies", f"{policies}."),
         ("fewest runs", f"{found['fewest_runs']} per scenario and learner; with fewer there is no verdict."),

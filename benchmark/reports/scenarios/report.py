@@ -1,6 +1,7 @@
-"""The report on scenes: its items and what they are called."""
+"""The report on scenarios: its items and what they are called."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import pandas as pd
@@ -10,8 +11,8 @@ from benchmark.reports.comparison.data import Context, Data, load
 from benchmark.reports.comparison.report import check, protocol_terms
 from benchmark.reports.item import Frames, Item, Report, Section, whole
 from benchmark.reports.published import Published
-from benchmark.reports.scenes import findings
-from benchmark.reports.scenes import tables as scenes
+from benchmark.reports.scenarios import findings
+from benchmark.reports.scenarios import tables as scenarios
 from benchmark.reports.view import Columns
 
 if TYPE_CHECKING:
@@ -24,44 +25,44 @@ _POPULATION: Final = ("scenario", *_LEARNER)
 # Tables
 
 
-def _scenes(data: Data, _: Frames) -> pd.DataFrame:
-    return scenes.scenes(data)
+def _scenarios(data: Data, _: Frames) -> pd.DataFrame:
+    return scenarios.scenarios(data)
 
 
 def _summary(data: Data, _: Frames) -> pd.DataFrame:
-    return scenes.summary(data)
+    return scenarios.summary(data)
 
 
 def _contrasts(data: Data, _: Frames) -> pd.DataFrame | None:
-    return scenes.contrasts(data)
+    return scenarios.contrasts(data)
 
 
 def _steps(data: Data, _: Frames) -> pd.DataFrame:
-    return scenes.steps(data)
+    return scenarios.steps(data)
 
 
 def _ahead(data: Data, _: Frames) -> pd.DataFrame | None:
-    return scenes.ahead(data)
+    return scenarios.ahead(data)
 
 
 def _effects(data: Data, _: Frames) -> pd.DataFrame | None:
-    return scenes.effects(data)
+    return scenarios.effects(data)
 
 
 def _curves(data: Data, _: Frames) -> pd.DataFrame:
-    return scenes.curves(data)
+    return scenarios.curves(data)
 
 
 def _scores(data: Data, _: Frames) -> pd.DataFrame:
-    return scenes.scores(data)
+    return scenarios.scores(data)
 
 
 def _region(data: Data, _: Frames) -> pd.DataFrame:
-    return scenes.region(data)
+    return scenarios.region(data)
 
 
 def _cost(data: Data, _: Frames) -> pd.DataFrame:
-    return scenes.cost(data)
+    return scenarios.cost(data)
 
 
 # As .md and .tex show them
@@ -88,26 +89,26 @@ def _display_effects(frame: pd.DataFrame) -> pd.DataFrame:
 # Figures
 
 
-def _draw_scenes(_: Frames, context: Context) -> "Figure":
+def _draw_scenarios(_: Frames, context: Context) -> "Figure":
     from benchmark.drawing.gallery import gallery
 
     return gallery(list(context.models.values()))
 
 
 def _draw_summary(frames: Frames, context: Context) -> "Figure":
-    from benchmark.reports.scenes import figures
+    from benchmark.reports.scenarios import figures
 
     return figures.summary(frames["summary"], frames.get("contrasts"), context)
 
 
 def _draw_curves(frames: Frames, context: Context) -> "Figure":
-    from benchmark.reports.scenes import figures
+    from benchmark.reports.scenarios import figures
 
     return figures.curves(frames["curves"], context)
 
 
 def _draw_effects(frames: Frames, context: Context) -> "Figure | None":
-    from benchmark.reports.scenes import figures
+    from benchmark.reports.scenarios import figures
 
     return figures.effects(frames["effects"], context) if "effects" in frames else None
 
@@ -115,20 +116,24 @@ def _draw_effects(frames: Frames, context: Context) -> "Figure | None":
 ITEMS: Final = (
     Item(
         name="summary",
-        description="each scene and learner: success, score, steps, wrong PINGs, disagreements in training",
+        description=(
+            "each scenario and learner: success, score, steps, wrong PINGs, disagreements in training"
+        ),
         compute=_summary,
         display=_display_summary,
         draw=_draw_summary,
-        caption="How often each learner succeeds in each scene, and the verdicts.",
+        caption="How often each learner succeeds in each scenario, and the verdicts.",
     ),
     Item(
         name="contrasts",
-        description="the contrasts of the protocol in every scene: differences, adjusted p-values, verdicts",
+        description=(
+            "the contrasts of the protocol in every scenario: differences, adjusted p-values, verdicts"
+        ),
         compute=_contrasts,
         display=_display_contrasts,
         view=Columns(
             file="contrasts.csv",
-            caption="The contrasts of the protocol in every scene: x against y",
+            caption="The contrasts of the protocol in every scenario: x against y",
             keys=("scenario", "x", "y", "success_verdict", "score_verdict"),
             labels={"success_verdict": "verdict on success", "score_verdict": "verdict on score"},
             numbers={
@@ -141,11 +146,13 @@ ITEMS: Final = (
     ),
     Item(
         name="steps",
-        description=f"after how many steps the mean success stays at or above {scenes.ENOUGH:g}",
+        description=f"after how many steps the mean success stays at or above {scenarios.ENOUGH:g}",
         compute=_steps,
         view=Columns(
             file="steps.csv",
-            caption=f"Step from which on the mean success over runs stays at or above {scenes.ENOUGH:g}",
+            caption=(
+                f"First step from which the mean success over runs stays at or above {scenarios.ENOUGH:g}"
+            ),
             keys=_POPULATION,
             numbers={"n": "runs", "budget": "budget", "step": "step", "final_success": "final success"},
         ),
@@ -156,7 +163,9 @@ ITEMS: Final = (
         description="success, score and disagreements over training, against environment steps",
         compute=_curves,
         draw=_draw_curves,
-        caption="Success probability over training, with its 95 % interval, in every scene.",
+        caption=(
+            "Success over training, with its 95 % interval: learners of contrasts, and those trained longest."
+        ),
     ),
     Item(
         name="ahead",
@@ -167,24 +176,24 @@ ITEMS: Final = (
     ),
     Item(
         name="effects",
-        description="exploratory: what a difference between two scenes does to each learner",
+        description="exploratory: what a difference between two scenarios does to each learner",
         section="effects",
         compute=_effects,
         display=_display_effects,
         draw=_draw_effects,
-        caption="What a difference between two scenes does to each learner.",
+        caption="What a difference between two scenarios does to each learner.",
     ),
     Item(
-        name="scenes",
-        description="each scene: cells, states, observations, what is hidden, and what is possible",
-        section="scenes",
-        compute=_scenes,
+        name="scenarios",
+        description="each scenario: cells, states, observations, what is hidden, and what is possible",
+        section="scenarios",
+        compute=_scenarios,
         display=whole,
-        draw=_draw_scenes,
-        caption="The scenes.",
+        draw=_draw_scenarios,
+        caption="The scenarios.",
         view=Columns(
-            file="scenes.csv",
-            caption="What each scene is, and what is possible in it",
+            file="scenarios.csv",
+            caption="What each scenario is, and what is possible in it",
             keys=("scenario", "description", "observed", "hidden"),
             numbers={
                 "cells": "cells",
@@ -210,7 +219,7 @@ ITEMS: Final = (
         compute=_cost,
         view=Columns(
             file="cost.csv",
-            caption="Cost of a run, measured: medians over all scenes",
+            caption="Cost of a run, measured: medians over all scenarios",
             keys=_LEARNER,
             numbers={
                 "cpu_time_s": "CPU time (s)",
@@ -232,12 +241,11 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
     """Explains the terms of the tables."""
     horizon = published.manifest["horizon"]
     return [
-        ("scene", "a scenario: who stands where, how personal space is shaped, and what changes."),
+        ("scenario", "who stands where, how personal space is shaped, and what changes."),
         (
             "success",
-            "the probability, evaluated exactly, that an episode ends with a PING in the target region; a "
-            "mean "
-            "over runs. Episodes start as the scene says.",
+            "the probability, evaluated exactly, that an episode ends with a PING in the target region; the "
+            "mean over runs. Episodes start in the scenario's starts, all equally likely.",
         ),
         (
             "score",
@@ -249,37 +257,37 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
         ),
         (
             "memoryless",
-            "a policy over what the agent observes now. The best one found is that of the algorithm "
-            "`memoryless`, "
-            "which knows the model and climbs its exact expected return.",
+            "of a policy: it depends on the present observation alone. The best one found comes from the "
+            "algorithm `memoryless`, which knows the model and searches by gradient ascent on the exact "
+            "expected return.",
         ),
         (
             "hidden",
-            "what of the state varies and is not observed. The clock says how long a phase has lasted.",
+            "what varies in the state and does not follow from the observation. `clock`: how long the phase "
+            "has lasted; `feedback to come`: whether delayed feedback is pending.",
         ),
         ("disagreements", "wrong PINGs per 1,000 steps of the whole training."),
         (
             "intervals",
-            "95 % intervals over runs, not adjusted: of success and score exact binomial ones (Clopper and "
-            "Pearson), of differences those that follow from them (Zou and Donner 2008), of disagreements "
-            "Student's. Verdicts are adjusted.",
+            "95 % intervals over runs, not adjusted: exact binomial intervals for success and score (Clopper "
+            "and Pearson), intervals derived from them for differences (Zou and Donner 2008), and Student's "
+            "t for disagreements. Verdicts use adjusted p-values.",
         ),
         ("inf", "never within the budget."),
     ]
 
 
 _VERDICTS_TEXT: Final = (
-    "A contrast compares two learners in one scene. Verdicts are those of a comparison, see "
+    "A contrast compares two learners in one scenario. Verdicts are those of a comparison, see "
     "`benchmark/analysis/contrasts.py`: p-values are adjusted by Holm's method for all contrasts in all "
-    "scenes "
+    "scenarios "
     "together, separately for differences and for equivalence. With few runs, learners that succeed equally "
-    "often "
-    "are mostly undecided, because equivalence takes more runs than a large difference does."
+    "often are usually undecided: showing equivalence takes more runs than showing a large difference."
 )
 
 REPORT: Final = Report(
-    name="scenes",
-    question="In which scenes does deep RL earn its keep?",
+    name="scenarios",
+    question="In which scenarios does deep RL earn its keep?",
     check=check,
     load=load,
     items=ITEMS,
@@ -288,19 +296,19 @@ REPORT: Final = Report(
             key="verdicts",
             heading="Verdicts",
             text=_VERDICTS_TEXT,
-            terms=protocol_terms,
+            terms=partial(protocol_terms, means="means over the runs in one scenario"),
             terms_title="The protocol",
         ),
         Section(
             key="effects",
             heading="Effects",
             text=(
-                "Pairs of scenes differ in one thing. Differences are of means over runs, with intervals; "
-                "they are "
-                "not tested."
+                "Each effect is the difference between two scenarios, in means over runs, with 95 % "
+                "intervals and without a test. Where something is added and observed, the observation grows, "
+                "too."
             ),
         ),
-        Section(key="scenes", heading="The scenes"),
+        Section(key="scenarios", heading="The scenarios"),
         Section(key="cost", heading="Cost"),
     ),
     headline=findings.headline,

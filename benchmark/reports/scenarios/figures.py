@@ -1,4 +1,4 @@
-"""Figures of the report on scenes: data frames become pictures, and nothing is computed."""
+"""Figures of the report on scenarios: data frames become pictures, and nothing is computed."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from benchmark.drawing.style import figure_of
 from benchmark.reports.comparison.data import Context
 from benchmark.reports.comparison.figures import is_of, legend, lines, signs, style_of
 from benchmark.reports.comparison.protocol import Learner
-from benchmark.reports.scenes.tables import ENOUGH
+from benchmark.reports.scenarios.tables import ENOUGH
 from envs.scene import COLOUR_MAP
 
 _COLUMNS: Final = 4  # of panels
@@ -25,11 +25,11 @@ _DARK: Final = 0.55  # values below are written in white
 
 
 def summary(frame: pd.DataFrame, contrasts: pd.DataFrame | None, context: Context) -> Figure:
-    """Draws how often every learner succeeds in every scene, with the verdicts.
+    """Draws how often every learner succeeds in every scenario, with the verdicts.
 
     Args:
-      frame: `benchmark.reports.scenes.tables.summary`.
-      contrasts: `benchmark.reports.scenes.tables.contrasts`, if there is a protocol.
+      frame: `benchmark.reports.scenarios.tables.summary`.
+      contrasts: `benchmark.reports.scenarios.tables.contrasts`, if there is a protocol.
       context: Of the comparison.
     """
     scenarios, learners = list(frame["scenario"].unique()), _learners(frame)
@@ -60,16 +60,20 @@ def summary(frame: pd.DataFrame, contrasts: pd.DataFrame | None, context: Contex
         axis.spines[:].set_visible(False)
         text = "success probability after training, mean over runs; below each name, steps of training"
         if verdicts:
-            text += f"\nagainst {reference}: ▲ better, ▼ worse, = equivalent, no sign: undecided"
+            text += (
+                f"\nagainst {reference}: ▲ better, ▼ worse, = equivalent; no sign: undecided, no "
+                "verdict "
+                "or not compared"
+            )
         figure.supxlabel(text, fontsize="small")
     return figure
 
 
 def curves(frame: pd.DataFrame, context: Context) -> Figure:
-    """Draws how often learners succeed over training, a panel per scene, on a logarithmic axis.
+    """Draws how often learners succeed over training, a panel per scenario, on a logarithmic axis.
 
     Args:
-      frame: `benchmark.reports.scenes.tables.curves`.
+      frame: `benchmark.reports.scenarios.tables.curves`.
       context: Of the comparison; if it has a protocol, the learners that it compares are drawn, and those
         that train longest.
     """
@@ -100,10 +104,10 @@ def curves(frame: pd.DataFrame, context: Context) -> Figure:
 
 
 def effects(frame: pd.DataFrame, context: Context) -> Figure:
-    """Draws what each difference between two scenes does to every learner.
+    """Draws what each difference between two scenarios does to every learner.
 
     Args:
-      frame: `benchmark.reports.scenes.tables.effects`.
+      frame: `benchmark.reports.scenarios.tables.effects`.
       context: Of the comparison.
     """
     names, learners = list(frame["effect"].unique()), _learners(frame)
@@ -127,7 +131,7 @@ def effects(frame: pd.DataFrame, context: Context) -> Figure:
             reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max())
             for axis in axes[:, column]:
                 axis.set(xlim=(-reach, reach), ylim=(len(learners) - 0.5, -0.5))
-        text = "difference between two scenes; bar: 95 % interval, not adjusted; exploratory"
+        text = "difference between two scenarios; bar: 95 % interval, not adjusted; exploratory"
         figure.supxlabel(text, fontsize="small")
     return figure
 

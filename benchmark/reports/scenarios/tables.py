@@ -1,4 +1,4 @@
-"""Tables of the report on scenes: what the scenes are, and where which learner does better.
+"""Tables of the report on scenarios: what the scenarios are, and where which learner does better.
 
 Planners, which know the model, are no learners: they say what is possible. Numbers of learners are those of
 `benchmark.reports.comparison.tables`; here every scenario stands for itself, and nothing is averaged over
@@ -22,7 +22,7 @@ from benchmark.reports.comparison import tables as comparison
 from benchmark.reports.comparison.data import Data
 from benchmark.reports.comparison.protocol import Learner
 
-ENOUGH: Final = 0.9  # a mean success by which a scene counts as learned
+ENOUGH: Final = 0.9  # a mean success by which a scenario counts as learned
 
 
 def learners(data: Data) -> Data:
@@ -35,8 +35,8 @@ def learners(data: Data) -> Data:
     return replace(data, learners=kept)
 
 
-def scenes(data: Data) -> pd.DataFrame:
-    """Tabulates what each scene is, and what is possible in it.
+def scenarios(data: Data) -> pd.DataFrame:
+    """Tabulates what each scenario is, and what is possible in it.
 
     Returns are sums of the grid's rewards over an episode. `optimal_return` is that of an agent that knows
     the state; `memoryless_return` and `memoryless_success` are those of the best policy that planners have
@@ -148,10 +148,11 @@ def contrasts(data: Data) -> pd.DataFrame | None:
 
 
 def steps(data: Data) -> pd.DataFrame:
-    """Tabulates after how many steps each population has learned a scene.
+    """Tabulates after how many steps each population has learned a scenario.
 
-    `step` is the first evaluation from which on the mean success over runs stays at or above `ENOUGH` to the
-    last evaluation; infinite if there is none.
+    `step` is the first evaluation from which the mean success over runs stays at or above `ENOUGH` to the
+    last evaluation; infinite if there is none. `below_at` is the last evaluation before it, so that the
+    scenario was learned between the two; empty if there is none.
     """
     rows = []
     for learner, scenario, population in learners(data).populations:
@@ -166,6 +167,7 @@ def steps(data: Data) -> pd.DataFrame:
                 "n": len(population.seeds),
                 "budget": population.evaluation_steps[-1],
                 "step": float(when[first]),
+                "below_at": float(when[first - 1]) if first > 0 else np.nan,
                 "final_success": float(mean[-1]),
             }
         )

@@ -1,4 +1,4 @@
-"""The report on scenes: its tables by hand, its sentences against its tables, and all of it in miniature."""
+"""The report on scenarios: its tables by hand, its sentences against its tables, and it in miniature."""
 
 import re
 from dataclasses import replace
@@ -18,7 +18,7 @@ from benchmark.experiments import all_specifications, load_experiment
 from benchmark.experiments.schema import Effect
 from benchmark.reports.comparison.data import Data
 from benchmark.reports.comparison.protocol import Learner, Protocol
-from benchmark.reports.scenes import tables
+from benchmark.reports.scenarios import tables
 from envs import compile_scenario, load_scenario, scenario_names
 from tests.benchmark.reports.made import compared
 from tests.support import make, mistyped_columns
@@ -114,7 +114,7 @@ def test_effects_are_differences_of_scenes_by_hand() -> None:
 
 @pytest.fixture(scope="session")
 def beyond(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of results with the scenes in miniature, as `make beyond` makes it."""
+    """A folder of results with the scenarios in miniature, as `make beyond` makes it."""
     folder = tmp_path_factory.mktemp("beyond")
     done = make("beyond", "EXPERIMENT=beyond_smoke", f"RESULTS={folder}")
     assert done.returncode == 0, done.stderr
@@ -131,7 +131,7 @@ def test_planners_are_no_learners(beyond: Path) -> None:
 
 
 def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state(beyond: Path) -> None:
-    rows = pd.read_csv(beyond / "scenes.csv").set_index("scenario").to_dict("index")
+    rows = pd.read_csv(beyond / "scenarios.csv").set_index("scenario").to_dict("index")
     for name, row in rows.items():
         model = compile_scenario(load_scenario(str(name)))
         optimum = from_starts(model) @ solve(model, 1.0, 200, issuer_rewards=False).value

@@ -1,7 +1,7 @@
-"""What the report on scenes found, in sentences from its published tables; see `comparison.findings`.
+"""What the report on scenarios found, in sentences from its published tables; see `comparison.findings`.
 
-Words that judge (better, worse, equivalent) are verdicts on the protocol's contrasts in one scene; all other
-sentences describe.
+Words that judge (better, worse, equivalent) are verdicts on the protocol's contrasts in one scenario; all
+other sentences describe.
 """
 
 import math
@@ -14,14 +14,15 @@ from benchmark.analysis.contrasts import BETTER
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison.protocol import Learner, Outcome, Protocol, outcome
 from benchmark.reports.published import Published
-from benchmark.reports.scenes.tables import ENOUGH
+from benchmark.reports.scenarios.tables import ENOUGH
 
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
-_OUTCOMES: Final[dict[Outcome, str]] = {
-    "earns": "deep RL earns its keep",
-    "does not earn": "it does not",
-    "undecided": "it is undecided",
-    "no verdict": "there is no verdict",
+# What is said of an outcome, and what if there is no such scenario; nothing if that is empty.
+_OUTCOMES: Final[dict[Outcome, tuple[str, str]]] = {
+    "earns": ("deep RL earns its keep in", "deep RL earns its keep in none"),
+    "does not earn": ("it does not in", ""),
+    "undecided": ("it is undecided in", ""),
+    "no verdict": ("there is no verdict in", ""),
 }
 
 
@@ -53,28 +54,29 @@ def _sentences(published: Published) -> list[str]:
 
 
 def _headline(published: Published, protocol: Protocol) -> str:
-    """Answers in how many scenes deep RL earns its keep, and in which."""
+    """Answers in how many scenarios deep RL earns its keep, and in which."""
     contrasts = published.frame("contrasts")
     by_outcome: dict[Outcome, list[str]] = {}
     for scenario, rows in contrasts.groupby("scenario", sort=False):
         by_outcome.setdefault(outcome(protocol, rows), []).append(str(scenario))
-    n = contrasts["scenario"].nunique()
     parts = []
-    for key, text in _OUTCOMES.items():
+    for key, (some, none) in _OUTCOMES.items():
         if names := by_outcome.get(key):
             rows = contrasts[contrasts["scenario"].isin(names)]
-            parts.append(f"in {link(str(len(names)), 'contrasts', rows)} {text} ({_and(names)})")
+            parts.append(f"{some} {link(str(len(names)), 'contrasts', rows)} ({_and(names)})")
+        elif none:
+            parts.append(none)
     budgets = published.frame("summary").groupby(["algorithm", "observation"])["budget"].first()
-    steps = {
-        int(budgets.loc[learner])
-        for learner in filter(None, [protocol.reference, *protocol.decisive])
-        if learner in budgets.index
-    }
-    budget = f"With {steps.pop():,} steps of training" if len(steps) == 1 else "With the budgets declared"
+    compared = [each for each in (protocol.reference, *protocol.decisive) if each in budgets.index]
+    steps = {int(budgets.loc[each]) for each in compared}
+    budget = f"after {steps.pop():,} steps of training" if len(steps) == 1 else "after training"
+    n, n_nets = contrasts["scenario"].nunique(), len(protocol.decisive)
+    nets = "the deep learner" if n_nets == 1 else f"one of the {n_nets} deep learners"
+    scenarios = "1 scenario" if n == 1 else f"{n} scenarios"
     return (
-        f"{budget} and by success alone, of {n} scene{'' if n == 1 else 's'}, {_and(parts, '; ')}. "
-        f"Deep RL earns its keep in a scene if one of {len(protocol.decisive)} deep learners is better there "
-        f"than `{protocol.reference}`, at a level of 5 % over all scenes together."
+        f"Of {scenarios}, by success alone and {budget}, {'; '.join(parts)}. Deep RL earns its keep in a "
+        f"scenario if {nets} of the protocol is better there than `{protocol.reference}`; the familywise "
+        "error rate over all scenarios is 5 %."
     )
 
 
@@ -107,7 +109,7 @@ def _where_better(published: Published, protocol: Protocol) -> list[str]:
 
 
 def _learned(published: Published) -> list[str]:
-    """Says after how many steps a scene is learned, where some net needs fewer than every table."""
+    """Says after how many steps a scenario is learned, where some net needs fewer than every table."""
     steps, arms = published.frame("steps"), published.manifest["algorithms"]
     family = steps["algorithm"].map(lambda name: arms[name].get("family", ""))
     written = []
@@ -127,24 +129,24 @@ def _learned(published: Published) -> list[str]:
             f"{link(f'{net.step:,.0f}', 'steps', net)} on"
         )
         if math.isfinite(best["step"]):
+            least, most = best["below_at"] / net["step"], best["step"] / max(net["below_at"], 1.0)
             text += (
                 f", that of the fastest table, `{_name(best)}`, from step "
-                f"{link(f'{best.step:,.0f}', 'steps', best)} on: "
-                f"{best['step'] / net['step']:.2g} times as many"
+                f"{link(f'{best.step:,.0f}', 'steps', best)} on. Between evaluations the steps are not "
+                f"known, so the table needs {least:.2g} to {most:.2g} times as many"
             )
         else:
             longest = tables.loc[tables["budget"].idxmax()]
             text += (
-                f"; that of no table does, `{_name(longest)}` with "
-                f"{link(f'{longest.budget:,.0f}', 'steps', longest)} steps "
-                f"among them"
+                f"; no table reaches this, not even `{_name(longest)}` with "
+                f"{link(f'{longest.budget:,.0f}', 'steps', longest)} steps"
             )
-        written.append(f"{text}. Steps are those of the evaluations.")
+        written.append(f"{text}.")
     return written
 
 
 def _effects(published: Published) -> list[str]:
-    """Says what each difference between two scenes does to the learners that the protocol compares."""
+    """Says what each difference between two scenarios does to the learners that the protocol compares."""
     if "effects.csv" not in published:
         return []
     frame, found = published.frame("effects"), published.manifest["facts"].get("protocol")
@@ -163,32 +165,36 @@ def _effects(published: Published) -> list[str]:
         first = rows.iloc[0]
         title = str(name)[0].upper() + str(name)[1:]
         written.append(
-            f"{title}, that is {first['scenario']} minus {first['against']}, in success and in disagreements "
-            f"per 1,000 steps of training: {'; '.join(parts)}."
+            f"{title}: {first['scenario']} minus {first['against']}, in success and in disagreements per "
+            f"1,000 steps of training (exploratory): {'; '.join(parts)}."
         )
     return written
 
 
 def _hidden(published: Published) -> list[str]:
     """Says what is possible where something is hidden."""
-    frame = published.frame("scenes")
+    frame = published.frame("scenarios")
     if "memoryless_score" not in frame:
         return []
     n = int(frame["restarts"].max())
     short = frame[frame["memoryless_score"] < 1 - _NEARLY]
     rest = len(frame) - len(short)
-    optimal = f"In {rest} of {len(frame)} scenes it scores {1 - _NEARLY:g} or more"
+    searches = f"in {n} search{'' if n == 1 else 'es'} per scenario"
     if short.empty:
-        return [f"The best memoryless policy found in {n} searches: {optimal[0].lower()}{optimal[1:]}."]
+        return [
+            f"The best memoryless policy found {searches} scores {1 - _NEARLY:g} or more in all {rest} "
+            "scenarios."
+        ]
     parts = [
-        f"{row['scenario']} {link(_two(row['memoryless_score']), 'scenes', row)} with a success of "
-        f"{link(_two(row['memoryless_success']), 'scenes', row)} (hidden: {row['hidden']})"
+        f"{row['scenario']} {link(_two(row['memoryless_score']), 'scenarios', row)} with a success of "
+        f"{link(_two(row['memoryless_success']), 'scenarios', row)} (hidden: {row['hidden']})"
         for _, row in short.iterrows()
     ]
+    others = f" In the other {rest} of {len(frame)} it scores {1 - _NEARLY:g} or more." if rest else ""
     return [
-        f"Scores of the best memoryless policy found in {n} searches, where 1 is an agent that knows the "
-        f"state: {'; '.join(parts)}. {optimal}. The search climbs from random policies, so there may be "
-        "better ones."
+        f"Scores of the best memoryless policy found {searches} (1: the optimum of an agent that knows the "
+        f"state): {'; '.join(parts)}.{others} Each search finds a local optimum, so better policies may "
+        "exist."
     ]
 
 
