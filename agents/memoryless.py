@@ -42,7 +42,7 @@ class MemorylessSettings(LearnerSettings):
     """The settings of the search."""
 
     budget: Annotated[int, Field(ge=1, le=10**6)] = 100  # steps of the search
-    time_limit: Annotated[int, Field(ge=1, le=100_000)] = 200  # of the episodes whose return is improved
+    time_limit: Annotated[int, Field(ge=1, le=1000)] = 200  # of the episodes whose return is improved
     guidance: Annotated[float, Field(ge=0, le=1000)] = (
         1.0  # how much the first policy follows the optimal values
     )

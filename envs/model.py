@@ -141,8 +141,8 @@ class Model:
 
     @cached_property
     def observes_cells(self) -> bool:
-        """Whether an observation is the agent's cell, and there are a single place and phase, as in S1."""
-        return len(self.parts) == 1 and not self.context.any()
+        """Whether an observation is the agent's cell, with one place and phase and no wall, as in S1."""
+        return len(self.parts) == 1 and not self.context.any() and not self.scenario.grid.is_wall.any()
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""

@@ -565,6 +565,23 @@ class Scenario(Table):
         if n_states > MAX_STATES:
             product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
             raise ValueError(f"{product} = {n_states} states; accepted: at most {MAX_STATES}")
+        stands = len(
+            {stage.position for stage in self.stages}
+            if self.moves
+            else _cells(self.issuer.position, self.grid)
+        )
+        sizes = {
+            "agent": factors["cells (grid.rows x grid.columns)"],
+            "issuer": stands,
+            "phase": len(self.stages),
+            "wrong_pings": self.ping_limit,
+        }
+        n_observations = math.prod(sizes[part] for part in self.observe)
+        if n_observations > MAX_STATES:
+            raise ValueError(
+                f"observe = {list(self.observe)}: {n_observations} observations; accepted: at most "
+                f"{MAX_STATES}"
+            )
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, Any]

@@ -135,13 +135,17 @@ class Population:
     def values_ping(self) -> NDArray[np.bool_]:
         """(N, F) in which fresh states an agent values PING after training.
 
-        With action values, where PING's is above zero; with probabilities, where PING is the likeliest
-        action. A learner that has both counts by its probabilities.
+        With action values, where PING's is above zero, and is not what the table began with; with
+        probabilities, where PING is the likeliest action. A learner that has both counts by its
+        probabilities.
         """
         stochastic, observed = self.arrays["stochastic"], self.model.observation[self.model.fresh_state]
         if stochastic.shape[1]:
             return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)[:, observed]
-        return np.asarray(self.arrays["q"][:, :, PING] > 0)[:, observed]
+        q = self.arrays["q"][:, :, PING]
+        return np.asarray((q > 0) & (q != self.specification["settings"].get("initial_value", 0)))[
+            :, observed
+        ]
 
 
 class _Stacked(Mapping[str, NDArray[Any]]):

@@ -83,8 +83,10 @@ class Film:
         """Returns the film of the place and phase in which the agent is."""
         if self.model is None:
             return self
+        # The states that differ from the agent's by the cell alone.
+        first = moment.state - int(self.model.cell[moment.state])
+        observed = self.model.observation[first : first + len(self.model.position)]
         context = int(self.model.context[moment.state])
-        observed = self.model.observation[self.model.states_of(context)]
         return replace(
             self,
             scene=scene_of(self.model, context),
@@ -122,8 +124,9 @@ def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
     places = population.map_places
     arrays = population.of_agent(agent)
     greedy = arrays["greedy"][places]
+    n_starts = len(population.model.starts)
     return Film(
-        title=title,
+        title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
         scene=scene_of(population.model),
         steps=np.array(population.evaluation_steps)[places].tolist(),
         values=arrays["values"].astype(np.float64),

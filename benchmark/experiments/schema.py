@@ -141,6 +141,10 @@ class Experiment(Table):
                 if getattr(effect, key) not in names:
                     accepted = ", ".join(names)
                     raise ValueError(f"effects.{i}.{key} = {getattr(effect, key)}: accepted: {accepted}")
+            if [each.name for each in self.effects].count(effect.name) > 1:
+                raise ValueError(
+                    f"effects.{i}.name = {effect.name}: accepted: another name, since it is taken"
+                )
             if effect.scenario == effect.against:
                 raise ValueError(f"effects.{i}: accepted: two different scenarios")
         return self

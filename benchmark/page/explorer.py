@@ -66,6 +66,7 @@ def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], d
     models = {
         name: compile_scenario(Scenario.model_validate_json(json.dumps(scenario)))
         for name, scenario in folder.manifest["scenarios"].items()
+        if name in set(frame["scenario"])  # others have no maps of cells
     }
     curves_file = next((name for name in _CURVES if name in folder), None)
     curves = folder.read(curves_file) if curves_file else None

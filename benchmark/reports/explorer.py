@@ -51,16 +51,19 @@ def explorer_items(lister: Lister) -> tuple[Item, ...]:
     )
 
 
-def _agents(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:
-    return snapshots.agents(lister(data))
+def _agents(lister: Lister, data: Any, _: Frames) -> pd.DataFrame | None:
+    shown = list(lister(data))
+    return snapshots.agents(shown) if shown else None
 
 
-def _final_policies(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:
-    return snapshots.final_policies(lister(data))
+def _final_policies(lister: Lister, data: Any, _: Frames) -> pd.DataFrame | None:
+    shown = list(lister(data))
+    return snapshots.final_policies(shown) if shown else None
 
 
-def _optimum(lister: Lister, data: Any, _: Frames) -> pd.DataFrame:
-    return snapshots.optimum(lister(data))
+def _optimum(lister: Lister, data: Any, _: Frames) -> pd.DataFrame | None:
+    shown = list(lister(data))
+    return snapshots.optimum(shown) if shown else None
 
 
 def _write_maps(lister: Lister, data: Any, _: Frames, directory: Path) -> None:

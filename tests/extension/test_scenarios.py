@@ -102,3 +102,40 @@ def test_an_experiment_on_it_runs_and_is_drawn(corridor: Path, tmp_path: Path) -
     assert {"figure.png", "learning.md", "README.md"} < names
     assert "claims.csv" not in names  # the paper's claims are about S1 to S3
     assert "Claims of the paper" not in (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
+
+
+BEYOND = """
+description = "Two tables in scenarios of which one has cell maps."
+report = "REPORT"
+scenarios = ["S1", "Walls", "Moody"]
+horizon = 50
+evaluation_every = 100
+map_every = 200
+settings = { budget = 200 }
+algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
+algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 2 }
+"""
+
+
+def test_scenarios_beyond_the_paper_are_compared_like_any_others(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(BEYOND.replace("REPORT", "comparison"), encoding="utf-8")
+    done = command("run", str(file), "--report", "--results", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "mine").glob("agent_*.csv")} == {"agent_S1.csv"}
+    summary = pd.read_csv(tmp_path / "mine" / "summary.csv")
+    assert set(summary["scenario"]) == {"S1", "Walls", "Moody"}
+    assert (tmp_path / "mine" / "index.html").exists()
+    file.write_text(BEYOND.replace("REPORT", "scenarios"), encoding="utf-8")
+    done = command("run", str(file), "--report", "--results", str(tmp_path))  # no deep learner, no protocol
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "mine" / "scenarios.png").exists()
+
+
+def test_a_replication_takes_scenarios_like_the_papers(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(EXPERIMENT.replace("SCENARIO", "Moody"), encoding="utf-8")
+    done = command("run", str(file), "--report", "--results", str(tmp_path))
+    assert done.returncode == 2
+    assert "scenarios: Moody (default): a replication takes scenarios like the paper's" in done.stderr
+    assert not (tmp_path / "runs.db").exists()

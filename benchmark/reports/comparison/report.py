@@ -32,6 +32,19 @@ _ENDS: Final = ("low", "high")
 
 
 def check(experiment: Experiment) -> None:
+    """Checks that an experiment has the default condition alone, its protocol, and no effects.
+
+    Raises:
+      InputError: It has other conditions, the protocol names what is not there, or there are effects.
+    """
+    check_conditions(experiment)
+    if experiment.effects:
+        raise InputError(
+            f"{experiment.argument}: effects: accepted in an experiment whose report is scenarios."
+        )
+
+
+def check_conditions(experiment: Experiment) -> None:
     """Checks that an experiment has the default condition alone, and its protocol.
 
     Raises:

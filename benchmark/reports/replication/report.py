@@ -21,7 +21,7 @@ from benchmark.reports.published import Published
 from benchmark.reports.replication import claims, findings
 from benchmark.reports.replication import tables as replication_tables
 from benchmark.reports.view import Columns
-from envs import InputError, Model
+from envs import InputError, Model, compile_scenario
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -129,6 +129,20 @@ def check(experiment: Experiment) -> None:
             f"{experiment.argument}: algorithms: a replication takes exactly one, and a tabular one that "
             "records the maximum Q."
         )
+    for scenario, name, observation in experiment.populations:
+        for condition in experiment.conditions:
+            run = specifications(experiment, condition, scenario, name, observation, [0])[0]
+            model = compile_scenario(run.scenario)
+            if (
+                not model.observes_cells
+                or len(model.starts) > 1
+                or run.scenario.regions.target_radius is None
+            ):
+                raise InputError(
+                    f"{experiment.argument}: scenarios: {run.scenario.name} ({condition}): a replication "
+                    "takes scenarios like the paper's: the agent observes its cell alone, there is one start "
+                    "and one phase, no wall, and the regions are squares by their radii."
+                )
     if experiment.sweep:
         raise InputError(
             f"{experiment.argument}: sweep: accepted: none, since a replication varies its readings alone."

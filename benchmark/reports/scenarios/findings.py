@@ -67,7 +67,7 @@ def _headline(published: Published, protocol: Protocol) -> str:
         elif none:
             parts.append(none)
     budgets = published.frame("summary").groupby(["algorithm", "observation"])["budget"].first()
-    compared = [each for each in (protocol.reference, *protocol.decisive) if each in budgets.index]
+    compared = [x for pair in protocol.contrasts for x in pair if x in budgets.index]
     steps = {int(budgets.loc[each]) for each in compared}
     budget = f"after {steps.pop():,} steps of training" if len(steps) == 1 else "after training"
     n, n_nets = contrasts["scenario"].nunique(), len(protocol.decisive)

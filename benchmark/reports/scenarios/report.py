@@ -6,20 +6,54 @@ from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
+from agents import load_algorithm
 from benchmark.drawing import tables
-from benchmark.reports.comparison.data import Context, Data, load
-from benchmark.reports.comparison.report import check, protocol_terms
+from benchmark.experiments import Experiment
+from benchmark.reports.comparison.data import Context, Data
+from benchmark.reports.comparison.data import load as load_compared
+from benchmark.reports.comparison.report import check_conditions, protocol_terms
 from benchmark.reports.item import Frames, Item, Report, Section, whole
 from benchmark.reports.published import Published
 from benchmark.reports.scenarios import findings
 from benchmark.reports.scenarios import tables as scenarios
 from benchmark.reports.view import Columns
+from envs import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from benchmark.execution.store import Store
+
 _LEARNER: Final = ("algorithm", "observation")
 _POPULATION: Final = ("scenario", *_LEARNER)
+
+
+def check(experiment: Experiment) -> None:
+    """Checks the conditions and the protocol of an experiment, and its budgets, which must be steps.
+
+    Raises:
+      InputError: One of them is not accepted, or all arms are planners.
+    """
+    check_conditions(experiment)
+    algorithms = {name: load_algorithm(arm.algorithm) for name, arm in experiment.algorithms.items()}
+    if all(algorithm.family == "planner" for algorithm in algorithms.values()):
+        raise InputError(f"{experiment.argument}: algorithms: accepted: at least one that is no planner.")
+    for name, arm in experiment.algorithms.items():
+        if (experiment.settings | arm.settings).get("budget_unit", "steps") != "steps":
+            where = f"{experiment.argument}: algorithms.{name}.settings.budget_unit"
+            raise InputError(f'{where}: accepted: "steps", in which this report counts.')
+
+
+def load(experiment: Experiment, store: "Store", seeds: Sequence[int] | None, partial: bool) -> Data:
+    """Reads all runs, see `benchmark.reports.comparison.data.load`.
+
+    Raises:
+      InputError: Runs are missing, or there is no learner that is no planner.
+    """
+    data = load_compared(experiment, store, seeds, partial)
+    if not scenarios.learners(data).learners:
+        raise InputError(f"{experiment.name}: too few runs: accepted: a learner that is no planner.")
+    return data
 
 
 # Tables

@@ -22,6 +22,7 @@ from benchmark.reports.comparison import tables as comparison
 from benchmark.reports.comparison.data import Data
 from benchmark.reports.comparison.protocol import Learner
 
+SEARCH: Final = "memoryless"  # the algorithm that says what is possible for policies over observations
 ENOUGH: Final = 0.9  # a mean success by which a scenario counts as learned
 
 
@@ -39,8 +40,8 @@ def scenarios(data: Data) -> pd.DataFrame:
     """Tabulates what each scenario is, and what is possible in it.
 
     Returns are sums of the grid's rewards over an episode. `optimal_return` is that of an agent that knows
-    the state; `memoryless_return` and `memoryless_success` are those of the best policy that planners have
-    found over what is observed, the best of `restarts` runs, and `memoryless_score` is that return as a
+    the state; `memoryless_return` and `memoryless_success` are those of the best policy over observations
+    that the algorithm `memoryless` has found in `restarts` runs, and `memoryless_score` is that return as a
     score.
     """
     first = next(iter(learners(data).learners.values()))
@@ -60,7 +61,11 @@ def scenarios(data: Data) -> pd.DataFrame:
             "random_success": float(evaluate(model, uniform_policy(model), population.horizon).success),
             "optimal_return": optimal,
         }
-        found = [learner for learner in data.learners if learner not in learners(data).learners]
+        found = [
+            learner
+            for learner, populations in data.learners.items()
+            if populations[scenario].specification["algorithm"] == SEARCH
+        ]
         if found:
             returns, success = (
                 np.concatenate([data.results(learner, scenario, name)[:, -1] for learner in found])
