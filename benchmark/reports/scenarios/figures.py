@@ -78,11 +78,9 @@ def curves(frame: pd.DataFrame, context: Context) -> Figure:
         that train longest.
     """
     scenarios, learners = list(frame["scenario"].unique()), _learners(frame)
-    if context.protocol is not None:
-        compared = {learner for pair in context.protocol.contrasts for learner in pair}
-        longest = frame["step"].max()
-        longest_learners = _learners(frame[frame["step"] == longest])
-        learners = [each for each in learners if each in compared or each in longest_learners]
+    longest = _learners(frame[frame["step"] == frame["step"].max()])
+    compared = _compared(learners, context)
+    learners = [learner for learner in learners if learner in (*compared, *longest)]
     frame = frame[frame["step"] > 0]  # which has no logarithm
     n_rows = math.ceil(len(scenarios) / _COLUMNS)
     shown = replace(context, panels={"": learners}, learners=learners)
@@ -104,13 +102,13 @@ def curves(frame: pd.DataFrame, context: Context) -> Figure:
 
 
 def effects(frame: pd.DataFrame, context: Context) -> Figure:
-    """Draws what each difference between two scenarios does to every learner.
+    """Draws what each difference between two scenarios does to the learners that the protocol compares.
 
     Args:
       frame: `benchmark.reports.scenarios.tables.effects`.
       context: Of the comparison.
     """
-    names, learners = list(frame["effect"].unique()), _learners(frame)
+    names, learners = list(frame["effect"].unique()), _compared(_learners(frame), context)
     labels = {"success": "success", "disagreements": "disagreements per 1,000 steps"}
     size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
     with figure_of(len(names), len(labels), size) as (figure, axes):
@@ -147,6 +145,14 @@ def _differences(
             ends = [row[f"{key}_low"], row[f"{key}_high"]]
             axis.plot(ends, [place, place], color=style["color"], lw=2.2, alpha=0.6)
             axis.plot(row[key], place, color=style["color"], marker=style["marker"], ms=5)
+
+
+def _compared(learners: Sequence[Learner], context: Context) -> list[Learner]:
+    """Returns the learners that the protocol compares; all, if there is no protocol."""
+    if context.protocol is None:
+        return list(learners)
+    compared = {learner for pair in context.protocol.contrasts for learner in pair}
+    return [learner for learner in learners if learner in compared]
 
 
 def _learners(frame: pd.DataFrame) -> list[Learner]:

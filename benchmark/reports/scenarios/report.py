@@ -215,7 +215,7 @@ ITEMS: Final = (
         compute=_effects,
         display=_display_effects,
         draw=_draw_effects,
-        caption="What a difference between two scenarios does to each learner.",
+        caption="What a difference between two scenarios does to the learners of contrasts.",
     ),
     Item(
         name="scenarios",
