@@ -102,12 +102,6 @@ def _cost(data: Data, _: Frames) -> pd.DataFrame:
 # As .md and .tex show them
 
 
-def _display_summary(frame: pd.DataFrame) -> pd.DataFrame:
-    columns = ["success", "score", "disagreements"]
-    shown = [*_POPULATION, "policy", "n", "budget", *columns, "unbounded_score", "steps"]
-    return tables.with_intervals(frame, columns)[shown]
-
-
 def _display_contrasts(frame: pd.DataFrame) -> pd.DataFrame:
     columns = ["success_difference", "score_difference"]
     shown = ["scenario", "x", "y", "success_verdict", "score_verdict", "n", *columns]
@@ -154,7 +148,6 @@ ITEMS: Final = (
             "each scenario and learner: success, score, steps, wrong PINGs, disagreements in training"
         ),
         compute=_summary,
-        display=_display_summary,
         draw=_draw_summary,
         caption="How often each learner succeeds in each scenario, and the verdicts.",
     ),
@@ -194,7 +187,7 @@ ITEMS: Final = (
     ),
     Item(
         name="curves",
-        description="success, score and disagreements over training, against environment steps",
+        description="success and disagreements over training, against environment steps",
         compute=_curves,
         draw=_draw_curves,
         caption=(

@@ -93,21 +93,15 @@ def summary(data: Data) -> pd.DataFrame:
 
 def scores(data: Data) -> pd.DataFrame:
     """Tabulates every run at the end of training, see `benchmark.reports.comparison.tables.scores`."""
-    wanted = ["scenario", "algorithm", "observation", "policy", "seed", "success", "score", "unbounded_score"]
-    wanted += [
-        "steps",
-        "wrong_pings",
-        "uncomfortable_steps",
-        "greedy_success",
-        "disagreements",
-        "diverged_at",
-    ]
+    wanted = ["scenario", "algorithm", "observation", "policy", "seed", "success", "score", "steps"]
+    wanted += ["wrong_pings", "disagreements", "diverged_at"]
     return comparison.scores(learners(data))[wanted]
 
 
 def curves(data: Data) -> pd.DataFrame:
-    """Tabulates learning, see `benchmark.reports.comparison.tables.curves`."""
-    return comparison.curves(learners(data))
+    """Tabulates success and disagreements over training, see `benchmark.reports.comparison.tables.curves`."""
+    frame = comparison.curves(learners(data))
+    return frame[[name for name in frame if not str(name).startswith("score")]]
 
 
 def cost(data: Data) -> pd.DataFrame:
