@@ -17,7 +17,7 @@ examples:
   python -m benchmark run reproduce --seeds 0-9    only ten agents per scenario
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run compare_deep --report    tables against DQN and PPO, about an hour
-  python -m benchmark run beyond --report          the same in scenarios beyond the paper, about half an hour
+  python -m benchmark run beyond --report          the same in scenarios beyond the paper, about 45 minutes
   python -m benchmark report reproduce             draw results/reproduce from stored runs
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       build results/index.html from published results

@@ -245,7 +245,7 @@ def test_readme_tells_the_published_answer() -> None:
         "ppo, one_hot": "worse",
     }
     assert says(
-        "**Deep RL does not earn its keep over the table here.** With 10,000 steps and by success alone,"
+        "**In the paper's scenarios deep RL does not earn its keep.** With 10,000 steps and by success alone,"
     )
     assert set(found["n"]) == {100}
     assert set(found["success_margin"]) == {0.1}
@@ -281,6 +281,44 @@ def test_readme_tells_the_published_answer() -> None:
     )
     assert says(f"and a net {net}: equivalent to the table, though the net's deficit is significant.")
     assert says(f"PPO, with {ppo}, is worse.")
+
+
+def test_readme_tells_where_deep_rl_earns_its_keep() -> None:
+    folder = ROOT / "results" / "beyond"
+    found: Any = pd.read_csv(folder / "contrasts.csv")
+    assert (found["scenario"].nunique(), set(found["n"]), set(found["y"])) == (17, {20}, {TABLE})
+    better = found[found["success_verdict"] == "better"][["scenario", "x"]].to_numpy().tolist()
+    assert better == [["MoodyHidden", "ppo, one_hot"], ["Anywhere", "dqn, coordinates"]]
+    assert says("With 20,000 steps and 20 seeds, deep RL earns its keep in 2 of [17 scenarios]")
+    (headline, *_) = pd.read_csv(folder / "findings.csv")["text"]
+    assert re.search(r"it is undecided in \[13\].*there is no verdict in \[2\]", headline)
+    assert says("In 13 it is undecided, and in 2 there is no verdict, as the table does not learn.")
+    summary: Any = pd.read_csv(folder / "summary.csv").set_index(["scenario", *LEARNER])
+    shown = {
+        (scenario, arm): with_interval(summary.loc[scenario, arm, observation], "success")
+        for scenario, arm, observation in (
+            ("Anywhere", "dqn", "coordinates"),
+            ("Anywhere", "q_learning_tuned", "index"),
+            ("MoodyHidden", "ppo", "one_hot"),
+            ("MoodyHidden", "q_learning_tuned", "index"),
+        )
+    }
+    assert says(f"DQN from coordinates succeeds with {shown['Anywhere', 'dqn']}, the table with")
+    assert says(f"the table with {shown['Anywhere', 'q_learning_tuned']};")
+    assert says(f"PPO's stochastic policy has {shown['MoodyHidden', 'ppo']} and the table")
+    assert says(f"and the table {shown['MoodyHidden', 'q_learning_tuned']};")
+    steps: Any = pd.read_csv(folder / "steps.csv").set_index(["scenario", *LEARNER])
+    net, table = (
+        steps.loc["Anywhere", "dqn", "coordinates"],
+        steps.loc["Anywhere", "q_learning_long", "index"],
+    )
+    ends = f"{table['below_at'] / net['step']:.2g} to {table['step'] / net['below_at']:.2g}"
+    assert says(
+        f"stays at or above 0.9 from step {net['step']:,.0f} on, and the table needs {ends} times as many"
+    )
+    scenarios: Any = pd.read_csv(folder / "scenarios.csv").set_index("scenario")
+    best = scenarios.loc["MoodyHidden", "memoryless_success"]
+    assert says(f"the best memoryless policy found has {best:.2f}.")
 
 
 def test_published_protocol_is_the_declared_one() -> None:
