@@ -80,6 +80,8 @@ class Reference:
         return [issuer | self.phases[phase], *({"heading": "up"} | p for p in self.tables.get("others", []))]
 
     def zone_among_people(self, place: Cell, phase: int, cell: Cell) -> str:
+        if cell in self.walls:
+            return "outside"
         return max((self.zone_of(person, cell) for person in self.people(place, phase)), key=NEARER.index)
 
     def zone_of(self, person: Tables, cell: Cell) -> str:

@@ -124,7 +124,7 @@ def test_paper_scenarios_are_shipped() -> None:
         ({"regions.unit": "metres"}, 'unit = "metres": accepted: "cells", since radii are in cells'),
         (
             {"regions": shapes(CIRCLE, CIRCLE | {"radius": 2}) | {"unit": "metres"}},
-            'regions.unit = "metres": accepted with grid.metres_per_cell',
+            'regions.unit = "metres": needs grid.metres_per_cell',
         ),
         # Observation
         ({"observe": ["issuer"]}, "observe = ['issuer']: accepted: \"agent\", and other parts once each"),
@@ -199,7 +199,8 @@ def test_paper_scenarios_are_shipped() -> None:
         (
             {"ping_limit": 50, "issuer.position": "anywhere", "issuer.feedback": {"kind": "delayed"}},
             "120 cells (grid.rows x grid.columns) x 50 wrong PINGs (ping_limit) x 120 cells for the issuer "
-            "(issuer.position) x 2 with and without feedback to come (issuer.feedback) = 1440000 states",
+            "(issuer.position) x 2 cases, with and without pending feedback (issuer.feedback) = 1440000 "
+            "states",
         ),
     ],
 )

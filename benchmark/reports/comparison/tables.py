@@ -6,7 +6,7 @@ score without bounds has none, since no method knows how far below 0 a rare fail
 weigh all scenarios the same.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import combinations
 from typing import Any, Final
@@ -136,21 +136,40 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     margins = dict(zip(ENDPOINTS, (protocol.success_margin, protocol.score_margin), strict=True))
     rows: list[dict[str, Any]] = [{"x": str(x), "y": str(y)} for x, y in pairs]
     for endpoint, field in ENDPOINTS.items():
-        sides = [tuple(_side(data, learner, field) for learner in pair) for pair in pairs]
-        found = [contrast(x, y, margins[endpoint]) for x, y in sides]
-        fewest = [min(*x.sizes, *y.sizes) for x, y in sides]
-        is_allowed = [not data.is_incomplete and n >= protocol.fewest_runs for n in fewest]
-        decided = decide(found, is_allowed=is_allowed)
-        for row, n, (x, y), each, outcome in zip(rows, fewest, sides, found, decided, strict=True):
-            row |= {"n": n, f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-            for key, value in (asdict(each) | dict(outcome)).items():
-                ending = f"difference_{key}" if key.startswith(("low", "high")) else key
-                row[f"{endpoint}_{ending}"] = value
-            row[f"{endpoint}_margin"] = margins[endpoint]
-            is_open = outcome["verdict"] == UNDECIDED
+        sides = [(_side(data, x, field), _side(data, y, field)) for x, y in pairs]
+        judge(rows, endpoint, sides, margins[endpoint], 0 if data.is_incomplete else protocol.fewest_runs)
+        for row, (x, y) in zip(rows, sides, strict=True):
+            is_open = row[f"{endpoint}_verdict"] == UNDECIDED
             needed = deciding_runs(x, y, margins[endpoint], len(pairs)) if is_open else np.nan
             row[f"{endpoint}_deciding_runs"] = needed
     return pd.DataFrame(rows)
+
+
+def judge(
+    rows: Sequence[dict[str, Any]],
+    endpoint: str,
+    sides: Sequence[tuple[Side, Side]],
+    margin: float,
+    fewest_runs: int,
+) -> None:
+    """Writes what a set of contrasts comes to into its rows, with p-values that are adjusted for all of them.
+
+    Args:
+      rows: One per contrast.
+      endpoint: With which the names of the columns begin.
+      sides: Of each contrast, x and y.
+      margin: A smaller difference makes them equivalent.
+      fewest_runs: For a verdict; 0 if there must be none, because runs are missing.
+    """
+    found = [contrast(x, y, margin) for x, y in sides]
+    fewest = [min(*x.sizes, *y.sizes) for x, y in sides]
+    decided = decide(found, is_allowed=[0 < fewest_runs <= n for n in fewest])
+    for row, n, (x, y), each, outcome in zip(rows, fewest, sides, found, decided, strict=True):
+        row |= {"n": n, f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
+        for key, value in (asdict(each) | dict(outcome)).items():
+            ending = f"difference_{key}" if key.startswith(("low", "high")) else key
+            row[f"{endpoint}_{ending}"] = value
+        row[f"{endpoint}_margin"] = margin
 
 
 def improvement(data: Data) -> pd.DataFrame:

@@ -6,7 +6,7 @@ them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
-from benchmark.analysis.contrasts import Side, contrast, decide
+from benchmark.analysis.contrasts import Side
 from benchmark.analysis.intervals import combined, student
 from benchmark.analysis.population import Population
 from benchmark.reports.comparison import tables as comparison
@@ -133,16 +133,8 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     rows: list[dict[str, Any]] = [{"scenario": s, "x": str(x), "y": str(y)} for s, x, y in cases]
     for endpoint, field in comparison.ENDPOINTS.items():
         sides = [(_side(data, x, s, field), _side(data, y, s, field)) for s, x, y in cases]
-        found = [contrast(x, y, margins[endpoint]) for x, y in sides]
-        fewest = [min(*x.sizes, *y.sizes) for x, y in sides]
-        is_allowed = [not data.is_incomplete and n >= protocol.fewest_runs for n in fewest]
-        decided = decide(found, is_allowed=is_allowed)
-        for row, n, (x, y), each, outcome in zip(rows, fewest, sides, found, decided, strict=True):
-            row |= {"n": n, f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-            for key, value in (asdict(each) | dict(outcome)).items():
-                ending = f"difference_{key}" if key.startswith(("low", "high")) else key
-                row[f"{endpoint}_{ending}"] = value
-            row[f"{endpoint}_margin"] = margins[endpoint]
+        fewest_runs = 0 if data.is_incomplete else protocol.fewest_runs
+        comparison.judge(rows, endpoint, sides, margins[endpoint], fewest_runs)
     return pd.DataFrame(rows)
 
 

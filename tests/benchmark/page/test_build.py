@@ -170,6 +170,7 @@ def test_every_number_is_in_the_row_that_it_links_to(results: Path, text: str) -
         elif re.fullmatch(r"[-−\d.,]+", shown):
             number = shown.replace("−", "-").replace(",", "")
             known = numbers_in(row, number)
+            known |= {text[1:] for text in known if text.startswith("-") and not text.strip("-0.")}
             assert {number, f"{float(number):,.0f}"} & known, (shown, target)
         else:
             continue  # in other units
@@ -187,7 +188,9 @@ def test_page_of_the_replication_alone(results: Path, tmp_path: Path) -> None:
 def test_nothing_to_tell(tmp_path: Path) -> None:
     with pytest.raises(
         InputError,
-        match="there are no results of compare_deep or ablation or equivalence or reproduce to report; make",
+        match=(
+            "there are no results of compare_deep or beyond or ablation or equivalence or reproduce to report"
+        ),
     ):
         build.write(tmp_path)
     assert not list(tmp_path.iterdir())
