@@ -321,7 +321,7 @@ REPORT: Final = Report(
     sections=(
         Section(
             key="verdicts",
-            heading="Verdicts",
+            heading="Scenario by scenario",
             text=_VERDICTS_TEXT,
             terms=partial(protocol_terms, means="means over the runs in one scenario"),
             terms_title="The protocol",
