@@ -32,7 +32,7 @@ STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.stamp`
 # The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
 PUBLISHED: Final = ("compare_deep", "beyond", "ablation", "equivalence", "reproduce")
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_FIGURE_COLOURS: Final = 128  # of a figure's palette on the page; more look the same
+_FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
 _ASIDE: Final = re.compile(r"\[[^\]]*\]|\([^)]*\)|`[^`]*`")  # in which no sentence ends
 _SENTENCE_END: Final = re.compile(r"(?<=[.?!])\s+(?=[A-Z`])")
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
@@ -292,11 +292,18 @@ def _has_figure(results: Published, item: Item) -> bool:
 
 
 def _item(folder: Folder, results: Published, item: Item, lead: Item | None) -> dict[str, Any]:
-    """Returns an item's table and figure, so far as there are any to show; the lead's figure is elsewhere."""
+    """Returns an item's table and figure, so far as there are any to show; the lead's figure is elsewhere.
+
+    What is shown on demand is shown as a table, if there is one, and not as a figure, too: figures make the
+    page large.
+    """
     table = item.view(results) if item.view is not None and f"{item.name}.csv" in results else None
+    has_figure = (
+        _has_figure(results, item) and item is not lead and not (item.is_folded and table is not None)
+    )
     return {
         "table": _table(folder, table) if table is not None else None,
-        "figure": _figure(folder, item) if item is not lead and _has_figure(results, item) else None,
+        "figure": _figure(folder, item) if has_figure else None,
         "is_folded": item.is_folded,
     }
 

@@ -78,7 +78,7 @@ def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], d
             "discount": discount,
             **_place(folder, "optimum.csv", rows),
             "columns": list(best.columns),
-            "values": _packed(rows[list(ACTIONS)].to_numpy()),
+            "values": _packed(rows[list(ACTIONS)].to_numpy(), 1),
             "optimal": _masks(rows["optimal"]),
         }
         for (scenario, discount), rows in best.groupby(["scenario", "discount"], sort=False)
@@ -118,7 +118,7 @@ def _read(folder: Folder) -> tuple[list[dict[str, Any]], list[dict[str, Any]], d
                     **_place(folder, f"agent_{scenario}.csv", snapshot),
                     "columns": list(snapshot.columns),
                 },
-                "values": _packed(snapshot[list(ACTIONS)].to_numpy()),
+                "values": _packed(snapshot[list(ACTIONS)].to_numpy(), len(rows)),
                 "greedy": _masks(snapshot["greedy"]),
                 "optimum": list(optima).index(optimum),
                 "curve": None if curves is None else _curve(folder, str(curves_file), curves, key),
@@ -166,12 +166,15 @@ def _listed(values: pd.Series) -> list[float | None]:
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
-def _packed(values: NDArray[np.float64]) -> str:
-    """Returns rounded values as 32-bit integers, little-endian, in base64."""
+def _packed(values: NDArray[np.float64], n_maps: int) -> list[int]:
+    """Returns rounded values as integers, each less that of the map before: most are zero, and zip well."""
     scaled = np.rint(values * 10**snapshots.DECIMALS)
     # Only the values of nets about to diverge exceed two million; their digits are noise.
     packed = np.where(np.isnan(scaled), _NO_NUMBER, np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1))
-    return base64.b64encode(packed.astype("<i4").tobytes()).decode("ascii")
+    changes: list[int] = (
+        np.diff(packed.astype(np.int64).reshape(n_maps, -1), axis=0, prepend=0).ravel().tolist()
+    )
+    return changes
 
 
 def _masks(names: Iterable[str]) -> str:

@@ -175,15 +175,6 @@ ITEMS: Final = (
         name="steps",
         description=f"after how many steps the mean success stays at or above {scenarios.ENOUGH:g}",
         compute=_steps,
-        view=Columns(
-            file="steps.csv",
-            caption=(
-                f"First step from which the mean success over runs stays at or above {scenarios.ENOUGH:g}"
-            ),
-            keys=_POPULATION,
-            numbers={"n": "runs", "budget": "budget", "step": "step", "final_success": "final success"},
-        ),
-        is_folded=True,
     ),
     Item(
         name="curves",

@@ -25,9 +25,9 @@ def data() -> dict[str, Any]:
     return collected
 
 
-def values_of(packed: str, data: dict[str, Any]) -> Any:
+def values_of(packed: list[int], n_maps: int, data: dict[str, Any]) -> Any:
     """Returns packed values, a row an observation."""
-    integers = np.frombuffer(base64.b64decode(packed), "<i4")
+    integers = np.array(packed).reshape(n_maps, -1).cumsum(axis=0)
     values = np.where(integers == data["no_number"], np.nan, integers / 10 ** data["decimals"])
     return values.reshape(-1, len(ACTIONS))
 
@@ -51,7 +51,7 @@ def test_agent_is_as_in_the_files(data: dict[str, Any], place: int) -> None:
             assert row[name] == agent[name]
         assert row["step"] == agent["steps"][0] == 0
     frame = pd.read_csv(RESULTS / agent["maps"]["file"])
-    values = values_of(agent["values"], data)
+    values = values_of(agent["values"], len(agent["steps"]), data)
     rows = frame.iloc[agent["maps"]["line"] - 2 :][: len(values)]
     assert rows[list(ACTIONS)].to_numpy() == pytest.approx(values, nan_ok=True)
     assert rows["step"].tolist() == np.repeat(agent["steps"], len(values) // len(agent["steps"])).tolist()
@@ -61,7 +61,7 @@ def test_agent_is_as_in_the_files(data: dict[str, Any], place: int) -> None:
     optimum = data["optima"][agent["optimum"]]
     best = pd.read_csv(RESULTS / optimum["file"], dtype={"discount": str}).iloc[optimum["line"] - 2 :]
     assert best.iloc[0][["scenario", "discount"]].tolist() == [agent["scenario"], agent["discount"]]
-    packed = values_of(optimum["values"], data)
+    packed = values_of(optimum["values"], 1, data)
     assert best[list(ACTIONS)].to_numpy()[: len(packed)] == pytest.approx(packed)
 
 

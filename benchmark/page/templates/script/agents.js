@@ -8,12 +8,11 @@ export const PING = explorer?.actions.indexOf("PING");
 export const members = (mask) => explorer.actions.map((_, a) => a).filter((a) => (mask >> a) & 1);
 const named = (mask) => members(mask).map((a) => explorer.actions[a]).join("|");
 
-function unpacked(base64) {
-  const view = new DataView(bytes(base64).buffer);
-  return Float64Array.from({ length: view.byteLength / 4 }, (_, i) => {
-    const value = view.getInt32(4 * i, true);
-    return value === explorer.no_number ? NaN : value / 10 ** explorer.decimals;
-  });
+// Values from integers, each of which is less that of the map before.
+function unpacked(changes, nMaps) {
+  const integers = Float64Array.from(changes);
+  for (let i = integers.length / nMaps; i < integers.length; i++) integers[i] += integers[i - integers.length / nMaps];
+  return integers.map((value) => (value === explorer.no_number ? NaN : value / 10 ** explorer.decimals));
 }
 
 // An agent: its values and actions at every map, or only its last actions.
@@ -23,7 +22,7 @@ class Agent {
     this.scene = explorer.scenes[packed.scene];
     this.nCells = this.scene.zone.length;
     this.optimum = optima[packed.optimum];
-    this.values = unpacked(packed.values);
+    this.values = unpacked(packed.values, packed.steps.length);
     this.greedy = bytes(packed.greedy);
     this.hasValues = true;
     this.timeline = this.steps; // of its learner
@@ -81,7 +80,7 @@ class Agent {
 }
 
 const optima = (explorer?.optima ?? []).map((packed) => (
-  { ...packed, values: unpacked(packed.values), optimal: bytes(packed.optimal) }
+  { ...packed, values: unpacked(packed.values, 1), optimal: bytes(packed.optimal) }
 ));
 export const agents = (explorer?.agents ?? []).map((packed) => new Agent(packed));
 
