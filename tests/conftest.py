@@ -4,3 +4,5 @@ import os
 
 # A test trains nets in as many processes as it needs; threads of torch would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Commands that tests start need not compile the project's modules each time.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -138,10 +138,9 @@ def test_readers_infer_the_types_of_all_columns(results: Path) -> None:
 
 
 def test_other_seeds_do_not_overwrite_the_declared_ones(results: Path, tmp_path: Path) -> None:
-    shutil.copy(results / "runs.db", tmp_path)
+    shutil.copytree(results, tmp_path, dirs_exist_ok=True)
     n_declared = len(load_experiment("reproduce_smoke").declared_seeds("q_learning", "default"))
-    for seeds in ([], ["--seeds", "0-1"]):
-        assert main(["report", "reproduce_smoke", *seeds, "--results", str(tmp_path)]) == 0
+    assert main(["report", "reproduce_smoke", "--seeds", "0-1", "--results", str(tmp_path)]) == 0
     made = contents(tmp_path / "reproduce_smoke", manifest=True)
     assert made == contents(results / "reproduce_smoke", manifest=True)  # of the declared seeds
     other = tmp_path / "reproduce_smoke_seeds_0-1"

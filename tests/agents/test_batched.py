@@ -79,6 +79,7 @@ SETTINGS: dict[str, Any] = {
 }
 OBSERVATIONS = ["one_hot", "coordinates"]
 N_AGENTS = 3
+CHECKED_AGENTS = [0, 2]
 
 
 def settings_of(name: str, **changes: Any) -> Any:
@@ -217,6 +218,12 @@ def stock_agent(name: str, settings: Any, observation: str, model: Model, drawn:
     return make_agent(method, theirs, SB3VecEnv(env))
 
 
+def in_turn(*cases: tuple[str, dict[str, Any]]) -> list[tuple[str, str, dict[str, Any]]]:
+    """Gives the cases the two forms of observation by turns; the case without changes gets both."""
+    given = [(OBSERVATIONS[i % 2], *case) for i, case in enumerate(cases)]
+    return [*given, *((OBSERVATIONS[1], scene, changes) for scene, changes in cases if not changes)]
+
+
 DQN_CHANGES: list[dict[str, Any]] = [
     {},
     {"learning_rate": 1e-2, "gamma": 0.7, "policy_kwargs": {"net_arch": ()}},
@@ -243,16 +250,15 @@ DQN_CHANGES: list[dict[str, Any]] = [
 
 @pytest.mark.filterwarnings("ignore:The number of environments used")
 @pytest.mark.parametrize(
-    ("scene", "changes"),
-    [
+    ("observation", "scene", "changes"),
+    in_turn(
         *(("S1", changes) for changes in DQN_CHANGES),
         ("moods", {"n_envs": 2, "n_steps": 3, "time_limit": 11, "buffer_size": 90, "gradient_steps": 2}),
         ("anywhere", {"tau": 0.3, "target_update_interval": 7}),
         ("anywhere", {"batch_size": 90, "target_update_interval": 400}),  # read for all observations
-    ],
+    ),
     ids=str,
 )
-@pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_dqn_is_stable_baselines3s(
     observation: str, scene: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -281,7 +287,7 @@ def test_dqn_is_stable_baselines3s(
     n_updates = len(drawn.batches)
     assert n_updates >= 200
     assert training.updates.tolist() == [n_updates] * N_AGENTS
-    for agent in range(N_AGENTS):
+    for agent in CHECKED_AGENTS:
         stock = stock_agent("batched_dqn", settings, observation, model, drawn, agent)
         set_weights(stock.q_net, drawn.first, agent)
         set_weights(stock.q_net_target, drawn.first, agent)
@@ -335,15 +341,14 @@ PPO_CHANGES: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize(
-    ("scene", "changes"),
-    [
+    ("observation", "scene", "changes"),
+    in_turn(
         *(("S1", changes) for changes in PPO_CHANGES),
         ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5, "time_limit": 7}),
         ("anywhere", {"clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8, "time_limit": 7}),
-    ],
+    ),
     ids=str,
 )
-@pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_ppo_is_stable_baselines3s(
     observation: str, scene: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -369,7 +374,7 @@ def test_ppo_is_stable_baselines3s(
     wrap(monkeypatch, kernels, "roll_out", keep_actions)
     wrap(monkeypatch, kernels, "shuffle", keep_orders)
     training = trained("batched_ppo", observation, model=model, points=(0, 400), **changes)
-    for agent in range(N_AGENTS):
+    for agent in CHECKED_AGENTS:
         stock = stock_agent("batched_ppo", settings, observation, model, drawn, agent)
         half = len(drawn.first) // 2
         actors = torch.nn.ModuleList([stock.policy.mlp_extractor.policy_net, stock.policy.action_net])

@@ -123,12 +123,28 @@ def test_more_seeds_use_the_runs_that_are_there(tmp_path: Path) -> None:
 # A driver that is killed or interrupted
 
 
+EXPERIMENT = """
+description = ""
+report = "comparison"
+scenarios = ["S1"]
+horizon = 200
+evaluation_every = 100
+map_every = 200
+settings = { budget = 400, time_limit = 200 }
+
+[algorithms]
+q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 8 }
+dqn = { algorithm = "batched_dqn", observations = ["one_hot"], seeds = 2 }
+dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 3 }
+ppo_sb3 = { algorithm = "ppo", observations = ["coordinates"], seeds = 3, settings.n_steps = 200 }
+"""
+
+
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The miniature with one scenario."""
+    """Eight tables, which are trained in this process, two batched nets, and six single nets."""
     path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
-    text = 'extends = "compare_deep_smoke"\ndescription = ""\nchanges.scenarios = ["S1"]\n'
-    path.write_text(text, encoding="utf-8")
+    path.write_text(EXPERIMENT, encoding="utf-8")
     return path
 
 

@@ -651,9 +651,8 @@ def test_term_is_explained_where_it_appears(open_page: Open, results: Path, has_
     assert explanation.is_visible()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
-def test_accessibility(open_page: Open, scheme: str, width: int) -> None:
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
     fragment = "#explorer=S2.ppo.one_hot~S3.q_learning.index~4000~values"
     opened = open_page(fragment=fragment, color_scheme=scheme, viewport={"width": width, "height": 844})
     assert opened.page.evaluate("document.documentElement.scrollWidth") == width  # nothing sticks out

@@ -119,7 +119,9 @@ def test_figure_of_the_lead_stands_above_the_headline_and_only_there(
     finding = text[text.index('id="finding"') : text.index("<nav")]
     has_lead = bool(lead) and is_there
     assert finding.count("<img") == has_lead
-    assert text.count('href="compare_deep/region.svg"') == is_there
+    # Elsewhere the region is shown on demand, as its table and not as its figure; other figures stay.
+    assert text.count('href="compare_deep/region.svg"') == has_lead
+    assert text.count('href="compare_deep/aggregate.svg"') == 1
     if has_lead:
         assert finding.index("<img") < finding.index('<p class="lead">')
         assert '<a href="compare_deep/region.svg"><img' in finding
