@@ -172,10 +172,23 @@ def specifications(
       observation: One of the arm's.
       seeds: Other seeds than the declared ones.
     """
+    return _population(
+        experiment, condition, _scenario(experiment, condition, scenario), arm, observation, seeds
+    )
+
+
+def _population(
+    experiment: Experiment,
+    condition: str,
+    scenario: Scenario,
+    arm: str,
+    observation: str,
+    seeds: Sequence[int] | None,
+) -> list[RunSpecification]:
+    """Lists the runs of one population in a scenario that is loaded."""
     declared = experiment.algorithms[arm]
     algorithm = load_algorithm(declared.algorithm)
     settings = _settings(experiment, arm, condition, experiment.name)
-    loaded = _scenario(experiment, condition, scenario)
     evaluation_every, map_every = experiment.schedule(arm)
     versions = {
         "algorithm": algorithm.version,
@@ -187,7 +200,7 @@ def specifications(
     first = RunSpecification(
         stream=experiment.stream or experiment.name,
         condition=condition,
-        scenario=loaded,
+        scenario=scenario,
         arm=arm,
         algorithm=declared.algorithm,
         versions=versions,
@@ -209,10 +222,15 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
     """
     conditions = sorted(experiment.conditions, key=lambda name: name.split("/")[0] != DEFAULT_CONDITION)
-    populations = [
-        specifications(experiment, condition, *population, seeds)
+    scenarios = {
+        (condition, scenario): _scenario(experiment, condition, scenario)
         for condition in conditions
-        for population in experiment.populations
+        for scenario in experiment.scenarios
+    }
+    populations = [
+        _population(experiment, condition, scenarios[condition, scenario], arm, observation, seeds)
+        for condition in conditions
+        for scenario, arm, observation in experiment.populations
     ]
     runs: dict[str, RunSpecification] = {}
     for run in chain.from_iterable(zip_longest(*populations)):
