@@ -22,7 +22,7 @@ from agents.dynamic_programming import Evaluation, evaluate
 from agents.policy import Policy
 from benchmark.analysis.population import anchors, overlap
 from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
-from benchmark.drawing.style import figure_of
+from benchmark.drawing.style import figure_of, save_figure
 from benchmark.page.sources import Folder, open_folder, section
 from envs import ACTIONS, ZONES, InputError, Model, compile_scenario, load_scenario
 from envs.inputs import unknown_name
@@ -161,7 +161,7 @@ class Assessment:
         check_picture(path)
         figure = _map(self)
         try:
-            figure.savefig(path, dpi=160, bbox_inches="tight")
+            save_figure(figure, path, bbox_inches="tight")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror or error}.") from error
         finally:
@@ -427,7 +427,7 @@ def _map(assessment: Assessment) -> Figure:
 
 def _where(model: Model, phase: str) -> str:
     """Returns which of the agent's observations a map shows; empty if it shows all."""
-    if model.observes_cells:
+    if tuple(model.scenario.observe) == ("agent",):
         return ""
     row, column = model.scenario.people[0][0][0].cell
     issuer = f"the issuer in row {row}, column {column}"

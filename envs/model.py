@@ -140,8 +140,8 @@ class Model:
         return np.asarray(np.arange(len(self.observation)) % block < size)
 
     @cached_property
-    def observes_cells(self) -> bool:
-        """Whether an observation is the agent's cell, with one place and phase and no wall, as in S1."""
+    def has_cell_maps(self) -> bool:
+        """Whether one map shows all: cells are observed, with one place and phase and no wall, as in S1."""
         return len(self.parts) == 1 and not self.context.any() and not self.scenario.grid.is_wall.any()
 
     def states_of(self, context: int) -> NDArray[np.int64]:
@@ -354,11 +354,12 @@ def _parts(
     largest = np.maximum((grid.rows - 1, grid.columns - 1), 1)
     position = np.stack(np.divmod(np.arange(grid.rows * grid.columns), grid.columns), axis=1)
     stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
-    cells, where = np.unique(stands @ (grid.columns, 1), return_inverse=True)
+    cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
+    where = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
     n_phases = len(scenario.stages)
     known = {
         "agent": (cell, position / largest),
-        "issuer": (where.reshape(stands.shape[:2])[place, scenario.ticks[tick]], position[cells] / largest),
+        "issuer": (where[place, scenario.ticks[tick]], position[cells] / largest),
         "phase": (scenario.ticks[tick], np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
         "wrong_pings": (pings, np.arange(scenario.ping_limit)[:, None] / max(scenario.ping_limit - 1, 1)),
     }

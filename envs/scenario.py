@@ -311,6 +311,11 @@ class Scenario(Table):
         )
 
     @cached_property
+    def issuer_cells(self) -> tuple[Cell, ...]:
+        """(I,) where the issuer may stand at some time, by row and then by column."""
+        return tuple(sorted({people[0].cell for stages in self.people for people in stages}))
+
+    @cached_property
     def zone(self) -> NDArray[np.int8]:
         """(J, P, C) index into `envs.regions.ZONES`: the zone of every cell in each place and phase."""
         return np.stack([self._zones_by_place[place] for place in self.places])
@@ -511,6 +516,7 @@ class Scenario(Table):
                     raise ValueError(f"{key} = {_written(cell)} {why}; accepted: another cell")
         self._has_few_states()
         self._can_be_played()
+        self._has_few_observations()
         return self
 
     def _can_be_played(self) -> None:
@@ -565,14 +571,16 @@ class Scenario(Table):
         if n_states > MAX_STATES:
             product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
             raise ValueError(f"{product} = {n_states} states; accepted: at most {MAX_STATES}")
-        stands = len(
-            {stage.position for stage in self.stages}
-            if self.moves
-            else _cells(self.issuer.position, self.grid)
-        )
+
+    def _has_few_observations(self) -> None:
+        """Checks that the scenario has at most MAX_STATES observations.
+
+        Raises:
+          ValueError: It has more.
+        """
         sizes = {
-            "agent": factors["cells (grid.rows x grid.columns)"],
-            "issuer": stands,
+            "agent": self.grid.rows * self.grid.columns,
+            "issuer": len(self.issuer_cells),
             "phase": len(self.stages),
             "wrong_pings": self.ping_limit,
         }

@@ -66,7 +66,7 @@ class Film:
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
     scale: tuple[float, float] | None = None  # the ends of a colour scale that films share
-    model: Model | None = None  # if an observation is more than the agent's cell
+    model: Model | None = None  # unless one map shows it all, see `Model.has_cell_maps`
 
     @cached_property
     def limits(self) -> tuple[float, float]:
@@ -133,7 +133,7 @@ def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
         greedy=greedy,
         scores=population.scores[agent, places],
         walks=[walk(population.model, masks, population.horizon) for masks in greedy],
-        model=None if population.model.observes_cells else population.model,
+        model=None if population.model.has_cell_maps else population.model,
     )
 
 

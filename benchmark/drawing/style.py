@@ -33,11 +33,24 @@ _RC: Final = {
 
 def write_figure(figure: Figure, stem: Path) -> None:
     """Writes a figure as `stem.png` and `stem.svg`; equal figures give equal bytes."""
-    with plt.rc_context(_RC):
-        figure.savefig(stem.with_suffix(".png"), dpi=160, metadata={"Software": None})
-        figure.set_layout_engine("none")  # computing the same layout again takes seconds
-        figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
+    save_figure(figure, stem.with_suffix(".png"))
+    figure.set_layout_engine("none")  # computing the same layout again takes seconds
+    save_figure(figure, stem.with_suffix(".svg"))
     plt.close(figure)
+
+
+def save_figure(figure: Figure, path: Path, **options: Any) -> None:
+    """Writes a figure as a .png or .svg file, without the date and the program.
+
+    Args:
+      figure: Stays open.
+      path: Of the file; its ending, in small or capital letters, says the form.
+      options: Of matplotlib's `savefig`.
+    """
+    is_svg = path.suffix.lower() == ".svg"
+    metadata = {"Date": None, "Creator": None} if is_svg else {"Software": None}
+    with plt.rc_context(_RC):
+        figure.savefig(path, dpi="figure" if is_svg else 160, metadata=metadata, **options)
 
 
 @contextmanager

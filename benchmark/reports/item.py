@@ -72,7 +72,8 @@ class Item:
     draw: Callable[[Frames, Any], "Figure | None"] | None = None  # of all tables and the data's context
     caption: str = ""  # of the figure; README and page show a figure that has one
     view: Callable[[Published], Table] | None = None  # the table as README and page show it
-    is_folded: bool = False  # whether the page shows it on demand, and README not at all
+    # Whether the page shows it on demand, as its table if it has one, else as its figure; README omits it.
+    is_folded: bool = False
     is_measured: bool = False  # whether it holds measured times or memory, which differ every time
     write: Callable[[Any, Frames, Path], None] | None = None  # files of another form, into a folder
     files: tuple[str, ...] = ()  # their names, as patterns

@@ -438,6 +438,30 @@ def test_map_is_drawn_of_every_kind_of_scenario(tmp_path: Path, scenario: str) -
         assert min(image.size) > 500
 
 
+def test_equal_maps_give_equal_bytes(tmp_path: Path) -> None:
+    assessment = assess(lambda _: PING, scenario="S1", observation="index")
+    for name in ("one", "other"):
+        assessment.draw(tmp_path / f"{name}.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("scenario", "shown"),
+    [
+        ("Walls", []),
+        ("MoodyHidden", []),
+        ("Moody", ["the issuer in row 6, column 8; phase: calm"]),
+        ("Counted", ["the issuer in row 6, column 8; no wrong PING yet"]),
+    ],
+)
+def test_a_map_says_which_observations_it_shows_unless_it_shows_all(scenario: str, shown: list[str]) -> None:
+    from benchmark import assessment as module
+
+    figure = module._map(assess(lambda _: PING, scenario=scenario, observation="index"))
+    _, *rest = figure.axes[0].get_title().split("\n")
+    assert rest == shown
+
+
 def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
     from matplotlib.collections import PolyCollection, QuadMesh
 

@@ -66,6 +66,20 @@ def test_paper_scenarios_are_shipped() -> None:
         ({"rewards.other": -1e308}, "rewards.other = -1e+308"),
         ({"ping_limit": 0}, "ping_limit = 0"),
         ({"ping_limit": 10**6}, "120000000 states; accepted: at most 100000"),
+        # 120 cells, two cells of the issuer (phases b and c share one), three phases, 140 wrong PINGs: more
+        # observations than the 50,400 states.
+        (
+            {
+                "ping_limit": 140,
+                "phases": [
+                    {"name": "a", "steps": 1},
+                    {"name": "b", "steps": 1, "position": [6, 7]},
+                    {"name": "c", "steps": 1, "position": [6, 7]},
+                ],
+                "observe": ["agent", "issuer", "phase", "wrong_pings"],
+            },
+            "'wrong_pings']: 100800 observations; accepted: at most 100000",
+        ),
         ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
         ({"name": "other"}, "unknown key name"),
         # Walls

@@ -117,8 +117,8 @@ class Data:
 
     @property
     def mapped(self) -> Iterator[tuple[Learner, str, Population]]:
-        """The populations without checks in scenarios whose observations are cells, which a map shows."""
-        return (each for each in self.without_checks.populations if each[2].model.observes_cells)
+        """The populations without checks in scenarios that one map shows, see `envs.Model.has_cell_maps`."""
+        return (each for each in self.without_checks.populations if each[2].model.has_cell_maps)
 
     def policy(self, learner: Learner) -> str:
         """Returns the policy that a learner is compared by, `"greedy"` or `"stochastic"`."""

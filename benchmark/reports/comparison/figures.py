@@ -296,7 +296,7 @@ def maps(
     """
     is_shown = np.logical_or.reduce([is_of(frame, learner) for learner in learners])
     shown = frame[is_shown & (frame["action"] == "PING")]
-    models = {scenario: model for scenario, model in models.items() if model.observes_cells}
+    models = {scenario: model for scenario, model in models.items() if model.has_cell_maps}
     norm = Normalize(*(limits or colour_limits(shown["value"].to_numpy())))
     with figure_of(len(learners), len(models), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
         for row, learner in enumerate(learners):

@@ -385,7 +385,7 @@ class Findings:
     def _compared(self) -> list[Learner]:
         """The learners of the contrasts with the reference, or of all contrasts; tables come first."""
         assert self.protocol is not None
-        named = {learner for pair in self.protocol.contrasts for learner in pair}
+        named = self.protocol.compared
         if self.protocol.reference is not None:
             named = {x for x, y in self.protocol.contrasts if y == self.protocol.reference} | {*self.tables}
         return [learner for learner in self._learners if learner in named]

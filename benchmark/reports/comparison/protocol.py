@@ -57,6 +57,16 @@ class Protocol:
     fewest_runs: int
     is_declared: bool  # else it follows from the arms, by the rule of `protocol_of`
 
+    @property
+    def compared(self) -> set[Learner]:
+        """The learners of the contrasts."""
+        return {learner for pair in self.contrasts for learner in pair}
+
+    @property
+    def margins(self) -> dict[str, float]:
+        """By endpoint: smaller differences do not matter."""
+        return {"success": self.success_margin, "score": self.score_margin}
+
     def as_json(self) -> dict[str, object]:
         """Returns it for the manifest."""
         return vars(self) | {

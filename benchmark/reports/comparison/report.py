@@ -560,7 +560,8 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
         ("settings tried", "in the search for a learner's settings, which used other runs; 0: no search."),
         (
             "values PING",
-            "Q of PING is above 0; of a stochastic policy, PING is the likeliest action.",
+            "Q of PING is above 0 and not what the table began with; of a stochastic policy, PING is the "
+            "likeliest action.",
         ),
         (
             "probability of improvement",

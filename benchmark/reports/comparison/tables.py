@@ -20,7 +20,7 @@ from benchmark.analysis.intervals import better_probability, proportion_interval
 from benchmark.analysis.population import GOOD_SCORE, Population, overlap
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison.data import Data
-from benchmark.reports.comparison.protocol import Learner
+from benchmark.reports.comparison.protocol import Learner, Protocol
 from envs import ACTIONS, ZONES
 
 PROFILE: Final = np.round(np.linspace(0, 1, 51), 2)  # scores at which performance profiles are tabulated
@@ -133,14 +133,13 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     pairs = [pair for pair in protocol.contrasts if set(pair) <= data.learners.keys()]
     if not pairs:
         return None
-    margins = dict(zip(ENDPOINTS, (protocol.success_margin, protocol.score_margin), strict=True))
     rows: list[dict[str, Any]] = [{"x": str(x), "y": str(y)} for x, y in pairs]
     for endpoint, field in ENDPOINTS.items():
         sides = [(_side(data, x, field), _side(data, y, field)) for x, y in pairs]
-        judge(rows, endpoint, sides, margins[endpoint], 0 if data.is_incomplete else protocol.fewest_runs)
+        judge(rows, endpoint, sides, protocol, is_incomplete=data.is_incomplete)
         for row, (x, y) in zip(rows, sides, strict=True):
             is_open = row[f"{endpoint}_verdict"] == UNDECIDED
-            needed = deciding_runs(x, y, margins[endpoint], len(pairs)) if is_open else np.nan
+            needed = deciding_runs(x, y, protocol.margins[endpoint], len(pairs)) if is_open else np.nan
             row[f"{endpoint}_deciding_runs"] = needed
     return pd.DataFrame(rows)
 
@@ -149,8 +148,9 @@ def judge(
     rows: Sequence[dict[str, Any]],
     endpoint: str,
     sides: Sequence[tuple[Side, Side]],
-    margin: float,
-    fewest_runs: int,
+    protocol: Protocol,
+    *,
+    is_incomplete: bool,
 ) -> None:
     """Writes what a set of contrasts comes to into its rows, with p-values that are adjusted for all of them.
 
@@ -158,12 +158,13 @@ def judge(
       rows: One per contrast.
       endpoint: With which the names of the columns begin.
       sides: Of each contrast, x and y.
-      margin: A smaller difference makes them equivalent.
-      fewest_runs: For a verdict; 0 if there must be none, because runs are missing.
+      protocol: With the margin of the endpoint, and the fewest runs for a verdict.
+      is_incomplete: Whether runs are missing, which leaves no verdict.
     """
+    margin = protocol.margins[endpoint]
     found = [contrast(x, y, margin) for x, y in sides]
     fewest = [min(*x.sizes, *y.sizes) for x, y in sides]
-    decided = decide(found, is_allowed=[0 < fewest_runs <= n for n in fewest])
+    decided = decide(found, is_allowed=[not is_incomplete and n >= protocol.fewest_runs for n in fewest])
     for row, n, (x, y), each, outcome in zip(rows, fewest, sides, found, decided, strict=True):
         row |= {"n": n, f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
         for key, value in (asdict(each) | dict(outcome)).items():

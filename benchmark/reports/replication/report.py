@@ -133,11 +133,7 @@ def check(experiment: Experiment) -> None:
         for condition in experiment.conditions:
             run = specifications(experiment, condition, scenario, name, observation, [0])[0]
             model = compile_scenario(run.scenario)
-            if (
-                not model.observes_cells
-                or len(model.starts) > 1
-                or run.scenario.regions.target_radius is None
-            ):
+            if not model.has_cell_maps or len(model.starts) > 1 or run.scenario.regions.target_radius is None:
                 raise InputError(
                     f"{experiment.argument}: scenarios: {run.scenario.name} ({condition}): a replication "
                     "takes scenarios like the paper's: the agent observes its cell alone, there is one start "

@@ -108,7 +108,9 @@ def effects(frame: pd.DataFrame, context: Context) -> Figure:
       frame: `benchmark.reports.scenarios.tables.effects`.
       context: Of the comparison.
     """
-    names, learners = list(frame["effect"].unique()), _compared(_learners(frame), context)
+    learners = _compared(_learners(frame), context)
+    frame = pd.concat([frame[is_of(frame, learner)] for learner in learners])
+    names = list(frame["effect"].unique())
     labels = {"success": "success", "disagreements": "disagreements per 1,000 steps"}
     size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
     with figure_of(len(names), len(labels), size) as (figure, axes):
@@ -151,8 +153,7 @@ def _compared(learners: Sequence[Learner], context: Context) -> list[Learner]:
     """Returns the learners that the protocol compares; all, if there is no protocol."""
     if context.protocol is None:
         return list(learners)
-    compared = {learner for pair in context.protocol.contrasts for learner in pair}
-    return [learner for learner in learners if learner in compared]
+    return [learner for learner in learners if learner in context.protocol.compared]
 
 
 def _learners(frame: pd.DataFrame) -> list[Learner]:

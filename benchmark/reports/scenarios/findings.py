@@ -17,12 +17,11 @@ from benchmark.reports.published import Published
 from benchmark.reports.scenarios.tables import ENOUGH
 
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
-# What is said of an outcome, and what if there is no such scenario; nothing if that is empty.
-_OUTCOMES: Final[dict[Outcome, tuple[str, str]]] = {
-    "earns": ("deep RL earns its keep in", "deep RL earns its keep in none"),
-    "does not earn": ("it does not in", ""),
-    "undecided": ("it is undecided in", ""),
-    "no verdict": ("there is no verdict in", ""),
+_OUTCOMES: Final[dict[Outcome, str]] = {
+    "earns": "deep RL earns its keep in",
+    "does not earn": "it does not in",
+    "undecided": "it is undecided in",
+    "no verdict": "there is no verdict in",
 }
 
 
@@ -60,15 +59,14 @@ def _headline(published: Published, protocol: Protocol) -> str:
     for scenario, rows in contrasts.groupby("scenario", sort=False):
         by_outcome.setdefault(outcome(protocol, rows), []).append(str(scenario))
     parts = []
-    for key, (some, none) in _OUTCOMES.items():
+    for key, text in _OUTCOMES.items():
         if names := by_outcome.get(key):
             rows = contrasts[contrasts["scenario"].isin(names)]
-            parts.append(f"{some} {link(str(len(names)), 'contrasts', rows)} ({_and(names)})")
-        elif none:
-            parts.append(none)
+            parts.append(f"{text} {link(str(len(names)), 'contrasts', rows)} ({_and(names)})")
+        elif key == "earns":
+            parts.append(f"{text} none")
     budgets = published.frame("summary").groupby(["algorithm", "observation"])["budget"].first()
-    compared = [x for pair in protocol.contrasts for x in pair if x in budgets.index]
-    steps = {int(budgets.loc[each]) for each in compared}
+    steps = {int(budgets.loc[each]) for each in protocol.compared if each in budgets.index}
     budget = f"after {steps.pop():,} steps of training" if len(steps) == 1 else "after training"
     n, n_nets = contrasts["scenario"].nunique(), len(protocol.decisive)
     nets = "the deep learner" if n_nets == 1 else f"one of the {n_nets} deep learners"
@@ -151,8 +149,8 @@ def _effects(published: Published) -> list[str]:
         return []
     frame, found = published.frame("effects"), published.manifest["facts"].get("protocol")
     if found is not None:
-        compared = {name for pair in Protocol.from_json(found).contrasts for name in map(str, pair)}
-        frame = frame[[_name(row) in compared for _, row in frame.iterrows()]]
+        compared = Protocol.from_json(found).compared
+        frame = frame[[Learner.of(_name(row)) in compared for _, row in frame.iterrows()]]
     written = []
     for name, rows in frame.groupby("effect", sort=False):
         parts = [

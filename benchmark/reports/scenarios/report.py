@@ -56,49 +56,6 @@ def load(experiment: Experiment, store: "Store", seeds: Sequence[int] | None, pa
     return data
 
 
-# Tables
-
-
-def _scenarios(data: Data, _: Frames) -> pd.DataFrame:
-    return scenarios.scenarios(data)
-
-
-def _summary(data: Data, _: Frames) -> pd.DataFrame:
-    return scenarios.summary(data)
-
-
-def _contrasts(data: Data, _: Frames) -> pd.DataFrame | None:
-    return scenarios.contrasts(data)
-
-
-def _steps(data: Data, _: Frames) -> pd.DataFrame:
-    return scenarios.steps(data)
-
-
-def _ahead(data: Data, _: Frames) -> pd.DataFrame | None:
-    return scenarios.ahead(data)
-
-
-def _effects(data: Data, _: Frames) -> pd.DataFrame | None:
-    return scenarios.effects(data)
-
-
-def _curves(data: Data, _: Frames) -> pd.DataFrame:
-    return scenarios.curves(data)
-
-
-def _scores(data: Data, _: Frames) -> pd.DataFrame:
-    return scenarios.scores(data)
-
-
-def _region(data: Data, _: Frames) -> pd.DataFrame:
-    return scenarios.region(data)
-
-
-def _cost(data: Data, _: Frames) -> pd.DataFrame:
-    return scenarios.cost(data)
-
-
 # As .md and .tex show them
 
 
@@ -147,7 +104,7 @@ ITEMS: Final = (
         description=(
             "each scenario and learner: success, score, steps, wrong PINGs, disagreements in training"
         ),
-        compute=_summary,
+        compute=scenarios.summary,
         draw=_draw_summary,
         caption="How often each learner succeeds in each scenario, and the verdicts.",
     ),
@@ -156,7 +113,7 @@ ITEMS: Final = (
         description=(
             "the contrasts of the protocol in every scenario: differences, adjusted p-values, verdicts"
         ),
-        compute=_contrasts,
+        compute=scenarios.contrasts,
         display=_display_contrasts,
         view=Columns(
             file="contrasts.csv",
@@ -174,12 +131,12 @@ ITEMS: Final = (
     Item(
         name="steps",
         description=f"after how many steps the mean success stays at or above {scenarios.ENOUGH:g}",
-        compute=_steps,
+        compute=scenarios.steps,
     ),
     Item(
         name="curves",
         description="success and disagreements over training, against environment steps",
-        compute=_curves,
+        compute=scenarios.curves,
         draw=_draw_curves,
         caption=(
             "Success over training, with its 95 % interval: learners of contrasts, and those trained longest."
@@ -190,13 +147,13 @@ ITEMS: Final = (
         description=(
             "exploratory: at which steps one learner of a contrast succeeds more often than the other"
         ),
-        compute=_ahead,
+        compute=scenarios.ahead,
     ),
     Item(
         name="effects",
         description="exploratory: what a difference between two scenarios does to each learner",
         section="effects",
-        compute=_effects,
+        compute=scenarios.effects,
         display=_display_effects,
         draw=_draw_effects,
         caption="What a difference between two scenarios does to the learners of contrasts.",
@@ -205,7 +162,7 @@ ITEMS: Final = (
         name="scenarios",
         description="each scenario: cells, states, observations, what is hidden, and what is possible",
         section="scenarios",
-        compute=_scenarios,
+        compute=scenarios.scenarios,
         display=whole,
         draw=_draw_scenarios,
         caption="The scenarios.",
@@ -224,17 +181,17 @@ ITEMS: Final = (
             },
         ),
     ),
-    Item(name="scores", description="every run at the end of training", compute=_scores),
+    Item(name="scores", description="every run at the end of training", compute=scenarios.scores),
     Item(
         name="region",
         description="how well the cells where an agent values PING match the target region",
-        compute=_region,
+        compute=scenarios.region,
     ),
     Item(
         name="cost",
         description="cost of a run: CPU seconds, updates, parameters, peak memory of its process",
         section="cost",
-        compute=_cost,
+        compute=scenarios.cost,
         view=Columns(
             file="cost.csv",
             caption="Cost of a run, measured: medians over all scenarios",

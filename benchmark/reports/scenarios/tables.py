@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate
+from agents.memoryless import SEARCH
 from agents.policy import uniform_policy
 from benchmark.analysis.contrasts import Side
 from benchmark.analysis.intervals import combined, student
@@ -21,8 +22,8 @@ from benchmark.analysis.population import Population
 from benchmark.reports.comparison import tables as comparison
 from benchmark.reports.comparison.data import Data
 from benchmark.reports.comparison.protocol import Learner
+from benchmark.reports.item import Frames
 
-SEARCH: Final = "memoryless"  # the algorithm that says what is possible for policies over observations
 ENOUGH: Final = 0.9  # a mean success by which a scenario counts as learned
 
 
@@ -36,7 +37,7 @@ def learners(data: Data) -> Data:
     return replace(data, learners=kept)
 
 
-def scenarios(data: Data) -> pd.DataFrame:
+def scenarios(data: Data, _: Frames) -> pd.DataFrame:
     """Tabulates what each scenario is, and what is possible in it.
 
     Returns are sums of the grid's rewards over an episode. `optimal_return` is that of an agent that knows
@@ -64,7 +65,7 @@ def scenarios(data: Data) -> pd.DataFrame:
         found = [
             learner
             for learner, populations in data.learners.items()
-            if populations[scenario].specification["algorithm"] == SEARCH
+            if populations[scenario].algorithm is SEARCH
         ]
         if found:
             returns, success = (
@@ -79,7 +80,7 @@ def scenarios(data: Data) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def summary(data: Data) -> pd.DataFrame:
+def summary(data: Data, _: Frames) -> pd.DataFrame:
     """Tabulates every population at the end of training, with the issuer's disagreements while it learned.
 
     `disagreements` are wrong PINGs per 1,000 steps of the whole training, with Student's interval.
@@ -91,30 +92,30 @@ def summary(data: Data) -> pd.DataFrame:
     return pd.concat([frame, pd.DataFrame(columns)], axis=1)
 
 
-def scores(data: Data) -> pd.DataFrame:
+def scores(data: Data, _: Frames) -> pd.DataFrame:
     """Tabulates every run at the end of training, see `benchmark.reports.comparison.tables.scores`."""
     wanted = ["scenario", "algorithm", "observation", "policy", "seed", "success", "score", "steps"]
     wanted += ["wrong_pings", "disagreements", "diverged_at"]
     return comparison.scores(learners(data))[wanted]
 
 
-def curves(data: Data) -> pd.DataFrame:
+def curves(data: Data, _: Frames) -> pd.DataFrame:
     """Tabulates success and disagreements over training, see `benchmark.reports.comparison.tables.curves`."""
     frame = comparison.curves(learners(data))
     return frame[[name for name in frame if not str(name).startswith("score")]]
 
 
-def cost(data: Data) -> pd.DataFrame:
+def cost(data: Data, _: Frames) -> pd.DataFrame:
     """Tabulates what a run costs, see `benchmark.reports.comparison.tables.cost`."""
     return comparison.cost(learners(data))
 
 
-def region(data: Data) -> pd.DataFrame:
+def region(data: Data, _: Frames) -> pd.DataFrame:
     """Tabulates how well agents know the target region, see `benchmark.reports.comparison.tables.region`."""
     return comparison.region(learners(data))
 
 
-def contrasts(data: Data) -> pd.DataFrame | None:
+def contrasts(data: Data, _: Frames) -> pd.DataFrame | None:
     """Tabulates the contrasts of the protocol in every scenario, with verdicts.
 
     P-values are adjusted for all contrasts in all scenarios together, for each endpoint.
@@ -129,16 +130,14 @@ def contrasts(data: Data) -> pd.DataFrame | None:
     cases = [(scenario, *pair) for scenario in _scenarios(data) for pair in pairs]
     if not cases:
         return None
-    margins = {"success": protocol.success_margin, "score": protocol.score_margin}
     rows: list[dict[str, Any]] = [{"scenario": s, "x": str(x), "y": str(y)} for s, x, y in cases]
     for endpoint, field in comparison.ENDPOINTS.items():
         sides = [(_side(data, x, s, field), _side(data, y, s, field)) for s, x, y in cases]
-        fewest_runs = 0 if data.is_incomplete else protocol.fewest_runs
-        comparison.judge(rows, endpoint, sides, margins[endpoint], fewest_runs)
+        comparison.judge(rows, endpoint, sides, protocol, is_incomplete=data.is_incomplete)
     return pd.DataFrame(rows)
 
 
-def steps(data: Data) -> pd.DataFrame:
+def steps(data: Data, _: Frames) -> pd.DataFrame:
     """Tabulates after how many steps each population has learned a scenario.
 
     `step` is the first evaluation from which the mean success over runs stays at or above `ENOUGH` to the
@@ -165,7 +164,7 @@ def steps(data: Data) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def ahead(data: Data) -> pd.DataFrame | None:
+def ahead(data: Data, _: Frames) -> pd.DataFrame | None:
     """Tabulates between which steps x of each contrast succeeds more often than y: exploratory.
 
     A step counts if the 95 % interval of the difference of the means, not adjusted, lies above 0. Only steps
@@ -185,7 +184,7 @@ def ahead(data: Data) -> pd.DataFrame | None:
     return pd.DataFrame(rows) if rows else None
 
 
-def effects(data: Data) -> pd.DataFrame | None:
+def effects(data: Data, _: Frames) -> pd.DataFrame | None:
     """Tabulates what each declared difference between two scenarios does to every learner: exploratory.
 
     Differences are those of the scenario minus those of the one that it is compared with, in success, clipped

@@ -79,6 +79,14 @@ def test_ping_is_valued_where_its_value_is_positive() -> None:
     assert np.flatnonzero(population(n=1, q=q).values_ping[0]).tolist() == [7]
 
 
+def test_what_a_table_began_with_is_no_value_of_ping() -> None:
+    q = np.full((1, 120, 5), 0.5)
+    q[0, 7, PING], q[0, 8, PING] = 0.4, -0.1
+    made = population(n=1, q=q)
+    made.specification["settings"]["initial_value"] = 0.5
+    assert np.flatnonzero(made.values_ping[0]).tolist() == [7]
+
+
 @pytest.mark.parametrize("has_values", [False, True])
 def test_stochastic_policies_value_ping_where_it_is_the_likeliest(has_values: bool) -> None:
     stochastic = np.full((1, 4, 120, 5), 0.2)
