@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
             type=Path,
             default=Path("results"),
             metavar="DIR",
-            help="folder of results, created if missing (default: results)",
+            help="folder of results (default: results)",
         )
         return sub
 

@@ -131,7 +131,7 @@ class Assessment:
         ]
         if self.standing is None:
             return "\n".join(
-                [*lines, f"no rank: there are no published results for this scenario in {self.results}"]
+                [*lines, f"no rank: {self.results} has no complete published results for this scenario"]
             )
         rank, tied, learners = self.standing
         n, runs = len(learners), learners["runs"].sum()
@@ -139,7 +139,7 @@ class Assessment:
             f"ranks {rank} of {n + 1} by score{f', tied with {tied}' if tied else ''}: {n} published "
             f"learners by their mean scores, from {runs:,} runs,",
             "and this agent, a single policy: its score says nothing about other runs of its training",
-            "score: the mean; lower, equal, higher: the share of runs that score so against this agent",
+            "score: the mean; lower, equal, higher: the share of runs with such a score against this agent's",
             "",
             learners.to_string(index=False, float_format="{:.4f}".format),
         ]
@@ -322,7 +322,8 @@ def _policy_of_saved(
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
         raise InputError(
-            f"{path}: {algorithm} learns action values; stochastic: accepted with probabilities."
+            f"{path}: stochastic = True: accepted if action probabilities are learned; {algorithm} learns "
+            "values."
         )
     return table
 
@@ -427,7 +428,7 @@ def _map(assessment: Assessment) -> Figure:
 
 def _where(model: Model, phase: str) -> str:
     """Returns which of the agent's observations a map shows; empty if it shows all."""
-    if tuple(model.scenario.observe) == ("agent",):
+    if tuple(model.scenario.observe) == ("agent",) and not model.context.any():
         return ""
     row, column = model.scenario.people[0][0][0].cell
     issuer = f"the issuer in row {row}, column {column}"

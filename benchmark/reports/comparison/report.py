@@ -40,7 +40,7 @@ def check(experiment: Experiment) -> None:
     check_conditions(experiment)
     if experiment.effects:
         raise InputError(
-            f"{experiment.argument}: effects: accepted in an experiment whose report is scenarios."
+            f'{experiment.argument}: effects: accepted only if report = "scenarios"; here it is "comparison".'
         )
 
 

@@ -49,6 +49,11 @@ def _sentences(published: Published) -> list[str]:
         protocol = Protocol.from_json(found)
         if protocol.reference is not None:
             written += [_headline(published, protocol), *_where_better(published, protocol)]
+    if not written:
+        written = [
+            "There are no verdicts: no protocol compares a deep learner with a table, or learners are "
+            "missing. All results are exploratory."
+        ]
     return [*written, *_learned(published), *_effects(published), *_hidden(published)]
 
 
@@ -64,17 +69,24 @@ def _headline(published: Published, protocol: Protocol) -> str:
             rows = contrasts[contrasts["scenario"].isin(names)]
             parts.append(f"{text} {link(str(len(names)), 'contrasts', rows)} ({_and(names)})")
         elif key == "earns":
-            parts.append(f"{text} none")
+            parts.append("deep RL is not shown to earn its keep in any")
     budgets = published.frame("summary").groupby(["algorithm", "observation"])["budget"].first()
     steps = {int(budgets.loc[each]) for each in protocol.compared if each in budgets.index}
     budget = f"after {steps.pop():,} steps of training" if len(steps) == 1 else "after training"
     n, n_nets = contrasts["scenario"].nunique(), len(protocol.decisive)
-    nets = "the deep learner" if n_nets == 1 else f"one of the {n_nets} deep learners"
+    nets = "the deep learner" if n_nets == 1 else f"at least one of the {n_nets} deep learners"
     scenarios = "1 scenario" if n == 1 else f"{n} scenarios"
+    rule = ""
+    if "no verdict" in by_outcome:
+        rule = (
+            f" There is no verdict where runs are missing or fewer than {protocol.fewest_runs}, or where "
+            f"`{protocol.reference}` has a success below {protocol.success_margin:g} and no deep learner is "
+            "better."
+        )
     return (
         f"Of {scenarios}, by success alone and {budget}, {'; '.join(parts)}. Deep RL earns its keep in a "
-        f"scenario if {nets} of the protocol is better there than `{protocol.reference}`; the familywise "
-        "error rate over all scenarios is 5 %."
+        f"scenario if {nets} of the protocol is better there than `{protocol.reference}`; for differences "
+        f"in success, the familywise error rate over all scenarios is at most about 5 %.{rule}"
     )
 
 
@@ -123,16 +135,23 @@ def _learned(published: Published) -> list[str]:
         if not math.isfinite(net["step"]) or net["step"] >= best["step"]:
             continue
         text = (
-            f"In {scenario}, the mean success of `{_name(net)}` stays at or above {ENOUGH:g} from step "
-            f"{link(f'{net.step:,.0f}', 'steps', net)} on"
+            f"In {scenario} (exploratory), the mean success of `{_name(net)}` stays at or above "
+            f"{ENOUGH:g} from step {link(f'{net.step:,.0f}', 'steps', net)} on"
         )
         if math.isfinite(best["step"]):
-            least, most = best["below_at"] / net["step"], best["step"] / max(net["below_at"], 1.0)
             text += (
                 f", that of the fastest table, `{_name(best)}`, from step "
-                f"{link(f'{best.step:,.0f}', 'steps', best)} on. Between evaluations the steps are not "
-                f"known, so the table needs {least:.2g} to {most:.2g} times as many"
+                f"{link(f'{best.step:,.0f}', 'steps', best)} on"
             )
+            if net["step"] > 0:
+                ratio = _times(best["below_at"] / net["step"])
+                if net["below_at"] > 0:
+                    ratio += f" to {_times(best['step'] / net['below_at'])}"
+                else:
+                    ratio = f"at least {ratio}"
+                text += (
+                    f". Between evaluations the steps are not known, so the table needs {ratio} times as many"
+                )
         else:
             longest = tables.loc[tables["budget"].idxmax()]
             text += (
@@ -180,25 +199,31 @@ def _hidden(published: Published) -> list[str]:
     searches = f"in {n} search{'' if n == 1 else 'es'} per scenario"
     if short.empty:
         return [
-            f"The best memoryless policy found {searches} scores {1 - _NEARLY:g} or more in all {rest} "
-            "scenarios."
+            f"The best memoryless policy found {searches} scores {1 - _NEARLY:g} or more in "
+            f"{'the only scenario' if rest == 1 else f'all {rest} scenarios'}."
         ]
     parts = [
         f"{row['scenario']} {link(_two(row['memoryless_score']), 'scenarios', row)} with a success of "
         f"{link(_two(row['memoryless_success']), 'scenarios', row)} (hidden: {row['hidden']})"
         for _, row in short.iterrows()
     ]
-    others = f" In the other {rest} of {len(frame)} it scores {1 - _NEARLY:g} or more." if rest else ""
+    others = f" In the other {'scenario' if rest == 1 else f'{rest} scenarios'}"
+    others = f"{others} it scores {1 - _NEARLY:g} or more." if rest else ""
     return [
         f"Scores of the best memoryless policy found {searches} (1: the optimum of an agent that knows the "
-        f"state): {'; '.join(parts)}.{others} Each search finds a local optimum, so better policies may "
-        "exist."
+        f"state): {'; '.join(parts)}.{others} Each search is local and of limited length, so better "
+        "policies may exist."
     ]
 
 
 def _name(row: pd.Series) -> str:
     """Returns the learner of a row as readers see it."""
     return str(Learner(row["algorithm"], row["observation"]))
+
+
+def _times(ratio: float) -> str:
+    """Returns a ratio with at least two digits."""
+    return f"{ratio:.2g}" if ratio < 10 else f"{ratio:,.0f}"
 
 
 def _two(value: float) -> str:

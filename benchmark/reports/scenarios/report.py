@@ -1,5 +1,6 @@
 """The report on scenarios: its items and what they are called."""
 
+import json
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final
@@ -37,11 +38,15 @@ def check(experiment: Experiment) -> None:
     check_conditions(experiment)
     algorithms = {name: load_algorithm(arm.algorithm) for name, arm in experiment.algorithms.items()}
     if all(algorithm.family == "planner" for algorithm in algorithms.values()):
-        raise InputError(f"{experiment.argument}: algorithms: accepted: at least one that is no planner.")
+        raise InputError(f"{experiment.argument}: algorithms: accepted: at least one that is not a planner.")
     for name, arm in experiment.algorithms.items():
         if (experiment.settings | arm.settings).get("budget_unit", "steps") != "steps":
-            where = f"{experiment.argument}: algorithms.{name}.settings.budget_unit"
-            raise InputError(f'{where}: accepted: "steps", in which this report counts.')
+            own = f"algorithms.{name}." if "budget_unit" in arm.settings else ""
+            unit = (experiment.settings | arm.settings)["budget_unit"]
+            raise InputError(
+                f"{experiment.argument}: {own}settings.budget_unit = {json.dumps(unit)}: accepted: "
+                '"steps", in which this report counts.'
+            )
 
 
 def load(experiment: Experiment, store: "Store", seeds: Sequence[int] | None, partial: bool) -> Data:
@@ -52,7 +57,9 @@ def load(experiment: Experiment, store: "Store", seeds: Sequence[int] | None, pa
     """
     data = load_compared(experiment, store, seeds, partial)
     if not scenarios.learners(data).learners:
-        raise InputError(f"{experiment.name}: too few runs: accepted: a learner that is no planner.")
+        raise InputError(
+            f"{experiment.name}: only planners have stored runs; accepted: runs of another algorithm, too."
+        )
     return data
 
 
@@ -106,7 +113,7 @@ ITEMS: Final = (
         ),
         compute=scenarios.summary,
         draw=_draw_summary,
-        caption="How often each learner succeeds in each scenario, and the verdicts.",
+        caption="How often each learner succeeds in each scenario; verdicts, if there is a protocol.",
     ),
     Item(
         name="contrasts",
@@ -138,9 +145,7 @@ ITEMS: Final = (
         description="success and disagreements over training, against environment steps",
         compute=scenarios.curves,
         draw=_draw_curves,
-        caption=(
-            "Success over training, with its 95 % interval: learners of contrasts, and those trained longest."
-        ),
+        caption="Success over training, with its 95 % interval.",
     ),
     Item(
         name="ahead",
@@ -156,7 +161,7 @@ ITEMS: Final = (
         compute=scenarios.effects,
         display=_display_effects,
         draw=_draw_effects,
-        caption="What a difference between two scenarios does to the learners of contrasts.",
+        caption="Differences between two scenarios, by learner.",
     ),
     Item(
         name="scenarios",
