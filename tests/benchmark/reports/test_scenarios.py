@@ -1,5 +1,6 @@
 """The report on scenarios: its tables by hand, its sentences against its tables, and it in miniature."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,8 @@ from benchmark.experiments import all_specifications, load_experiment
 from benchmark.experiments.schema import Effect
 from benchmark.reports.comparison.data import Data
 from benchmark.reports.comparison.protocol import Learner, Protocol
-from benchmark.reports.scenarios import tables
+from benchmark.reports.published import Published
+from benchmark.reports.scenarios import findings, tables
 from envs import compile_scenario, load_scenario, scenario_names
 from tests.benchmark.reports.made import compared
 from tests.support import make, mistyped_columns
@@ -172,3 +174,29 @@ def test_the_experiment_has_all_scenarios_and_hiding_changes_what_is_observed_al
         changed -= {"name", "description"}
         if effect.name.startswith(("hiding", "seeing")):
             assert changed == {"observe"}, effect.name
+
+
+@pytest.mark.parametrize(
+    ("net", "table", "ending"),
+    [
+        ((12_000, 11_000), (360_000, 340_000), "so the table needs 28 to 33 times as many."),
+        ((3_000, 2_000), (5_000, 4_000), "so the table needs 1.3 to 2.5 times as many."),
+        ((1_000, 0), (2_000, 1_000), "so the table needs at least 1 times as many."),
+        ((0, None), (2_000, 1_000), "from step [2,000](steps.csv#row=3) on."),
+        ((1_000, 0), (np.inf, 20_000), "with [20,000](steps.csv#row=3) steps."),
+    ],
+)
+def test_steps_are_compared_as_far_as_they_are_known(
+    tmp_path: Path, net: tuple[int, int | None], table: tuple[float, int], ending: str
+) -> None:
+    rows = [
+        {"scenario": "S1", "algorithm": name, "observation": "index", "budget": 20_000, "step": step,
+         "below_at": below}
+        for name, (step, below) in (("net", net), ("table", table))
+    ]  # fmt: skip
+    pd.DataFrame(rows).to_csv(tmp_path / "steps.csv", index=False)
+    families = {"net": {"family": "deep"}, "table": {"family": "tabular"}}
+    (tmp_path / "manifest.json").write_text(json.dumps({"algorithms": families}), encoding="utf-8")
+    (sentence,) = findings._learned(Published(tmp_path))
+    assert sentence.startswith("In S1 (exploratory), the mean success of `net, index`")
+    assert sentence.endswith(ending)
