@@ -36,6 +36,13 @@ def main(options: argparse.Namespace) -> int:
     runs = all_specifications(experiment, seeds)
     diverged: list[str] = []
     with Store(options.results / "runs.db") as store:
+        n_damaged = driver.discard_damaged(runs, store)
+        if store.salvaged:
+            print(store.salvaged, file=sys.stderr)
+        if n_damaged:
+            print(
+                f"{experiment.name}: {n_damaged} stored runs are damaged and are repeated.", file=sys.stderr
+            )
         todo = driver.pending(runs, store)
         if options.tensorboard is not None and len(todo) < len(runs):
             done = f"{len(runs) - len(todo)} of {len(runs)} runs are done already"

@@ -104,6 +104,19 @@ def run(
     return errors
 
 
+def discard_damaged(runs: Sequence[RunSpecification], store: Store) -> int:
+    """Removes the records of these runs that are damaged, so that the runs are pending again.
+
+    Returns:
+      Their number.
+    """
+    ended = store.ended()
+    damaged = store.damaged(run.digest for run in runs if run.digest in ended)
+    if damaged:
+        store.remove(damaged)
+    return len(damaged)
+
+
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:
     """Returns the runs that have no valid record."""
     ended = store.ended()

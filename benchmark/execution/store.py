@@ -2,17 +2,17 @@
 
 A record is a run's specification, its status, where and when it ran, and the arrays it produced. Only the
 driver writes, with one transaction per job, so that an interrupt or a crash leaves whole records and nothing
-else.
+else. Every record has checksums, which are verified whenever it is read: a damaged one is never used.
 """
 
 import json
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from envs import InputError
 
 VALUE_DECIMALS: Final = 3  # of the values of a record
-_APPLICATION_ID = 0x50524F58  # "PROX"
-_FORMAT = 3
+_APPLICATION_ID: Final = 0x50524F58  # "PROX"
+_FORMAT: Final = 4
+_WITHOUT_HEADS: Final = 3  # the format before: records had no column `head`
 _EFFORT: Final = (
     1  # of compression: a run of a table takes half as long to pack as with 6, and 6 % more space
 )
-_SCHEMA = """
+_SCHEMA: Final = """
 CREATE TABLE runs (
   digest TEXT PRIMARY KEY,
   specification TEXT NOT NULL,
@@ -33,11 +34,29 @@ CREATE TABLE runs (
   error TEXT,
   provenance TEXT NOT NULL,
   arrays BLOB NOT NULL, -- see _pack
-  checksum INTEGER NOT NULL -- CRC-32 of arrays
+  checksum INTEGER NOT NULL, -- CRC-32 of arrays
+  head INTEGER -- CRC-32 of the other columns, see _head
 );
 -- So that asking for all statuses reads no records.
 CREATE INDEX statuses ON runs (digest, status);
 """
+_SMALLEST_ROW: Final = 256  # bytes, fewer than any record has
+_HEAD: Final = "digest, specification, status, error, provenance, checksum"
+# What to do about an error of SQLite, by its code.
+_ADVICE: Final = {
+    sqlite3.SQLITE_BUSY: "another process is writing to it; try again when that has ended",
+    sqlite3.SQLITE_FULL: "free some space; the same command continues, and finished runs are kept",
+    sqlite3.SQLITE_IOERR: "check the disk and its free space; the same command continues",
+    sqlite3.SQLITE_READONLY: "make the file and its folder writable",
+    sqlite3.SQLITE_CANTOPEN: "make the file and its folder readable and writable",
+    sqlite3.SQLITE_CORRUPT: "it is damaged; 'run EXPERIMENT' saves the whole records and repeats the others",
+    sqlite3.SQLITE_NOTADB: "move it away, or choose another folder with --results",
+}
+_T = TypeVar("_T")
+
+
+class NoRunsError(InputError):
+    """There is no store yet, or an empty file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,39 +126,68 @@ class _Packed(Mapping[str, NDArray[Any]]):
 
 
 class Store:
-    """An open `runs.db`, used as a context manager."""
+    """An open `runs.db`, used as a context manager.
+
+    A file that turns out to be damaged is replaced by one with its whole records if it may be written; the
+    damaged one is kept beside it. `salvaged` says so.
+    """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         """Opens the file; creates it if it is missing and may be written.
 
         Raises:
+          NoRunsError: There is nothing to read.
           InputError: It cannot be opened, is not an SQLite file, or holds something else.
         """
         self._path = path
-        if not read_only:
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                reason = "it is a file" if path.parent.is_file() else error.strerror
-                raise InputError(
-                    f"{path.parent}: cannot be made: {reason}; choose another folder with --results."
-                ) from error
-        elif not path.exists():
-            raise InputError(f"{path}: there are no runs yet; run the experiment first.")
-        uri = f"{path.resolve().as_uri()}?mode={'ro' if read_only else 'rwc'}"
-        with self._input_errors():
-            self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level=None)
+        self._read_only = read_only
+        self._inode: int | None = None  # of the file, once it is open
+        self.salvaged = ""  # what was saved from a damaged file, in words
         try:
             if not read_only:
-                self._create()
-            self._check()
+                path.parent.mkdir(parents=True, exist_ok=True)
+            is_there, is_file = path.exists(), path.is_file()
+            is_empty = is_file and path.stat().st_size == 0  # SQLite leaves it so if it is killed early
+        except OSError as error:
+            reason = "it is a file" if path.parent.is_file() else error.strerror
+            verb = "read" if read_only else "made"
+            raise InputError(
+                f"{path.parent}: cannot be {verb}: {reason}; choose another folder with --results."
+            ) from error
+        if is_there and not is_file:
+            raise InputError(
+                f"{path}: cannot be used as the store of runs: it is not a file; move it away, or choose another "
+                "folder with --results."
+            )
+        if read_only and (is_empty or not is_there):
+            raise NoRunsError(f"{path}: there are no runs yet; run the experiment first.")
+        self._connect()
+
+    def _connect(self) -> None:
+        """Opens the file, creates its table if it is new, and checks that it is a store."""
+        # Also for reading it is opened for writing: what an interrupted transaction left is then put right.
+        mode = "rw" if self._read_only else "rwc"
+        with self._input_errors():
+            self._connection = sqlite3.connect(
+                f"{self._path.resolve().as_uri()}?mode={mode}", uri=True, timeout=60.0, isolation_level=None
+            )
+        # Text that is no UTF-8 any more is found by its checksum.
+        self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
+        try:
+            with self._input_errors():
+                if not self._read_only:
+                    self._create()
+                self._check()
+                if self._read_only:
+                    self._connection.execute("PRAGMA query_only = ON")
+            self._inode = self._path.stat().st_ino
         except BaseException:
             self._connection.close()
             raise
 
     def _create(self) -> None:
         """Creates the table, if the file is new."""
-        with self._input_errors(), self._transaction():
+        with self._transaction():
             (tables,) = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
             if tables == 0:
                 for statement in _SCHEMA.split(";"):
@@ -148,11 +196,16 @@ class Store:
                 self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
 
     def _check(self) -> None:
-        """Checks that the database is one of this project."""
-        with self._input_errors():
-            (application,) = self._connection.execute("PRAGMA application_id").fetchone()
-            (version,) = self._connection.execute("PRAGMA user_version").fetchone()
-        if application != _APPLICATION_ID or version != _FORMAT:
+        """Checks that the database is one of this project; brings one of the format before up to date."""
+        (application,) = self._connection.execute("PRAGMA application_id").fetchone()
+        (version,) = self._connection.execute("PRAGMA user_version").fetchone()
+        if application == _APPLICATION_ID and version == _WITHOUT_HEADS:
+            self._connection.create_function("head", 6, lambda *columns: _head(*columns), deterministic=True)
+            with self._transaction():
+                self._connection.execute("ALTER TABLE runs ADD COLUMN head INTEGER")
+                self._connection.execute(f"UPDATE runs SET head = head({_HEAD})")
+                self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
+        elif application != _APPLICATION_ID or version != _FORMAT:
             raise InputError(
                 f"{self._path}: not a store of this version of the project; "
                 f"move it away, or choose another folder with --results."
@@ -166,8 +219,7 @@ class Store:
 
     def statuses(self) -> dict[str, str]:
         """Returns the status of every stored run, by digest."""
-        with self._input_errors():
-            return dict(self._connection.execute("SELECT digest, status FROM runs"))
+        return self._do(lambda: dict(self._connection.execute("SELECT digest, status FROM runs")))
 
     def ended(self) -> set[str]:
         """Returns the digests of the runs with a valid record: those that are done, or diverged."""
@@ -175,26 +227,22 @@ class Store:
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""
-        with self._input_errors(), self._transaction():
-            for record in records:
-                row = self._connection.execute(
-                    "SELECT status FROM runs WHERE digest = ?", (record.digest,)
-                ).fetchone()
-                if row not in (None, ("failed",)) and record.status == "failed":
+        rows = []
+        for record in records:
+            arrays, provenance = _pack(record.arrays), json.dumps(record.provenance, sort_keys=True)
+            head = record.digest, record.specification, record.status, record.error, provenance
+            checksum = zlib.crc32(arrays)
+            rows.append((*head, arrays, checksum, _head(*head, checksum)))
+        self._do(lambda: self._add(rows))
+
+    def _add(self, rows: Sequence[tuple[Any, ...]]) -> None:
+        """Stores rows, all or none."""
+        with self._transaction():
+            for row in rows:
+                stored = self._connection.execute("SELECT status FROM runs WHERE digest = ?", row[:1])
+                if stored.fetchone() not in (None, ("failed",)) and row[2] == "failed":
                     continue  # meanwhile another driver has done it
-                arrays = _pack(record.arrays)
-                self._connection.execute(
-                    "INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?)",
-                    (
-                        record.digest,
-                        record.specification,
-                        record.status,
-                        record.error,
-                        json.dumps(record.provenance, sort_keys=True),
-                        arrays,
-                        zlib.crc32(arrays),
-                    ),
-                )
+                self._connection.execute("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
 
     def get(self, digests: Sequence[str], *, arrays: bool = True) -> list[Record]:
         """Returns the records of these runs, in this order, with or without their arrays.
@@ -203,32 +251,117 @@ class Store:
           InputError: A record is damaged.
           KeyError: One of them has no record.
         """
-        columns = "specification, status, error, provenance" + ", arrays, checksum" * arrays
-        records = []
-        with self._input_errors():
-            for digest in digests:
-                row = self._connection.execute(
-                    f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)
-                ).fetchone()
-                if row is None:
-                    raise KeyError(digest)
-                specification, status, error, provenance, *packed = row
-                unpacked = self._unpack(digest, *packed) if arrays else {}
-                records.append(Record(digest, specification, status, json.loads(provenance), unpacked, error))
-        return records
+        return self._do(lambda: [self._get(digest, arrays=arrays) for digest in digests])
 
-    def _unpack(self, digest: str, packed: Any, checksum: Any) -> Mapping[str, NDArray[Any]]:
-        """Returns a run's arrays.
+    def _get(self, digest: str, *, arrays: bool) -> Record:
+        """Returns a record."""
+        columns = "specification, status, error, provenance, checksum, head" + ", arrays" * arrays
+        row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
+        if row is None:
+            raise KeyError(digest)
+        specification, status, error, provenance, checksum, head, *packed = row
+        # The digest is that asked for: in a damaged index it may lead to the record of another run.
+        is_whole = _head(digest, specification, status, error, provenance, checksum) == head
+        if not is_whole or (packed and not _is_whole(packed[0], checksum)):
+            raise InputError(
+                f"{self._path}: the record of run {digest[:12]} is damaged; run its experiment again, which "
+                "repeats it."
+            )
+        unpacked = _Packed(packed[0]) if packed else {}
+        return Record(digest, specification, status, json.loads(provenance), unpacked, error)
+
+    def damaged(self, digests: Iterable[str]) -> list[str]:
+        """Returns which of these runs, all of them stored, have a record that is damaged or cannot be found."""
+        return [digest for digest in digests if self._do(lambda: self._is_damaged(digest))]  # noqa: B023
+
+    def _is_damaged(self, digest: str) -> bool:
+        """Returns whether the record of a run is damaged or cannot be found."""
+        try:
+            self._get(digest, arrays=True)
+        except (InputError, KeyError):
+            return True
+        return False
+
+    def remove(self, digests: Iterable[str]) -> None:
+        """Removes the records of these runs, all or none."""
+        rows = [(digest,) for digest in digests]
+
+        def delete() -> None:
+            with self._transaction():
+                self._connection.execute("REINDEX")  # an index may be what is damaged
+                self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
+
+        self._do(delete)
+
+    def problem(self) -> str:
+        """Returns what is wrong with the file's structure; empty if nothing."""
+        with self._input_errors():
+            try:
+                (found,) = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
+            except sqlite3.DatabaseError as error:
+                found = str(error)
+        return "" if found == "ok" else " ".join(str(found).split())
+
+    def _do(self, action: Callable[[], _T]) -> _T:
+        """Returns what an action on the database returns; if the file is damaged, saves what is whole first.
 
         Raises:
-          InputError: The file is damaged.
+          InputError: SQLite cannot do it.
         """
-        if not isinstance(packed, bytes) or zlib.crc32(packed) != checksum:
-            raise InputError(
-                f"{self._path}: the record of run {digest[:12]} is damaged; remove the file and run the "
-                "experiment again."
-            )
-        return _Packed(packed)
+        with self._input_errors():
+            if not self._read_only and not self._is_same_file():  # it was replaced, or removed
+                self._connection.close()
+                self._connect()
+            try:
+                return action()
+            except sqlite3.DatabaseError as error:
+                if self._read_only or _code(error) != sqlite3.SQLITE_CORRUPT:
+                    raise
+            self._salvage()
+            return action()
+
+    def _is_same_file(self) -> bool:
+        """Returns whether the open file is still the one at its path."""
+        try:
+            return self._path.stat().st_ino == self._inode
+        except OSError:
+            return False
+
+    def _salvage(self) -> None:
+        """Replaces a damaged file by one with its whole records, and keeps it beside."""
+        self._connection.execute("BEGIN EXCLUSIVE")  # waits for other drivers
+        if self._is_same_file():  # else one of them has done it meanwhile
+            kept = self._path.with_name(f"{self._path.name}.damaged")
+            fresh = self._path.with_name(f"{self._path.name}.salvaged")
+            for path in (kept, fresh):
+                path.unlink(missing_ok=True)
+            n_records = 0
+            with Store(fresh) as store:
+                for row in self._whole_rows():
+                    store._add([row])
+                    n_records += 1
+            kept.hardlink_to(self._path)
+            fresh.replace(self._path)
+            self.salvaged = f"{self._path} was damaged: its {n_records} whole records are saved; the damaged file is {kept}."
+        self._connection.close()
+        self._connect()
+
+    def _whole_rows(self) -> Iterator[tuple[Any, ...]]:
+        """Yields the rows of a damaged file that are whole."""
+        last = self._path.stat().st_size // _SMALLEST_ROW
+        with suppress(sqlite3.DatabaseError):
+            (last,) = self._connection.execute("SELECT max(rowid) FROM runs NOT INDEXED").fetchone()
+        for row_id in range(1, (last or 0) + 1):
+            try:
+                row = self._connection.execute(
+                    f"SELECT {_HEAD}, arrays, head FROM runs NOT INDEXED WHERE rowid = ?", (row_id,)
+                ).fetchone()
+            except sqlite3.DatabaseError:
+                continue
+            if row is not None:
+                *head, checksum, arrays, head_checksum = row
+                if _head(*head, checksum) == head_checksum and _is_whole(arrays, checksum):
+                    yield (*head, arrays, checksum, head_checksum)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -239,7 +372,8 @@ class Store:
         try:
             yield
         except BaseException:
-            self._connection.execute("ROLLBACK")
+            with suppress(sqlite3.OperationalError):  # after some errors SQLite has done it already
+                self._connection.execute("ROLLBACK")
             raise
         self._connection.execute("COMMIT")
 
@@ -249,7 +383,25 @@ class Store:
         try:
             yield
         except sqlite3.Error as error:
-            raise InputError(
-                f"{self._path}: cannot be used as the store of runs: {error}; "
-                f"move it away, free it, or choose another folder with --results."
-            ) from error
+            code = _code(error)
+            if code not in _ADVICE or (code == sqlite3.SQLITE_CORRUPT and self._inode is None):
+                code = sqlite3.SQLITE_NOTADB  # damaged where the file says what it holds
+            text = f"{' '.join(str(error).split())}; {_ADVICE[code]}"
+            raise InputError(f"{self._path}: cannot be used as the store of runs: {text}.") from error
+
+
+def _code(error: sqlite3.Error) -> int:
+    """Returns SQLite's primary code of an error; 0 if it has none."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
+
+
+def _head(digest: Any, specification: Any, status: Any, error: Any, provenance: Any, checksum: Any) -> int:
+    """Returns the CRC-32 of a record without its arrays, but with their checksum."""
+    return zlib.crc32(
+        json.dumps([digest, specification, status, error, provenance, checksum], default=repr).encode()
+    )
+
+
+def _is_whole(arrays: Any, checksum: Any) -> bool:
+    """Returns whether packed arrays have their checksum."""
+    return isinstance(arrays, bytes) and zlib.crc32(arrays) == checksum

@@ -1,6 +1,9 @@
 """The store gives back what was put into it, whole, or says what is wrong with it."""
 
+import os
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.execution.store import Record, Store
+from benchmark.execution.store import NoRunsError, Record, Store
 from envs import InputError
 
 
@@ -121,15 +124,70 @@ def test_foreign_and_broken_stores_are_refused_and_left_alone(tmp_path: Path) ->
         Store(text / "runs.db")
 
 
-def test_damaged_store_is_reported_in_one_sentence(tmp_path: Path) -> None:
+def test_whole_records_of_a_damaged_file_are_saved(tmp_path: Path) -> None:
+    path = tmp_path / "runs.db"
+    records = {str(i): record(str(i), arrays={"a": np.arange(500.0) + i}) for i in range(50)}
+    with Store(path) as store:
+        store.add(records.values())
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2 :] = b"\x5a" * (len(content) - len(content) // 2)
+    path.write_bytes(content)
+    with Store(path, read_only=True) as store, pytest.raises(InputError, match=r"runs\.db: .*'run EXPERI"):
+        for digest in records:
+            store.get([digest])
+    assert path.read_bytes() == content  # reading changes nothing
+    with Store(path) as store, Store(path) as other:
+        store.damaged(records)
+        saved = store.statuses().keys()
+        assert 5 < len(saved) < len(records)
+        assert store.salvaged == (
+            f"{path} was damaged: its {len(saved)} whole records are saved; the damaged file is {path}.damaged."
+        )
+        assert (tmp_path / "runs.db.damaged").read_bytes() == content
+        other.add([record("new")])  # by a driver that had opened the damaged file
+        assert other.salvaged == ""
+        assert store.problem() == ""
+        assert store.statuses().keys() == {*saved, "new"}
+        for digest in saved:
+            assert store.get([digest])[0].arrays["a"].tolist() == records[digest].arrays["a"].tolist()
+
+
+def content_of(record: Record) -> tuple[object, ...]:
+    arrays = {name: (array.dtype, array.shape, array.tobytes()) for name, array in record.arrays.items()}
+    return record.digest, record.specification, record.status, record.error, record.provenance, arrays
+
+
+def test_no_flipped_bit_is_used_silently(tmp_path: Path) -> None:
+    """Whatever bit of the file is flipped: a record is as it was, or known to be damaged or missing."""
+    rng = np.random.default_rng(1)
     path = tmp_path / "runs.db"
     with Store(path) as store:
-        store.add([record(str(i), arrays={"a": np.zeros(500)}) for i in range(50)])
-    content = bytearray(path.read_bytes())
-    content[8192:] = b"\x5a" * (len(content) - 8192)
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"runs\.db: cannot be used"), Store(path) as store:
-        store.get(list(store.statuses()))
+        for i in range(12):
+            arrays = {"q": rng.random((30, 5)), "greedy": rng.integers(0, 31, 120, dtype=np.uint8)}
+            store.add([record(f"{i:064x}", "failed" if i == 3 else "done", arrays)])
+        expected = {digest: content_of(store.get([digest])[0]) for digest in store.statuses()}
+    whole = path.read_bytes()
+    outcomes = {"same": 0, "repeated": 0, "salvaged": 0, "refused": 0}
+    for bit in rng.choice(len(whole) * 8, size=200, replace=False).tolist():
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        try:
+            with Store(path) as store:
+                damaged = store.damaged(expected)
+                store.remove(damaged)
+                digests = store.ended() & expected.keys()
+                for read in store.get(sorted(digests)):
+                    assert content_of(read) == expected[read.digest], bit
+                is_whole = len(digests) == len(expected) - 1
+                outcomes["salvaged" if store.salvaged else "same" if is_whole else "repeated"] += 1
+        except InputError as error:
+            assert "\n" not in str(error)
+            outcomes["refused"] += 1
+        for beside in tmp_path.glob("runs.db.*"):
+            beside.unlink()
+    assert outcomes["repeated"] > 50  # most bits are those of records
+    assert outcomes["refused"] < 10  # the header, or the schema
 
 
 @pytest.mark.parametrize(
@@ -149,9 +207,149 @@ def test_damaged_records_are_reported_in_one_sentence(tmp_path: Path, damage: st
     with connection:
         connection.execute(f"UPDATE runs SET arrays = {damage}")
     connection.close()
-    expected = pytest.raises(InputError, match=r"runs\.db: the record of run 0123456789ab is damaged; remove")
+    expected = pytest.raises(
+        InputError, match=r"runs\.db: the record of run 0123456789ab is damaged; run its"
+    )
     with Store(tmp_path / "runs.db", read_only=True) as store, expected:
         store.get(["0123456789abcdef"])
+    with Store(tmp_path / "runs.db") as store:
+        assert store.damaged(["0123456789abcdef"]) == ["0123456789abcdef"]
+        store.remove(["0123456789abcdef"])
+        assert store.statuses() == {}
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "provenance = replace(provenance, '1', '7')",
+        "provenance = '{'",
+        "provenance = CAST(X'7bff7d' AS TEXT)",  # no UTF-8
+        "specification = '{ }'",
+        "digest = 'other'",
+        "status = 'diverged'",
+        "error = 'oh'",
+        "checksum = checksum + 1",
+        "head = NULL",
+    ],
+)
+def test_damage_besides_the_arrays_is_noticed_without_reading_them(tmp_path: Path, damage: str) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x", arrays={"q": np.zeros(5)})])
+    connection = sqlite3.connect(tmp_path / "runs.db")
+    with connection:
+        connection.execute(f"UPDATE runs SET {damage}")
+    connection.close()
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        for digest in store.statuses():
+            with pytest.raises(InputError, match=f"the record of run {digest} is damaged"):
+                store.get([digest], arrays=False)
+
+
+def test_records_of_the_format_before_are_taken_over(tmp_path: Path) -> None:
+    path = tmp_path / "runs.db"
+    with Store(path) as store:
+        store.add([record(name, arrays={"q": np.arange(5)}) for name in "xyz"])
+    connection = sqlite3.connect(path)
+    with connection:
+        connection.execute("ALTER TABLE runs DROP COLUMN head")
+        connection.execute("UPDATE runs SET arrays = zeroblob(9) WHERE digest = 'y'")
+        connection.execute("PRAGMA user_version = 3")
+    connection.close()
+    with Store(path, read_only=True) as store:
+        assert [list(read.arrays["q"]) for read in store.get(["x", "z"])] == [[0, 1, 2, 3, 4]] * 2
+        assert store.damaged("xyz") == ["y"]
+
+
+# What is not a store
+
+
+def test_file_without_runs_is_no_damage(tmp_path: Path) -> None:
+    (tmp_path / "runs.db").touch()  # as SQLite leaves it if it is killed early
+    with pytest.raises(NoRunsError, match="there are no runs yet"):
+        Store(tmp_path / "runs.db", read_only=True)
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x")])
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert store.statuses() == {"x": "done"}
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+def test_pipe_is_refused_instead_of_waited_for(tmp_path: Path, read_only: bool) -> None:
+    os.mkfifo(tmp_path / "runs.db")
+    with pytest.raises(
+        InputError, match="cannot be used as the store of runs: it is not a file; move it away"
+    ):
+        Store(tmp_path / "runs.db", read_only=read_only)
+
+
+def test_interrupted_write_is_put_right_by_whoever_opens_the_file(tmp_path: Path) -> None:
+    """A journal that a killed driver left holds what the file had before; it must not be moved away."""
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record(name, arrays={"q": np.zeros(5000)}) for name in "abc"])
+    code = (
+        "import os, sqlite3, sys\n"
+        "connection = sqlite3.connect(sys.argv[1], isolation_level=None)\n"
+        "connection.execute('PRAGMA cache_size = 1')\n"  # so that pages are written before the end
+        "connection.execute('BEGIN')\n"
+        "connection.execute('UPDATE runs SET arrays = randomblob(100000), provenance = 7')\n"
+        "os._exit(1)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, tmp_path / "runs.db"], check=False)
+    assert (tmp_path / "runs.db-journal").stat().st_size > 0
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert store.damaged("abc") == []
+        assert store.statuses() == dict.fromkeys("abc", "done")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_unreadable_files_and_folders_are_named(tmp_path: Path) -> None:
+    code = (
+        "import os, sys\n"
+        "from pathlib import Path\n"
+        "from benchmark.execution.store import Store\n"
+        "from envs import InputError\n"
+        "os.setuid(65534)\n"
+        "for read_only in (False, True):\n"
+        "    try: Store(Path(sys.argv[1]), read_only=read_only)\n"
+        "    except InputError as error: print(error)\n"
+    )
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x")])
+
+    def messages() -> list[str]:
+        done = subprocess.run(
+            [sys.executable, "-c", code, tmp_path / "runs.db"],
+            capture_output=True,
+            text=True,
+            cwd=Path(__file__).parents[3],
+        )
+        assert done.stderr == ""
+        return done.stdout.splitlines()
+
+    parents = [tmp_path, *list(tmp_path.parents)[:3]]
+    modes = {parent: parent.stat().st_mode for parent in parents}
+    try:
+        for parent in parents:
+            parent.chmod(0o755)
+        (tmp_path / "runs.db").chmod(0o600)
+        assert all("make the file and its folder readable and writable" in text for text in messages())
+        assert len(messages()) == 2
+        tmp_path.chmod(0o700)
+        made, read = messages()
+        assert f"{tmp_path}: cannot be made: Permission denied; choose another" in made
+        assert f"{tmp_path}: cannot be read: Permission denied; choose another" in read
+    finally:
+        for parent, mode in modes.items():
+            parent.chmod(mode)
+
+
+def test_runs_are_stored_although_the_file_was_removed_meanwhile(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x")])
+        (tmp_path / "runs.db").unlink()
+        store.add([record("y")])
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert store.statuses() == {"y": "done"}
 
 
 def test_every_flipped_byte_of_the_arrays_is_noticed(tmp_path: Path) -> None:
