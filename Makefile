@@ -50,7 +50,7 @@ speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, i
 
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/*_seeds_* $(RESULTS)/.*-* $(RESULTS)/*/.stamp $(RESULTS)/*/.page-stamp
+	rm -rf $(RESULTS)/runs.db* $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/*_seeds_* $(RESULTS)/.*.making $(RESULTS)/*/.stamp $(RESULTS)/*/.page-stamp
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.base: pyproject.toml constraints.txt

@@ -156,8 +156,8 @@ class Store:
             ) from error
         if is_there and not is_file:
             raise InputError(
-                f"{path}: cannot be used as the store of runs: it is not a file; move it away, or choose another "
-                "folder with --results."
+                f"{path}: cannot be used as the store of runs: it is not a file; "
+                f"{_ADVICE[sqlite3.SQLITE_NOTADB]}."
             )
         if read_only and (is_empty or not is_there):
             raise NoRunsError(f"{path}: there are no runs yet; run the experiment first.")
@@ -271,7 +271,7 @@ class Store:
         return Record(digest, specification, status, json.loads(provenance), unpacked, error)
 
     def damaged(self, digests: Iterable[str]) -> list[str]:
-        """Returns which of these runs, all of them stored, have a record that is damaged or cannot be found."""
+        """Returns which of these stored runs have a record that is damaged or cannot be found."""
         return [digest for digest in digests if self._do(lambda: self._is_damaged(digest))]  # noqa: B023
 
     def _is_damaged(self, digest: str) -> bool:
@@ -342,7 +342,10 @@ class Store:
                     n_records += 1
             kept.hardlink_to(self._path)
             fresh.replace(self._path)
-            self.salvaged = f"{self._path} was damaged: its {n_records} whole records are saved; the damaged file is {kept}."
+            self.salvaged = (
+                f"{self._path} was damaged: its {n_records} whole records are saved; the damaged file is "
+                f"{kept}."
+            )
         self._connection.close()
         self._connect()
 
@@ -359,9 +362,10 @@ class Store:
             except sqlite3.DatabaseError:
                 continue
             if row is not None:
-                *head, checksum, arrays, head_checksum = row
-                if _head(*head, checksum) == head_checksum and _is_whole(arrays, checksum):
-                    yield (*head, arrays, checksum, head_checksum)
+                *head, arrays, head_checksum = row
+                checksum = head[-1]
+                if _head(*head) == head_checksum and _is_whole(arrays, checksum):
+                    yield (*head[:-1], arrays, checksum, head_checksum)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

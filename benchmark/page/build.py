@@ -7,7 +7,6 @@ tables of sentences are written again first, from the same files.
 
 import base64
 import io
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ from benchmark.drawing.tables import plain
 from benchmark.page import explorer, script
 from benchmark.page.sources import Folder, open_folder, section
 from benchmark.page.words import Marker, words_of
-from benchmark.reports import certificate, stamp, texts
+from benchmark.reports import certificate, files, stamp, texts
 from benchmark.reports.item import Item
 from benchmark.reports.published import Published
 from benchmark.reports.view import Columns, Entry, Table
@@ -115,8 +114,8 @@ def update(results: Path, experiment: str, *, is_published: bool) -> str:
 
 def _inputs(results: Path, names: Sequence[str]) -> str:
     """Returns the digest of all files that a page is made of."""
-    files = [path for name in [*names, "speed"] for path in sorted((results / name).glob("[!.]*"))]
-    parts = [f"{path.relative_to(results)} {stamp.digest_of_file(path)}" for path in files if path.is_file()]
+    paths = [path for name in [*names, "speed"] for path in sorted((results / name).glob("[!.]*"))]
+    parts = [f"{path.relative_to(results)} {stamp.digest_of_file(path)}" for path in paths if path.is_file()]
     manifests = [open_folder(results / name, "").manifest for name in names]
     named = [name for each in manifests for name in (each["report"], *each.get("items", ()))]
     sources = [stamp.digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
@@ -156,25 +155,12 @@ def write(results: Path, experiment: str | None = None) -> Path:
         )
     is_measured = target.parent == results and (results / "speed" / "speed.csv").exists()
     speed = Folder(results / "speed", "speed/", {"command": "make speed"}) if is_measured else None
-    for folder in folders:
-        section(folder, lambda folder: texts.write(folder.path))
-    _write(target, _render(folders, speed))
-    _write(results / "README.md", _index(results))
+    with files.alone(results):
+        for folder in folders:
+            section(folder, lambda folder: texts.write(folder.path))
+        files.write_text(target, _render(folders, speed))
+        files.write_text(results / "README.md", _index(results))
     return target
-
-
-def _write(path: Path, text: str) -> None:
-    """Writes a file, whole or not at all."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        aside.write_text(text, encoding="utf-8")
-        aside.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written: {error.strerror or error}; choose another folder with --results."
-        ) from error
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def _render(folders: Sequence[Folder], speed: Folder | None) -> str:

@@ -5,9 +5,7 @@ What is up to date is not made again.
 
 import hashlib
 import json
-import shutil
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,7 +23,7 @@ from benchmark.experiments import (
     specifications,
 )
 from benchmark.experiments.schema import Arm
-from benchmark.reports import certificate, load_items, load_report, stamp, texts
+from benchmark.reports import certificate, files, load_items, load_report, stamp, texts
 from benchmark.reports.certificate import Certificate
 from benchmark.reports.figures import Drawing
 from benchmark.reports.item import Data, Frames, Item, Report, measured_files
@@ -53,7 +51,7 @@ def draw(
 ) -> Made:
     """Writes every table, figure and text of the experiment, unless they are up to date.
 
-    Files are made aside and moved when all are there, so a failure leaves the folder as it was. If they are
+    The folder is replaced when all files are there, so a failure leaves it as it was. If they are
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
 
     Args:
@@ -77,44 +75,34 @@ def draw(
     if stamp.is_up_to_date(directory / STAMP, inputs):
         compared = certificate.compare(directory, experiment.name, measured) if is_as_declared else None
         return Made(is_new=False, certificate=compared)
-    try:
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
-    except OSError as error:
-        raise _unwritable(directory, error) from error
-    try:
-        with Drawing(jobs) as drawing:
-            data = report.load(experiment, store, seeds, partial)
-            frames = compute(items, data)
-            drawing.start(items, frames, data.context, aside, is_partial=data.is_incomplete)
-            write_tables(items, frames, data, aside)
-            manifest = _manifest(experiment, store, seeds, data)
-            (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-            drawing.finish()
-        texts.write(aside)
-        compared = certificate.compare(aside, experiment.name, measured) if is_as_declared else None
-        if compared is not None and compared.is_identical and not compared.measured:
-            published = certificate.published_file(experiment.name, MANIFEST)
-            (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
-        stamp.write(aside / STAMP, inputs, list(aside.iterdir()))
-        directory.mkdir(exist_ok=True)
-        _remove_stale_files(directory, aside, items)
-        for path in aside.iterdir():
-            path.replace(directory / path.name)
-    except OSError as error:
-        raise _unwritable(directory, error) from error
-    finally:
-        shutil.rmtree(aside)
+    with files.alone(directory.parent), files.replaced(directory, _was_made(directory, items)) as aside:
+        try:
+            with Drawing(jobs) as drawing:
+                data = report.load(experiment, store, seeds, partial)
+                frames = compute(items, data)
+                drawing.start(items, frames, data.context, aside, is_partial=data.is_incomplete)
+                write_tables(items, frames, data, aside)
+                manifest = _manifest(experiment, store, seeds, data)
+                (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+                drawing.finish()
+            texts.write(aside)
+            compared = certificate.compare(aside, experiment.name, measured) if is_as_declared else None
+            if compared is not None and compared.is_identical and not compared.measured:
+                published = certificate.published_file(experiment.name, MANIFEST)
+                (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
+            stamp.write(aside / STAMP, inputs, list(aside.iterdir()))
+        except OSError as error:
+            raise InputError(
+                f"{directory}: cannot be written: {error.strerror or error}; choose another folder with "
+                "--results."
+            ) from error
     return Made(is_new=True, certificate=compared)
 
 
-def _remove_stale_files(directory: Path, made: Path, items: Sequence[Item]) -> None:
-    """Removes what was made before and is not made any more; nothing else."""
-    new = {path.name for path in made.iterdir()}
+def _was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
+    """Returns whether a file of this name was made before, or may have been; no other is removed."""
     patterns = [*stamp.files(directory / STAMP), *(pattern for item in items for pattern in item.patterns())]
-    for path in directory.iterdir():
-        if path.is_file() and path.name not in new and any(fnmatchcase(path.name, p) for p in patterns):
-            path.unlink()
+    return lambda name: any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def _inputs(experiment: Experiment, store: Store, seeds: Sequence[int] | None, *, partial: bool) -> str:
@@ -168,13 +156,6 @@ def write_tables(items: Sequence[Item], frames: Frames, data: Data, directory: P
                 tables.write_table(frame, stem, item.display(frame), note=note)
         if item.write is not None:
             item.write(data, frames, directory)
-
-
-def _unwritable(directory: Path, error: OSError) -> InputError:
-    """Returns the sentence for a folder that cannot be written."""
-    return InputError(
-        f"{directory}: cannot be written: {error.strerror or error}; choose another folder with --results."
-    )
 
 
 def _manifest(

@@ -12,7 +12,7 @@ import jinja2
 import pandas as pd
 
 from benchmark.drawing import tables
-from benchmark.reports import load_items, load_report
+from benchmark.reports import files, load_items, load_report
 from benchmark.reports.item import Item, Report
 from benchmark.reports.published import MANIFEST, Published
 from envs import InputError
@@ -41,8 +41,7 @@ def write(directory: Path) -> None:
         for item in items:
             if item.tell is not None:
                 tables.write_csv(item.tell(published), directory / f"{item.name}.csv")
-        text = readme(Published(directory), report, items)
-        (directory / "README.md").write_text(text, encoding="utf-8")
+        files.write_text(directory / "README.md", readme(Published(directory), report, items))
     except PermissionError as error:
         raise InputError(f"{error.filename}: cannot be written: {error.strerror}.") from error
 
@@ -59,14 +58,14 @@ def readme(published: Published, report: Report, items: Sequence[Item]) -> str:
     )
     listed = [(item.label(published), item.description) for item in items]
     listed.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
-    files = pd.DataFrame([row for row in listed if row[0]], columns=["file", "what it is"])
+    table = pd.DataFrame([row for row in listed if row[0]], columns=["file", "what it is"])
     measured = [f"`{item.name}`" for item in items if item.is_measured]
     text = environment.get_template(report.template.name).render(
         manifest=published.manifest,
         headline=tables.plain(report.headline(published)),
         sentences=[tables.plain(sentence) for sentence in report.sentences(published)],
         sections=_sections(published, report, items),
-        files=tables.to_markdown(files),
+        files=tables.to_markdown(table),
         measured=measured,
         words=report.words(published),
     )

@@ -1,0 +1,145 @@
+"""Writes results so that readers see the old ones or the new ones, and a crash leaves nothing behind.
+
+What is being made lies beside, under a name that begins with a point and ends in `.making`. One process at a
+time writes to a folder of results, so whatever has such a name when a process begins was left by one that was
+killed.
+"""
+
+import ctypes
+import fcntl
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from envs import InputError
+
+_MAKING: Final = ".making"
+_BEFORE: Final = ".before"  # ends the name of a folder for the moment in which another takes its place
+_AT_FDCWD: Final = -100
+_RENAME_EXCHANGE: Final = 2
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Waits until no other process writes to a folder, and removes what killed ones have left there.
+
+    Args:
+      folder: Of results; it is made if it is missing.
+
+    Raises:
+      InputError: It cannot be written.
+    """
+    with _input_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print(f"{folder}: waiting for another report to end ...", file=sys.stderr)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        with _input_errors(folder):
+            for path in folder.glob(f".*{_BEFORE}"):
+                target = folder / path.name[1 : -len(_BEFORE)]
+                _remove(path) if target.exists() else path.rename(target)
+            for path in [*folder.glob(f".*{_MAKING}"), *folder.glob(f"*/.*{_MAKING}")]:
+                _remove(path)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
+    """Yields an empty folder that takes a folder's place at the end, unless there is an exception.
+
+    Files and folders in the old one that are not made anew stay, unless they are stale. The caller must be
+    alone in the folder around it, see `alone`.
+
+    Args:
+      folder: Need not exist.
+      is_stale: Whether a file of this name was made before, and is removed if it is not made again.
+
+    Raises:
+      InputError: A folder has the name of a file that is made, or something cannot be written.
+    """
+    folder = folder.resolve()
+    made = folder.with_name(f".{folder.name}{_MAKING}")
+    try:
+        with _input_errors(folder):
+            made.mkdir()
+        yield made
+        with _input_errors(folder):
+            _take_over(folder, made, is_stale)
+            _exchange(made, folder)
+    finally:
+        _remove(made)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file, whole or not at all. The caller must be alone in its folder, see `alone`.
+
+    Raises:
+      InputError: It cannot be written.
+    """
+    made = path.with_name(f".{path.name}{_MAKING}")
+    try:
+        with _input_errors(path):
+            made.write_text(text, encoding="utf-8")
+            made.replace(path)
+    finally:
+        _remove(made)
+
+
+def _take_over(folder: Path, made: Path, is_stale: Callable[[str], bool]) -> None:
+    """Gives a new folder the files and folders of the old one that stay."""
+    for path in folder.iterdir() if folder.exists() else ():
+        is_folder = path.is_dir() and not path.is_symlink()
+        if is_folder and (made / path.name).exists():
+            raise InputError(f"{path}: cannot be written: it is a folder; move it away.")
+        if (made / path.name).exists() or (not is_folder and is_stale(path.name)):
+            continue
+        if is_folder:
+            shutil.copytree(path, made / path.name, copy_function=os.link, symlinks=True)
+        else:
+            os.link(path, made / path.name, follow_symlinks=False)
+
+
+def _exchange(made: Path, folder: Path) -> None:
+    """Puts a new folder in the place of another, in one step where the system can; removes the old one."""
+    if not folder.exists():
+        made.rename(folder)
+        return
+    if sys.platform == "linux":
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+        paths = _AT_FDCWD, os.fsencode(made), _AT_FDCWD, os.fsencode(folder)
+        if rename(*paths, _RENAME_EXCHANGE) == 0:
+            return
+    before = folder.with_name(f".{folder.name}{_BEFORE}")
+    folder.rename(before)
+    made.rename(folder)
+    _remove(before)
+
+
+def _remove(path: Path) -> None:
+    """Removes a file or a folder, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _input_errors(path: Path) -> Iterator[None]:
+    """Turns an error of the system into an `InputError`."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written: {error.strerror or error}; choose another folder with --results."
+        ) from error

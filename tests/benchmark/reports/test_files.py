@@ -1,0 +1,147 @@
+"""Folders of results are replaced whole or not at all, and whatever a killed process left is removed."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from benchmark.reports import files
+from envs import InputError
+from tests.support import ROOT
+
+
+def content(folder: Path) -> dict[str, str]:
+    return {str(p.relative_to(folder)): p.read_text() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with files that were made before, and some that were not."""
+    folder = tmp_path / "results" / "mine"
+    (folder / "notes").mkdir(parents=True)
+    for name in ("a.csv", "b.csv", "other.txt", "notes/c.txt"):
+        (folder / name).write_text(f"old {name}")
+    return folder
+
+
+def replace(folder: Path, *names: str) -> None:
+    with files.alone(folder.parent), files.replaced(folder, lambda name: name.endswith(".csv")) as made:
+        for name in names:
+            (made / name).write_text(f"new {name}")
+
+
+@pytest.mark.parametrize("system", [sys.platform, "another"])
+def test_new_files_replace_old_ones_and_others_stay(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, system: str
+) -> None:
+    monkeypatch.setattr(sys, "platform", system)  # another cannot exchange folders in one step
+    (folder / "link").symlink_to("nowhere")
+    replace(folder, "a.csv", "d.md")
+    assert content(folder) == {
+        "a.csv": "new a.csv",
+        "d.md": "new d.md",
+        "other.txt": "old other.txt",
+        "notes/c.txt": "old notes/c.txt",
+    }
+    assert (folder / "link").is_symlink()
+    assert [path.name for path in folder.parent.iterdir()] == ["mine"]
+
+
+def test_new_folder_is_made(tmp_path: Path) -> None:
+    replace(tmp_path / "deep" / "results" / "mine", "a.csv")
+    assert content(tmp_path / "deep") == {"results/mine/a.csv": "new a.csv"}
+
+
+def replace_with_half(folder: Path, error: BaseException) -> None:
+    with files.alone(folder.parent), files.replaced(folder, lambda _: True) as made:
+        (made / "a.csv").write_text("half")
+        raise error
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError("disk full")])
+def test_failure_leaves_everything_as_it_was(folder: Path, error: BaseException) -> None:
+    before = content(folder.parent)
+    with pytest.raises(type(error)):
+        replace_with_half(folder, error)
+    assert content(folder.parent) == before
+
+
+def test_folder_with_the_name_of_a_file_is_left_alone(folder: Path) -> None:
+    (folder / "b.csv").unlink()
+    (folder / "b.csv").mkdir()
+    (folder / "b.csv" / "mine.txt").write_text("mine")
+    before = content(folder.parent)
+    with pytest.raises(InputError, match=r"b\.csv: cannot be written: it is a folder; move it away\."):
+        replace(folder, "a.csv", "b.csv")
+    assert content(folder.parent) == before
+
+
+def test_link_to_a_folder_stays_one(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(folder)
+    replace(tmp_path / "link", "a.csv")
+    assert (tmp_path / "link").is_symlink()
+    assert content(folder)["a.csv"] == "new a.csv"
+
+
+def test_leftovers_are_removed_and_a_folder_in_between_comes_back(folder: Path) -> None:
+    (folder.parent / ".mine.making").mkdir()
+    (folder.parent / ".mine.making" / "a.csv").write_text("half")
+    (folder / ".README.md.making").write_text("half")
+    folder.rename(folder.parent / ".mine.before")
+    with files.alone(folder.parent):
+        assert sorted(path.name for path in folder.parent.iterdir()) == ["mine"]
+        assert sorted(path.name for path in folder.iterdir()) == ["a.csv", "b.csv", "notes", "other.txt"]
+
+
+def test_reader_never_sees_a_mixture(folder: Path) -> None:
+    """A process that replaces the folder again and again is killed at some moment, several times."""
+    code = """
+import itertools, sys
+from pathlib import Path
+from benchmark.reports import files
+folder = Path(sys.argv[1])
+for i in itertools.count():
+    with files.alone(folder.parent), files.replaced(folder, lambda _: True) as made:
+        for j in range(20):
+            (made / f"{j}.csv").write_text(f"{i}")
+    print(i, flush=True)
+"""
+    replace(folder, *[f"{j}.csv" for j in range(20)])
+    for i in range(5):
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, str(folder)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        while int(process.stdout.readline()) < 3:
+            pass
+        time.sleep(0.003 * i)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        made = {path.read_text() for path in folder.glob("*.csv")}
+        assert len(made) == 1
+        assert len(list(folder.glob("*.csv"))) == 20
+    replace(folder, "a.csv")
+    assert [path.name for path in folder.parent.iterdir()] == ["mine"]
+
+
+def test_one_process_at_a_time(folder: Path) -> None:
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom benchmark.reports import files\n"
+        "with files.alone(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()\n"
+    )
+
+    def start() -> subprocess.Popen[str]:
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        return subprocess.Popen([sys.executable, "-c", code, str(folder)], cwd=ROOT, text=True, **pipes)  # type: ignore[call-overload,no-any-return]
+
+    first = start()
+    assert first.stdout is not None
+    assert first.stdout.readline() == "in\n"
+    second = start()
+    assert second.stderr is not None
+    assert "waiting for another report to end" in second.stderr.readline()
+    assert first.communicate()[0] == ""
+    assert second.communicate()[0] == "in\n"
