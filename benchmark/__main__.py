@@ -21,6 +21,7 @@ examples:
   python -m benchmark report reproduce             draw results/reproduce from stored runs
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       build results/index.html from published results
+  python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark speed                        measure speed against common alternatives
@@ -72,13 +73,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = command("run", "execute the missing runs of an experiment")
     _add_experiment(run)
-    run.add_argument(
-        "--jobs",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="number of jobs to run at a time; results do not depend on it (default: number of cores)",
-    )
+    _add_jobs(run)
     run.add_argument("--report", action="store_true", help="then draw tables and figures, as 'report' does")
     run.add_argument(
         "--tensorboard",
@@ -102,6 +97,20 @@ def _parser() -> argparse.ArgumentParser:
         help="draw a comparison even if runs are missing, into EXPERIMENT_partial "
         "(with --seeds: EXPERIMENT_seeds_A-B_partial)",
     )
+
+    verify = command("verify", "verify checksums, repeat some runs, and draw tables and figures again")
+    _add_experiment(verify, "; by default all with stored runs", seeds=False)
+    verify.add_argument(
+        "--runs",
+        type=int,
+        default=20,
+        metavar="N",
+        help="how many runs to repeat, drawn at random (default: 20)",
+    )
+    verify.add_argument(
+        "--seed", type=int, metavar="N", help="of the draw, to repeat the same runs (default: at random)"
+    )
+    _add_jobs(verify)
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
     watch.add_argument("--scenario", default="S1", help="a scenario of the experiment (default: S1)")
@@ -162,12 +171,24 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_experiment(command: argparse.ArgumentParser, if_missing: str = "") -> None:
+def _add_jobs(command: argparse.ArgumentParser) -> None:
+    """Adds the number of jobs to a command's arguments."""
+    command.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="number of jobs to run at a time; results do not depend on it (default: number of cores)",
+    )
+
+
+def _add_experiment(command: argparse.ArgumentParser, if_missing: str = "", *, seeds: bool = True) -> None:
     """Adds an experiment and its seeds to a command's arguments.
 
     Args:
       command: Its parser.
       if_missing: What happens without an experiment; if empty, one is required.
+      seeds: Whether seeds can be chosen.
     """
     command.add_argument(
         "experiment",
@@ -175,6 +196,8 @@ def _add_experiment(command: argparse.ArgumentParser, if_missing: str = "") -> N
         nargs="?" if if_missing else None,
         help=f"a name shown by 'list', or the path of a TOML file{if_missing}",
     )
+    if not seeds:
+        return
     command.add_argument(
         "--seeds",
         metavar="A-B",

@@ -1,13 +1,16 @@
 """The replication in miniature, through the real commands; and what the command line refuses."""
 
+import dataclasses
 import json
 import os
 import re
 import shutil
+import sqlite3
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -130,6 +133,48 @@ def test_report_of_fewer_seeds(results: Path, tmp_path: Path) -> None:
         draw.draw(load_experiment("reproduce_smoke"), store, tmp_path / "fewer", range(2))
     assert pd.read_csv(tmp_path / "fewer" / "optimal.csv")["agents"].tolist() == [2, 2, 2]
     assert "**Partial: 2 of the 12 agents" in (tmp_path / "fewer" / "README.md").read_text()
+
+
+def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(results, tmp_path, dirs_exist_ok=True)
+    verify = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
+    assert main([*verify, "--runs", "40"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "checksums: right in all 156 records.",
+        "runs: 40 of 40 repeated runs are identical (of 156; --seed 3).",
+        "reproduce_smoke: identical to the published results (34 of 34 files).",
+    ]
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {path.name for path in results.iterdir()}  # nothing is left aside
+    # Another value in a record, with the right checksum; a damaged record; an edited table.
+    with Store(tmp_path / "runs.db") as store:
+        forged, *_ = store.get(sorted(store.ended()))
+        arrays = dict(forged.arrays) | {"q": np.nextafter(forged.arrays["q"], 1)}
+        store.add([dataclasses.replace(forged, arrays=arrays)])
+    (tmp_path / "reproduce_smoke" / "success.csv").write_text("success\n1.0\n")
+    assert main([*verify, "--runs", "156"]) == 1
+    problems = capsys.readouterr()
+    assert f"({forged.digest[:12]}): other q." in problems.err
+    assert "files differ from the published results: " in problems.err
+    assert "success.csv" in problems.err
+    assert problems.out.splitlines()[1:] == [
+        "runs: 155 of 156 repeated runs are identical (of 156; --seed 3).",
+        "problems found: 2.",
+    ]
+    connection = sqlite3.connect(tmp_path / "runs.db")
+    with connection:
+        connection.execute("UPDATE runs SET provenance = '{}' WHERE digest = ?", (forged.digest,))
+    connection.close()
+    assert main([*verify, "--runs", "0"]) == 1
+    assert f"1 of 156 records are damaged (the first: {forged.digest[:12]})" in capsys.readouterr().err
+    # Running the experiment again repeats what is damaged, and nothing else.
+    assert main(["run", "reproduce_smoke", "--results", str(tmp_path)]) == 0
+    repeated = capsys.readouterr()
+    assert "reproduce_smoke: damaged runs, which are repeated: 1" in repeated.err
+    assert "1 runs done, 155 were done already" in repeated.out
+    assert main(["report", "reproduce_smoke", "--results", str(tmp_path)]) == 0
+    made = contents(tmp_path / "reproduce_smoke")
+    assert made == contents(results / "reproduce_smoke")
 
 
 def test_readers_infer_the_types_of_all_columns(results: Path) -> None:

@@ -1,4 +1,4 @@
-"""Compares a folder of results with the published one: the files of the last commit under `results/`.
+"""Compares a folder of results with a published one: files of the last commit in `results/`, or a folder.
 
 Files are compared byte for byte. Those that hold measured times are set apart, since they differ each time.
 Nets differ between types of processor: if a summary differs, the certificate also says how far its numbers
@@ -9,7 +9,7 @@ import hashlib
 import io
 import math
 import subprocess
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -89,16 +89,38 @@ def compare(
     Returns:
       The certificate; None if nothing is published under this name, or this is not a git checkout.
     """
-    published = {file: blob for file, blob in _published(name, repository).items() if _is_compared(file)}
+    return _compare(
+        folder,
+        name,
+        measured,
+        _published(name, repository),
+        lambda file: published_file(name, file, repository),
+    )
+
+
+def compare_folders(
+    folder: Path, published: Path, name: str, measured: Collection[str]
+) -> Certificate | None:
+    """Compares a folder with another one, which counts as published; see `compare`."""
+    return _compare(folder, name, measured, _ids(published), lambda file: (published / file).read_bytes())
+
+
+def _compare(
+    folder: Path,
+    name: str,
+    measured: Collection[str],
+    ids: Mapping[str, str],
+    read: Callable[[str], bytes | None],
+) -> Certificate | None:
+    """Compares a folder with published files, given by their ids and contents."""
+    published = {file: blob for file, blob in ids.items() if _is_compared(file)}
 
     def is_measured(file: str) -> bool:
         return any(fnmatchcase(file, pattern) for pattern in measured)
 
     if not published:
         return None
-    made = {
-        path.name: _blob_id(path) for path in folder.iterdir() if path.is_file() and _is_compared(path.name)
-    }
+    made = {file: blob for file, blob in _ids(folder).items() if _is_compared(file)}
     names = sorted(published.keys() | made.keys())
     compared = [file for file in names if not is_measured(file)]
     differing = tuple(file for file in compared if made.get(file) != published.get(file))
@@ -108,7 +130,7 @@ def compare(
         identical=tuple(file for file in compared if file not in differing),
         differing=differing,
         measured=tuple(file for file in names if is_measured(file)),
-        distance=_distance(folder / SUMMARY, name, repository) if is_apart else None,
+        distance=_distance(folder / SUMMARY, read(SUMMARY)) if is_apart else None,
     )
 
 
@@ -137,15 +159,19 @@ def _published(name: str, repository: Path) -> dict[str, str]:
     return {file: blob for _, kind, blob, file in entries if kind == "blob"}
 
 
+def _ids(folder: Path) -> dict[str, str]:
+    """Returns the ids of the contents of a folder's files by name."""
+    return {path.name: _blob_id(path) for path in folder.iterdir() if path.is_file()}
+
+
 def _blob_id(path: Path) -> str:
     """Returns git's id of a file's content."""
     content = path.read_bytes()
     return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
 
 
-def _distance(path: Path, name: str, repository: Path) -> Distance | None:
+def _distance(path: Path, content: bytes | None) -> Distance | None:
     """Compares every number that has an interval with its published value; None without common keys."""
-    content = published_file(name, path.name, repository)
     assert content is not None
     published, made = pd.read_csv(io.BytesIO(content)), pd.read_csv(path)
     keys = [column for column in published if not pd.api.types.is_numeric_dtype(published[column])]
