@@ -11,10 +11,10 @@ Returns are undiscounted unless a discount is given.
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.compiled import compiled
 from agents.policy import Policy
 from envs.model import EVENTS, Model
 from envs.regions import ZONES
@@ -129,7 +129,7 @@ def evaluate(
     )
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _sweep(
     policies: NDArray[np.float64],
     next_state: NDArray[np.int32],

@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-import numba
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field
 
+from agents.compiled import compiled
 from agents.contract import LearnerSettings, Schedule, Training, check_request
 from agents.dynamic_programming import from_starts, solve
 from agents.policy import Policy
@@ -183,7 +183,7 @@ def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray
     return expected_return, gains / np.where(visits > 0, visits, 1.0)[:, None]
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _sweep(
     policy: NDArray[np.float64],
     next_state: NDArray[np.int32],

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.compiled import compiled
 from agents.tabular.kernel import draw_word
 from envs import Model
 from envs.model import ACTIONS, draw_issuer_reward
@@ -111,7 +112,7 @@ def none_of(arrays: Arrays) -> Arrays:
     return type(arrays)(*(array[:0] for array in arrays))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _draw(streams: NDArray[np.uint64], n: int) -> float:
     """Draws a number from [0, 1) from an agent's stream."""
     word, (s0, s1, s2, s3) = draw_word((streams[n, 0], streams[n, 1], streams[n, 2], streams[n, 3]))
@@ -119,14 +120,14 @@ def _draw(streams: NDArray[np.uint64], n: int) -> float:
     return float((word >> np.uint64(11)) * 2.0**-53)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _draw_start(world: World, streams: NDArray[np.uint64], n: int) -> int:
     """Returns the state in which an agent's next episode starts."""
     n_starts = len(world.starts)
     return int(world.starts[int(_draw(streams, n) * n_starts) if n_starts > 1 else 0])
 
 
-@numba.njit(cache=True)
+@compiled()
 def start(world: World, agents: Agents) -> None:
     """Starts an episode in every env."""
     for n in range(agents.state.shape[0]):
@@ -135,7 +136,7 @@ def start(world: World, agents: Agents) -> None:
             agents.steps[n, e] = 0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _step(world: World, agents: Agents, n: int, e: int, action: int) -> tuple[float, int, bool, bool]:
     """Steps an env; returns reward, next observation before any reset, terminated, and truncated alone.
 
@@ -167,7 +168,7 @@ def _step(world: World, agents: Agents, n: int, e: int, action: int) -> tuple[fl
     return world.grid_reward[taken] + issuer_reward, observation, terminated, truncated
 
 
-@numba.njit(cache=True)
+@compiled()
 def act(
     world: World,
     agents: Agents,
@@ -207,7 +208,7 @@ def act(
             replay.truncated[n, row, e] = truncated
 
 
-@numba.njit(cache=True)
+@compiled()
 def draw_batches(
     streams: NDArray[np.uint64], n_rows: int, n_envs: int, rows: NDArray[np.int64], envs: NDArray[np.int64]
 ) -> None:
@@ -218,7 +219,7 @@ def draw_batches(
             envs[n, b] = int(_draw(streams, n) * n_envs) if n_envs > 1 else 0
 
 
-@numba.njit(cache=True)
+@compiled()
 def read_batches(
     replay: Replay,
     rows: NDArray[np.int64],
@@ -264,7 +265,7 @@ def read_batches(
             batches.terminated[n, b] = replay.terminated[n, row, e]
 
 
-@numba.njit(cache=True)
+@compiled()
 def add_next_values(batches: Batches, next_value: NDArray[np.float32]) -> None:
     """Adds what follows on the returns to the targets of mini-batches.
 
@@ -278,7 +279,7 @@ def add_next_values(batches: Batches, next_value: NDArray[np.float32]) -> None:
                 batches.target[n, b] += batches.discount[n, b] * next_value[n, b]
 
 
-@numba.njit(cache=True)
+@compiled()
 def roll_out(
     world: World,
     agents: Agents,
@@ -330,7 +331,7 @@ def roll_out(
             disagreements[n, t] = agents.disagreements[n]
 
 
-@numba.njit(cache=True)
+@compiled()
 def estimate_advantages(
     rollout: Rollout,
     results: Results,
@@ -368,7 +369,7 @@ def estimate_advantages(
                 following = rollout.old_value[n, i]
 
 
-@numba.njit(cache=True)
+@compiled()
 def shuffle(streams: NDArray[np.uint64], order: NDArray[np.int64]) -> None:
     """Draws a permutation for every agent, (N, E * L)."""
     for n in range(order.shape[0]):

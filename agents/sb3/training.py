@@ -20,7 +20,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
@@ -221,8 +221,8 @@ def _train_agent(
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
         agent = make_agent(method, settings, VecMonitor(env) if log else env)
-        if log:
-            agent.set_logger(configure(str(log), ["tensorboard"]))
+        # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
+        agent.set_logger(configure(str(log), ["tensorboard"]) if log else Logger(None, []))
         agent.action_space.seed(action_seed)
         snapshots = _Snapshots(env, settings.rollout, observations, schedule.evaluation_steps)
         try:

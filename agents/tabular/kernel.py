@@ -28,6 +28,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
 from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
 from envs.model import ACTIONS, draw_issuer_reward
@@ -451,8 +452,7 @@ def compile_kernel(
     parts = [flags, *_identity(update.bootstrap), *_identity(draw_issuer_reward)]
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
-    compiled: Callable[..., None] = numba.njit(nogil=True, cache=True)(kernel)
-    return compiled
+    return compiled(nogil=True)(kernel)
 
 
 def _identity(function: Callable[..., Any]) -> list[object]:

@@ -1,0 +1,63 @@
+"""Compiled functions are kept on disk; a damaged file is compiled again, and never used."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CODE = """
+from agents.compiled import compiled
+
+
+@compiled(nogil=True)
+def double(x):
+    return 2 * x
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """A module with a compiled function, which was called once."""
+    path = tmp_path / "doubling.py"
+    path.write_text(CODE)
+    assert uses_files(path) == (0, 1)
+    return path
+
+
+def uses_files(path: Path) -> tuple[int, int]:
+    """Loads the module as a new process would; returns how often what is on disk was used, and was not."""
+    spec = importlib.util.spec_from_file_location("doubling", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module: Any = importlib.util.module_from_spec(spec)
+    sys.modules["doubling"] = module
+    spec.loader.exec_module(module)
+    del sys.modules["doubling"]
+    assert module.double(21) == 42
+    stats = module.double.stats
+    return sum(stats.cache_hits.values()), sum(stats.cache_misses.values())
+
+
+def test_what_was_compiled_is_used_again(file: Path) -> None:
+    assert uses_files(file) == (1, 0)
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", ["empty", "cut", "flipped", "text", "another's"])
+def test_damaged_files_are_compiled_again(file: Path, ending: str, damage: str) -> None:
+    (path,) = file.parent.rglob(f"*.{ending}")
+    content = path.read_bytes()
+    other = {"nbi": "nbc", "nbc": "nbi"}[ending]
+    path.write_bytes(
+        {
+            "empty": b"",
+            "cut": content[:-1],
+            "flipped": content[:-9] + bytes([content[-9] ^ 4]) + content[-8:],
+            "text": b"no code at all",
+            "another's": next(file.parent.rglob(f"*.{other}")).read_bytes(),
+        }[damage]
+    )
+    assert uses_files(file) == (0, 1)
+    assert uses_files(file) == (1, 0)
