@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from agents.dynamic_programming import Evaluation, evaluate
 from agents.policy import Policy
-from benchmark.analysis.population import anchors, overlap
+from benchmark.analysis.population import anchors, check_anchors, overlap
 from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
 from benchmark.drawing.style import figure_of, save_figure
 from benchmark.page.sources import Folder, open_folder, section
@@ -197,6 +197,7 @@ def assess(
         returns something else, or not the same when it is asked again.
     """
     model = compile_scenario(load_scenario(scenario))
+    check_anchors(model, HORIZON, "start")
     if observation not in OBSERVATIONS:
         unknown_name("observation", "form", str(observation), OBSERVATIONS)
     if isinstance(agent, str | Path):

@@ -6,6 +6,7 @@ and `parse` reads them.
 
 import difflib
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import import_module
@@ -15,11 +16,28 @@ from typing import Annotated, Any, ClassVar, Final, NoReturn, TypeVar, get_args,
 from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, ValidationError, model_serializer
 from pydantic_core import ErrorDetails
 
-_LONGEST_VALUE: Final = 200  # characters of a value that a message repeats; that of a table may be a page
+_LONGEST_MESSAGE: Final = 300  # characters
+_LONGEST_VALUE: Final = 80  # characters of a value that a message repeats
+_SHORTEST_LIST: Final = 40  # characters of accepted names that a message has room for
+_LONGEST_NAME: Final = 60  # characters of a name that is compared with others
+_LARGEST_FILE: Final = 1_000_000  # bytes
+_DEEPEST: Final = 32  # tables inside tables
 
 
 class InputError(ValueError):
-    """A mistake in the user's input; the message is a sentence that can be shown as it is."""
+    """A mistake in the user's input; the message is one line that can be shown as it is."""
+
+    def __init__(self, message: str) -> None:
+        """Makes the message a line of printable characters.
+
+        Of a long one the folders of the file are left out, and then what is in the middle.
+        """
+        line = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in message).split())
+        if len(line) > _LONGEST_MESSAGE:
+            line = re.sub(r"^[^ ]*/(?=[^ /]+:)", ".../", line)
+        if len(line) > _LONGEST_MESSAGE:
+            line = f"{line[: _LONGEST_MESSAGE // 2 - 5]} ... {line[-_LONGEST_MESSAGE // 2 :]}"
+        super().__init__(line)
 
 
 class Table(BaseModel):
@@ -66,15 +84,70 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Reads a TOML file.
 
     Raises:
-      InputError: The file cannot be read, or is not TOML.
+      InputError: The file cannot be read, or is not TOML; or it is too large, or nested too deeply.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: cannot be read: it is not a file.")
+        if path.stat().st_size > _LARGEST_FILE:
+            raise InputError(f"{path}: larger than {_LARGEST_FILE:,} bytes; accepted: a smaller file.")
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {reason}.") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}.") from error
+    except RecursionError:
+        depth = _DEEPEST + 1
+    except InputError:
+        raise
+    except ValueError as error:  # Python refuses to read such a number
+        raise InputError(f"{path}: a number has too many digits; accepted: at most 4,300.") from error
+    else:
+        depth = _depth(data)
+    if depth > _DEEPEST:
+        raise InputError(f"{path}: nested too deeply; accepted: at most {_DEEPEST} levels.")
+    return data
+
+
+def _depth(data: object) -> int:
+    """Returns how many levels of tables and lists are nested, up to one more than is accepted."""
+    level, depth = [data], 0
+    while level and depth <= _DEEPEST:
+        level = [
+            value
+            for each in level
+            if isinstance(each, dict | list)
+            for value in (each.values() if isinstance(each, dict) else each)
+        ]
+        depth += 1
+    return depth
+
+
+def whole_number(text: str, option: str, low: int, high: int) -> int:
+    """Returns the number that a text gives.
+
+    Args:
+      text: As given on the command line.
+      option: Its name, for the message.
+      low: The smallest that is accepted.
+      high: The largest that is accepted.
+
+    Raises:
+      InputError: It is another text or number.
+    """
+    if not (text.isascii() and text.isdecimal() and len(text) <= len(str(high)) and low <= int(text) <= high):
+        raise InputError(f"{option} {shortened(text)}: accepted: a whole number from {low} to {high:,}.")
+    return int(text)
+
+
+def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
+    """Returns a text, or the beginning of a longer one.
+
+    >>> shortened("abc"), shortened("abcdef", longest=5)
+    ('abc', 'ab...')
+    """
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
 def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
@@ -128,9 +201,7 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
             unknown_name(where, "key", str(name), set(_accepted(cls, table)) - given.keys())
         if first["type"] == "missing":
             raise InputError(f"{source}: the key {key} is missing.") from None
-        value = json.dumps(first["input"])
-        value = f" = {value}" if len(value) <= _LONGEST_VALUE else ""
-        where = f"{key}{value}: " if key else ""
+        where = f"{key} = {shortened(json.dumps(first['input'], default=str))}: " if key else ""
         raise InputError(f"{source}: {where}{_reason(first)}.") from None
 
 
@@ -141,9 +212,11 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
       InputError: Always.
     """
     accepted = sorted(accepted)
-    nearest = difflib.get_close_matches(name, accepted, n=1, cutoff=0.6)
+    nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
     hint = f" (did you mean {nearest[0]}?)" if nearest else ""
-    raise InputError(f"{source}: unknown {kind} {name}{hint}; accepted: {', '.join(accepted)}.")
+    message = f"{source}: unknown {kind} {shortened(name)}{hint}; accepted: "
+    room = max(_LONGEST_MESSAGE - len(message) - 1, _SHORTEST_LIST)
+    raise InputError(f"{message}{shortened(', '.join(accepted), room)}.")
 
 
 def imported(name: str, source: str, kind: str) -> object:
@@ -160,8 +233,8 @@ def imported(name: str, source: str, kind: str) -> object:
     module, _, attribute = name.partition(":")
     try:
         found: object = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError, TypeError) as error:
-        raise InputError(f"{source}: {kind} {name} cannot be imported: {error}.") from error
+    except Exception as error:  # a module can raise anything
+        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {error}.") from error
     return found
 
 

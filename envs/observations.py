@@ -6,10 +6,28 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from envs.inputs import unknown_name
+from envs.inputs import InputError, unknown_name
 from envs.model import Model
 
 OBSERVATIONS: Final = ("index", "one_hot", "coordinates")
+LARGEST_TABLE: Final = 50_000_000  # numbers, of all one-hot observations
+
+
+def check_one_hot(n_observations: int, n_features: int) -> None:
+    """Checks that a table of one-hot observations fits into memory.
+
+    Args:
+      n_observations: O, its rows.
+      n_features: Its columns, the sum of the parts' sizes.
+
+    Raises:
+      InputError: It does not.
+    """
+    if n_observations * n_features > LARGEST_TABLE:
+        raise InputError(
+            f"observation one_hot: {n_observations:,} observations of {n_features:,} numbers each; accepted: "
+            f'at most {LARGEST_TABLE:,} numbers in all, or "coordinates" or "index".'
+        )
 
 
 def observation_blocks(model: Model) -> NDArray[np.int64]:
@@ -29,7 +47,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         float32, row and column of a cell, or a number, each divided by its maximum.
 
     Raises:
-      InputError: Unknown `kind`.
+      InputError: Unknown `kind`, or too many numbers.
     """
     if kind == "index":
         return np.arange(model.n_observations)
@@ -38,6 +56,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
     sizes = [part.size for part in model.parts]
     columns = observation_blocks(model)
     if kind == "one_hot":
+        check_one_hot(len(columns), sum(sizes))
         table = np.zeros((len(columns), sum(sizes)), dtype=np.float32)
         np.put_along_axis(table, columns, 1, axis=1)
         return table

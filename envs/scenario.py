@@ -76,6 +76,14 @@ class Grid(Table):
         return np.array([sign == "#" for sign in signs])
 
     @model_validator(mode="after")
+    def _has_few_cells(self) -> Self:
+        if self.rows * self.columns > MAX_STATES:
+            raise ValueError(
+                f"rows x columns = {self.rows} x {self.columns}: accepted: at most {MAX_STATES} cells"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _walls_fill_the_grid(self) -> Self:
         lines = self.walls.split()
         if lines and (
@@ -349,6 +357,27 @@ class Scenario(Table):
         return tuple(part for part, is_hidden in unseen.items() if is_hidden)
 
     @property
+    def n_observations(self) -> int:
+        """O, the product of the sizes of the observed parts."""
+        return math.prod(self._observed_sizes)
+
+    @property
+    def n_features(self) -> int:
+        """Numbers of a one-hot observation."""
+        return sum(self._observed_sizes)
+
+    @property
+    def _observed_sizes(self) -> list[int]:
+        """How many values each observed part has."""
+        sizes = {
+            "agent": self.grid.rows * self.grid.columns,
+            "issuer": len(self.issuer_cells),
+            "phase": len(self.stages),
+            "wrong_pings": self.ping_limit,
+        }
+        return [sizes[part] for part in self.observe]
+
+    @property
     def has_front(self) -> bool:
         """Whether it matters where someone looks."""
         people = {person for stages in self.people for stage in stages for person in stage}
@@ -564,7 +593,7 @@ class Scenario(Table):
             "cells (grid.rows x grid.columns)": self.grid.rows * self.grid.columns,
             "wrong PINGs (ping_limit)": self.ping_limit,
             "cells for the issuer (issuer.position)": len(_cells(self.issuer.position, self.grid)),
-            "ticks (phases, or issuer.walk)": len(self.ticks),
+            "ticks (phases, or issuer.walk)": sum(stage.steps or 1 for stage in self.stages),
             "cases, with and without pending feedback (issuer.feedback)": 2 if self.is_delayed else 1,
         }
         n_states = math.prod(factors.values())
@@ -578,13 +607,7 @@ class Scenario(Table):
         Raises:
           ValueError: It has more.
         """
-        sizes = {
-            "agent": self.grid.rows * self.grid.columns,
-            "issuer": len(self.issuer_cells),
-            "phase": len(self.stages),
-            "wrong_pings": self.ping_limit,
-        }
-        n_observations = math.prod(sizes[part] for part in self.observe)
+        n_observations = self.n_observations
         if n_observations > MAX_STATES:
             raise ValueError(
                 f"observe = {list(self.observe)}: {n_observations} observations; accepted: at most "

@@ -29,6 +29,9 @@ from envs.model import ACTIONS, Model
 VERSION: Final = 3
 
 
+MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
+
+
 class Settings(LearnerSettings):
     """The settings of a tabular learner; the defaults are the paper's."""
 
@@ -80,6 +83,11 @@ class Settings(LearnerSettings):
 
     @model_validator(mode="after")
     def _settings_fit(self) -> Self:
+        if self.budget > MOST_RECORDS * self.record_every:
+            raise ValueError(
+                f"record_every = {self.record_every} with budget = {self.budget}: accepted: at most "
+                f"{MOST_RECORDS:,} records"
+            )
         for key in ("learning_rate", "epsilon"):
             first, last, fraction = (getattr(self, name) for name in (key, f"final_{key}", f"{key}_fraction"))
             if last is None and fraction != 1:

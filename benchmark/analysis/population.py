@@ -1,7 +1,7 @@
 """A population: the records of runs that differ by their seed alone, with exact anchors of their scores."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Final
@@ -192,6 +192,33 @@ def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, fl
             ("scenario_return", random.scenario_return, True),
         )
     }
+
+
+def check_anchors(model: Model, horizon: int, start: str) -> None:
+    """Checks that scores are defined: that the optimal policy earns more than the random one; see `anchors`.
+
+    Raises:
+      InputError: It does not.
+    """
+    random, optimal = anchors(model, horizon, start)["grid_return"]
+    if optimal - random <= OPTIMUM_TOLERANCE:
+        raise InputError(
+            f"{model.scenario.name}: within {horizon} steps the random policy earns as much as the optimal one "
+            f"({random:.6g}), so scores are undefined; accepted: rewards and a horizon with which it does not."
+        )
+
+
+def check_scores(runs: Iterable[RunSpecification]) -> None:
+    """Checks that the scores of all these runs are defined.
+
+    Raises:
+      InputError: Some are not.
+    """
+    each = {run.population: run for run in runs}.values()
+    for scenario, horizon, start in {
+        (r.scenario, r.horizon, start) for r in each for start in r.evaluated_from
+    }:
+        check_anchors(compile_scenario(scenario), horizon, start)
 
 
 def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from envs import InputError
+from envs.inputs import InputError, shortened, whole_number
 
 MOST_SEEDS: Final = 1_000_000
 
@@ -14,17 +14,20 @@ def parse_seeds(text: str | None) -> range | None:
     [7, 8, 9]
 
     Raises:
-      InputError: Other text, or too many or too large seeds.
+      InputError: Another text, or too large seeds.
     """
     if text is None:
         return None
     first, dash, last = text.partition("-")
-    if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
-        raise InputError(f"--seeds {text}: accepted: A-B with A at most B, as in 0-29, or one seed, as in 7.")
-    seeds = range(int(first), int(last if dash else first) + 1)
-    if seeds.stop > MOST_SEEDS or len(seeds) > 100_000:
-        raise InputError(f"--seeds {text}: accepted: seeds below {MOST_SEEDS:,}, at most 100,000 of them.")
-    return seeds
+    try:
+        low = whole_number(first, "--seeds", 0, MOST_SEEDS - 1)
+        high = whole_number(last, "--seeds", low, MOST_SEEDS - 1) if dash else low
+    except InputError:
+        raise InputError(
+            f"--seeds {shortened(text)}: accepted: A-B with A at most B, as in 0-29, or one seed, as in 7; "
+            f"seeds below {MOST_SEEDS:,}."
+        ) from None
+    return range(low, high + 1)
 
 
 def seeds_text(seeds: range) -> str:

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from agents import load_algorithm
+from benchmark.analysis.population import check_scores
 from benchmark.commands import parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.executors import load_executor
@@ -34,6 +35,7 @@ def main(options: argparse.Namespace) -> int:
     if options.tensorboard is not None:
         _check_logs(experiment, options.tensorboard)
     runs = all_specifications(experiment, seeds)
+    check_scores(runs)
     diverged: list[str] = []
     with Store(options.results / "runs.db") as store:
         n_damaged = driver.discard_damaged(runs, store)

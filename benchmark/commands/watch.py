@@ -28,7 +28,7 @@ from benchmark.experiments import (
     specifications,
 )
 from envs import InputError
-from envs.inputs import unknown_name
+from envs.inputs import unknown_name, whole_number
 from envs.render import Window
 
 FRAMES_PER_SECOND: Final = 12
@@ -161,15 +161,12 @@ def to_file(film: Film, path: Path) -> None:
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment = load_experiment(options.experiment)
-    if not options.seed.isdecimal() or int(options.seed) >= MOST_SEEDS:
-        raise InputError(f"--seed {options.seed}: accepted: a whole number from 0 to {MOST_SEEDS - 1:,}.")
+    seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
     if options.save is not None and options.save.suffix.lower() not in (".webp", ".gif"):
         raise InputError(f"--save {options.save}: accepted: a name that ends in .webp or .gif.")
     if options.save is not None and not options.save.parent.is_dir():
         raise InputError(f"--save {options.save}: there is no folder {options.save.parent}.")
-    watched = specification(
-        experiment, options.scenario, options.algorithm, options.observation, int(options.seed)
-    )
+    watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
         film = load_film(watched, store)
     if options.save is not None:

@@ -14,6 +14,7 @@ Job = list[RunSpecification]
 
 # Budget units of a job with several runs, at most: an interrupt waits for the jobs that run in threads.
 JOB_WORK: Final = 10_000_000
+JOB_SIZE: Final = 250_000_000  # bytes of its records, at most
 
 
 def plan(runs: Sequence[RunSpecification]) -> list[Job]:
@@ -35,7 +36,9 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
         if algorithm.depends_on_batch:
             jobs += _blocks(population, algorithm.batch_size)
         else:
-            size = max(1, min(algorithm.batch_size, JOB_WORK // population[0].settings.budget))
+            first = population[0]
+            most = min(JOB_WORK // first.settings.budget, JOB_SIZE // first.record_size)
+            size = max(1, min(algorithm.batch_size, most))
             jobs += [population[i : i + size] for i in range(0, len(population), size)]
     return sorted(jobs, key=lambda job: min(place[run.digest] for run in job if run.digest in place))
 

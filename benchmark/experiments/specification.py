@@ -3,18 +3,23 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from agents import LearnerSettings, Schedule, dynamic_programming, load_algorithm
 from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, read_experiment
-from envs import InputError, Scenario, load_scenario, model
+from envs import ACTIONS, InputError, Scenario, load_scenario, model
 from envs.inputs import override, parse, unknown_name
+from envs.observations import check_one_hot
+
+MOST_RUNS: Final = 500_000  # of an experiment
+MOST_EVALUATIONS: Final = 100_000  # of a run
+LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,19 +62,30 @@ class RunSpecification:
 
     def with_seed(self, seed: int) -> "RunSpecification":
         """Returns another run of the same population."""
-        run = replace(self, seed=seed)
-        run.__dict__["population"] = self.population  # has no seed, and takes long to write for every run
+        run = object.__new__(
+            RunSpecification
+        )  # an experiment may have 100,000 runs: nothing is checked again
+        population = self.population
+        run.__dict__.update(self.__dict__, seed=seed, population=population)
+        run.__dict__.pop("digest", None)
         return run
 
-    @cached_property
+    @property
     def content(self) -> str:
         """The whole specification as canonical JSON."""
-        return f'{self.population[:-1]},"seed":{self.seed}}}'
+        return f"{self.population[:-1]}{self._end}"
 
     @cached_property
     def digest(self) -> str:
         """The run's identity: SHA-256 of its content."""
-        return hashlib.sha256(self.content.encode()).hexdigest()
+        digest = _digest_of_start(self.population).copy()
+        digest.update(self._end.encode())
+        return digest.hexdigest()
+
+    @property
+    def _end(self) -> str:
+        """What of the content is about this run alone."""
+        return f',"seed":{self.seed}}}'
 
     @property
     def folder(self) -> str:
@@ -77,6 +93,11 @@ class RunSpecification:
         learner = f"{self.stream}/{self.scenario.name}/{self.arm}_{self.observation}"
         condition = "" if self.condition == DEFAULT_CONDITION else f"{self.condition}/"
         return f"{learner}/{condition}seed_{self.seed}"
+
+    @property
+    def record_size(self) -> int:
+        """About how many bytes are recorded, see `record_size`."""
+        return record_size(self.settings.budget, self.evaluation_every, self.map_every, self.scenario)
 
     @property
     def evaluation_steps(self) -> list[int]:
@@ -102,6 +123,12 @@ class RunSpecification:
         names = [self.stream, self.scenario.name, self.arm, self.observation, self.seed]
         entropy = hashlib.sha256(json.dumps(names).encode()).digest()
         return np.random.SeedSequence(int.from_bytes(entropy))
+
+
+@lru_cache(maxsize=1024)
+def _digest_of_start(population: str) -> "hashlib._Hash":
+    """Returns the SHA-256 of the content of a population's runs, up to where they differ."""
+    return hashlib.sha256(population[:-1].encode())
 
 
 def evaluation_steps(budget: int, every: int) -> list[int]:
@@ -140,6 +167,25 @@ def load_experiment(experiment: str | Path) -> Experiment:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: scenarios: {name} is named twice.")
+    scenarios = _conditions_of_scenarios(loaded, names, path)
+    for (condition, _), scenario in scenarios.items():
+        for name in loaded.algorithms:
+            try:
+                _check_size(loaded, name, condition, scenario)
+            except InputError as error:
+                raise InputError(f"{path}: algorithms.{name}: {error}") from error
+    return loaded
+
+
+def _conditions_of_scenarios(
+    loaded: Experiment, names: list[str], path: Path
+) -> dict[tuple[str, str], Scenario]:
+    """Returns the scenarios under each condition.
+
+    Raises:
+      InputError: A condition names another scenario, or changes one to something that is none.
+    """
+    scenarios = {}
     for condition, changes in loaded.conditions.items():
         for table, change in changes.items():
             for name in change.scenarios or ():
@@ -148,10 +194,48 @@ def load_experiment(experiment: str | Path) -> Experiment:
         tables = [f"{table}.scenario" for table, change in changes.items() if change.scenario]
         for scenario in loaded.scenarios:
             try:
-                _scenario(loaded, condition, scenario)
+                scenarios[condition, scenario] = _scenario(loaded, condition, scenario)
             except InputError as error:
                 raise InputError(f"{path}: {' with '.join(tables)}: {error}") from error
-    return loaded
+    return scenarios
+
+
+def _check_size(loaded: Experiment, arm: str, condition: str, scenario: Scenario) -> None:
+    """Checks that observations, and what is recorded of a run, fit into memory.
+
+    Raises:
+      InputError: They do not.
+    """
+    if "one_hot" in loaded.algorithms[arm].observations:
+        check_one_hot(scenario.n_observations, scenario.n_features)
+    budget = _settings(loaded, arm, condition, loaded.name).budget
+    evaluation_every, map_every = loaded.schedule(arm)
+    n_evaluations = -(-budget // evaluation_every) + 1
+    if n_evaluations > MOST_EVALUATIONS:
+        raise InputError(
+            f"evaluation_every = {evaluation_every} with budget = {budget}: {n_evaluations:,} evaluations; "
+            f"accepted: at most {MOST_EVALUATIONS:,}."
+        )
+    size = record_size(budget, evaluation_every, map_every, scenario)
+    if size > LARGEST_RECORD:
+        raise InputError(
+            f"evaluation_every = {evaluation_every} and map_every = {map_every} with budget = {budget} and "
+            f"{scenario.n_observations:,} observations in {scenario.name}: records of {size / 1e6:,.0f} MB; "
+            f"accepted: at most {LARGEST_RECORD / 1e6:,.0f} MB."
+        )
+
+
+def record_size(budget: int, evaluation_every: int, map_every: int, scenario: Scenario) -> int:
+    """Returns about how many bytes are recorded of a run, before compression.
+
+    Args:
+      budget: What it may train.
+      evaluation_every: After how much of it the greedy actions are recorded.
+      map_every: And the values of all actions.
+      scenario: Where it trains.
+    """
+    n_evaluations, n_maps = (-(-budget // every) + 1 for every in (evaluation_every, map_every))
+    return scenario.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
 
 
 def specifications(
@@ -220,7 +304,17 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
 
     An interrupted experiment therefore has runs of every population. Conditions of the default reading come
     first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
+
+    Raises:
+      InputError: There are too many.
     """
+    n_runs = sum(
+        len(experiment.declared_seeds(arm, condition) if seeds is None else seeds)
+        for condition in experiment.conditions
+        for _, arm, _ in experiment.populations
+    )
+    if n_runs > MOST_RUNS:
+        raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
     conditions = sorted(experiment.conditions, key=lambda name: name.split("/")[0] != DEFAULT_CONDITION)
     scenarios = {
         (condition, scenario): _scenario(experiment, condition, scenario)

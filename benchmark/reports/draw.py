@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import pandas as pd
 
 from agents import load_algorithm
+from benchmark.analysis.population import check_scores
 from benchmark.drawing import tables
 from benchmark.execution.store import Store
 from benchmark.experiments import (
@@ -78,6 +79,7 @@ def draw(
     with files.alone(directory.parent), files.replaced(directory, _was_made(directory, items)) as aside:
         try:
             with Drawing(jobs) as drawing:
+                check_scores(all_specifications(experiment, seeds))
                 data = report.load(experiment, store, seeds, partial)
                 frames = compute(items, data)
                 drawing.start(items, frames, data.context, aside, is_partial=data.is_incomplete)
