@@ -56,13 +56,10 @@ clean: ## remove installed packages, caches and runs; published results stay
 $(VENV)/.base: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=...")'
 	$(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[reproduce]'
 	@touch $@
 
-$(VENV)/.deep: $(VENV)/.base
-	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[deep]'
-	@touch $@
-
-$(VENV)/.dev: $(VENV)/.base
-	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+# .deep, .dev, or any other extra of pyproject.toml
+$(VENV)/.%: $(VENV)/.base
+	$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$*]'
 	@touch $@

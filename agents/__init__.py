@@ -60,12 +60,7 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, [*ALGORITHMS, "module:attribute"])
-    try:
-        found = imported(ALGORITHMS.get(name, name), source, "algorithm")
-    except InputError as error:
-        if isinstance(error.__cause__, ModuleNotFoundError):
-            raise InputError(f"{str(error)[:-1]}; {_how_to_install(str(error.__cause__.name))}.") from error
-        raise
+    found = imported(ALGORITHMS.get(name, name), source, "algorithm")
     if is_sb3_class(found):
         try:
             return algorithm_of(found, name)
@@ -77,11 +72,3 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
             "stable_baselines3.common.base_class.BaseAlgorithm."
         )
     return found
-
-
-def _how_to_install(module: str) -> str:
-    """Returns what to do about a module that is not there."""
-    module = module.partition(".")[0]
-    if module in ("sb3_contrib", "stable_baselines3", "torch"):
-        return "make .venv/.deep installs it"
-    return f"if {module} is in a package, install that with .venv/bin/pip"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from envs import InputError
+from envs.inputs import InputError, needed_by
 
 _EPILOG = """\
 examples:
@@ -36,7 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         # Imported on demand: --help and mistakes do not wait for what a command needs.
-        return int(import_module(f"benchmark.commands.{options.command}").main(options))
+        with needed_by(f"benchmark {options.command}"):
+            return int(import_module(f"benchmark.commands.{options.command}").main(options))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

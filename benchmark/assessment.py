@@ -11,25 +11,28 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import pandas as pd
-from matplotlib import pyplot as plt
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from agents.dynamic_programming import Evaluation, evaluate
-from agents.policy import Policy
-from benchmark.analysis.population import anchors, check_anchors, overlap
-from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
-from benchmark.drawing.style import figure_of, save_figure
-from benchmark.page.sources import Folder, open_folder, section
 from envs import ACTIONS, ZONES, InputError, Model, compile_scenario, load_scenario
-from envs.inputs import unknown_name
+from envs.inputs import needed_by, unknown_name
 from envs.model import PING
 from envs.observations import OBSERVATIONS, observation_table
 from envs.scenario import ScenarioLike
 from envs.scene import COLOURS, scene_of
+
+with needed_by("benchmark.assessment"):
+    import pandas as pd
+    from matplotlib import pyplot as plt
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    from agents.dynamic_programming import Evaluation, evaluate
+    from agents.policy import Policy
+    from benchmark.analysis.population import anchors, check_anchors, overlap
+    from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
+    from benchmark.drawing.style import figure_of, save_figure
+    from benchmark.page.sources import Folder, open_folder, section
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
@@ -311,13 +314,8 @@ def _policy_of_saved(
         raise InputError(
             f'{path}: the algorithm is missing; accepted: module:class, for example "stable_baselines3:PPO".'
         )
-    try:
+    with needed_by(f"{path}: a saved model"):
         from agents.sb3.tables import saved_table
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"{path}: a saved model needs the package {error.name}, which is not installed; "
-            "make .venv/.deep installs it."
-        ) from error
     table, is_value = saved_table(path, algorithm, model, observation)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3

@@ -1,15 +1,17 @@
 """Turns TOML tables into checked values, and mistakes into messages of one sentence.
 
 All input is checked here: scenarios, experiments and algorithm settings are subclasses of `Table`,
-and `parse` reads them.
+and `parse` reads them. A package that is not installed is such a mistake, too.
 """
 
 import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, NoReturn, TypeVar, get_args, get_origin
 
@@ -22,6 +24,19 @@ _SHORTEST_LIST: Final = 40  # characters of accepted names that a message has ro
 _LONGEST_NAME: Final = 60  # characters of a name that is compared with others
 _LARGEST_FILE: Final = 1_000_000  # bytes
 _DEEPEST: Final = 32  # tables inside tables
+
+# The modules that each extra brings, as they are imported. A checkout need not be installed, so this is not
+# read from the metadata of an installation; a test compares it with pyproject.toml.
+EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
+    "reproduce": (
+        "PIL", "jinja2", "markupsafe", "matplotlib", "numba", "pandas", "rich", "scipy", "seaborn",
+        "tabulate",
+    ),
+    "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
+    "render": ("pygame",),
+    "tensorboard": ("tensorboard",),
+}  # fmt: skip
+PACKAGES: Final[Mapping[str, str]] = {"PIL": "pillow", "pygame": "pygame-ce"}  # of modules with another name
 
 
 class InputError(ValueError):
@@ -38,6 +53,10 @@ class InputError(ValueError):
         if len(line) > _LONGEST_MESSAGE:
             line = f"{line[: _LONGEST_MESSAGE // 2 - 5]} ... {line[-_LONGEST_MESSAGE // 2 :]}"
         super().__init__(line)
+
+
+class MissingPackageError(ModuleNotFoundError, InputError):
+    """A package is not installed. The message says what installs it."""
 
 
 class Table(BaseModel):
@@ -234,8 +253,66 @@ def imported(name: str, source: str, kind: str) -> object:
     try:
         found: object = getattr(import_module(module), attribute)
     except Exception as error:  # a module can raise anything
-        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {error}.") from error
+        hint = ""
+        if missing := _missing(error):
+            hint = f"; {_installer(missing) or f'if {missing} is in a package, install that with pip'}"
+        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {error}{hint}.") from error
     return found
+
+
+@contextmanager
+def needed_by(what: str) -> Iterator[None]:
+    """Says how to install a package of this project's extras if an import fails because it is missing.
+
+    Other errors pass, among them those of modules that this project does not need.
+
+    Args:
+      what: What needs the package, for the message.
+
+    Raises:
+      MissingPackageError: A package is not installed.
+    """
+    try:
+        yield
+    except MissingPackageError:
+        raise
+    except ModuleNotFoundError as error:
+        missing = _missing(error)
+        if missing is None or _installer(missing) is None:
+            raise
+        raise missing_package(what, missing) from error
+
+
+def missing_package(what: str, module: str) -> MissingPackageError:
+    """Returns the error that a package is not installed.
+
+    Args:
+      what: What needs it.
+      module: The package, as it is imported.
+    """
+    package = PACKAGES.get(module, module)
+    installer = _installer(module) or f"pip install {package} installs it"
+    return MissingPackageError(
+        f"{what} needs the package {package}, which is not installed; {installer}.", name=module
+    )
+
+
+def _missing(error: Exception) -> str | None:
+    """Returns the top-level module whose absence made an import fail, if that was the reason."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return None
+    module = error.name.partition(".")[0]
+    # If it is there, another version of it has the missing submodule.
+    return module if find_spec(module) is None else None
+
+
+def _installer(module: str) -> str | None:
+    """Returns what installs a module's package, if it belongs to an extra of this project."""
+    for extra, modules in EXTRAS.items():
+        if module in modules:
+            mark = ".venv/.base" if extra == "reproduce" else f".venv/.{extra}"
+            return f"pip install 'proxemic-benchmark[{extra}]' installs it (in a checkout: make {mark})"
+    return None
 
 
 def _reason(error: ErrorDetails) -> str:

@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.inputs import InputError
+from envs.inputs import InputError, needed_by
 from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene
 
 MODES: Final = ("ansi", "rgb_array", "human")
@@ -95,14 +95,11 @@ class Window:
         """Opens a window of the image's size.
 
         Raises:
-          InputError: pygame-ce is not installed, or SDL cannot open a window.
+          MissingPackageError: pygame-ce is not installed.
+          InputError: SDL cannot open a window.
         """
-        try:
+        with needed_by('render_mode = "human" (not "ansi" and "rgb_array")'):
             import pygame
-        except ModuleNotFoundError as error:
-            raise InputError(
-                'render_mode = "human" needs pygame-ce: install it, or use "ansi" or "rgb_array".'
-            ) from error
         self._pygame: Any = pygame
         try:
             pygame.display.init()

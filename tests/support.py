@@ -1,13 +1,21 @@
-"""What tests of several rooms call: the project's commands, as users run them."""
+"""What tests of several rooms call: the project's commands, as users run them, and its packages."""
 
 import csv
 import re
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterable
+from importlib.metadata import distribution
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT: Final = Path(__file__).parents[1]
+_PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+PROJECT: Final[dict[str, Any]] = tomllib.loads(_PYPROJECT)["project"]
 
 
 def command(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
@@ -23,6 +31,35 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         ["make", "--no-print-directory", *arguments, *settings], cwd=cwd, capture_output=True, text=True
     )
+
+
+def requirements(extra: str | None) -> set[str]:
+    """Returns the packages that an extra adds to others, or those of the core."""
+    lines = PROJECT["dependencies"] if extra is None else PROJECT["optional-dependencies"][extra]
+    names: set[str] = {canonicalize_name(Requirement(line).name) for line in lines}
+    return names - {PROJECT["name"]}
+
+
+def with_all_they_need(packages: Iterable[str]) -> set[str]:
+    """Adds to packages what they need, and so on."""
+    found: set[str] = set()
+    todo = [*packages]
+    while todo:
+        package = canonicalize_name(todo.pop())
+        if package not in found:
+            found.add(package)
+            needed = map(Requirement, distribution(package).requires or ())
+            todo += [each.name for each in needed if not each.marker or each.marker.evaluate({"extra": ""})]
+    return found
+
+
+def install(packages: Iterable[str], folder: Path) -> None:
+    """Links packages and all they need into a folder, as if pip had installed only these there."""
+    for package in with_all_they_need(packages):
+        for file in distribution(package).files or ():
+            link = folder / file.parts[0]
+            if file.parts[0] not in ("..", "__pycache__") and not link.exists():
+                link.symlink_to(distribution(package).locate_file(file.parts[0]))  # type: ignore[arg-type]
 
 
 _KINDS: Final = {

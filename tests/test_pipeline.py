@@ -229,7 +229,10 @@ def unwritable(tmp_path: Path) -> Path:
         (["run", "reproduce", "--seeds", "x"], "--seeds x: accepted: A-B"),
         (["run", "reproduce", "--seeds", ""], "--seeds : accepted: A-B"),
         (["report", "reproduce"], "there are no runs yet; run the experiment first"),
-        (["run", "reproduce", "--seeds", "7-2000000"], "--seeds 7-2000000: accepted: A-B with A at most B, as in 0-29, or one seed, as in 7; seeds below 1,000,000."),
+        (
+            ["run", "reproduce", "--seeds", "7-2000000"],
+            "--seeds 7-2000000: accepted: A-B with A at most B, as in 0-29, or one seed, as in 7; seeds below 1,000,000.",
+        ),
     ],
 )
 def test_mistakes_get_one_sentence_and_exit_code_2(

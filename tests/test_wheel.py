@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.support import ROOT, install, requirements
+
 PACKAGES = ("agents", "benchmark", "envs")
 
 
@@ -33,19 +34,19 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel's content, in a folder."""
+    """The wheel's content in a folder, with what the extra `reproduce` brings and no other package."""
     directory = tmp_path_factory.mktemp("unpacked")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(directory)
+    install(requirements(None) | requirements("reproduce"), directory)
     return directory
 
 
 def python(unpacked: Path, *arguments: str, cwd: Path) -> str:
-    """Runs Python with the wheel alone, which comes before an editable install of the repository."""
-    environment = {"PYTHONPATH": str(unpacked), "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(
-        [sys.executable, *arguments], cwd=cwd, env=os.environ | environment, capture_output=True, text=True
-    )
+    """Runs Python with the wheel and its packages alone: -S leaves out those that are installed."""
+    environment = os.environ | {"PYTHONPATH": str(unpacked), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-S", *arguments]
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -11,7 +11,8 @@ from numpy.random import SeedSequence
 from agents.batched.settings import BatchedDqnSettings, BatchedPpoSettings
 from agents.contract import DeepTraining, Schedule
 from agents.sb3.settings import Sb3Settings
-from envs import InputError, Model
+from envs import Model
+from envs.inputs import needed_by
 
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters what is learned
 
@@ -43,20 +44,15 @@ class BatchedAlgorithm:
         """Trains by the module's `train`.
 
         Raises:
-          InputError: A package is not installed, or there is no such device.
+          MissingPackageError: A package is not installed.
+          InputError: There is no such device.
         """
         # A product of single matrices may use another routine with other rounding, so a single agent is
         # trained together with a copy of itself.
         pair = [*seeds, *seeds] if len(seeds) == 1 else seeds
-        try:
-            trained: DeepTraining = import_module(self.module).train(
-                model, settings, observation, pair, schedule
-            )
-        except ModuleNotFoundError as error:
-            raise InputError(
-                f"{self.module}: needs the package {error.name}, which is not installed; "
-                "make .venv/.deep installs it."
-            ) from error
+        with needed_by(self.module):
+            module = import_module(self.module)
+        trained: DeepTraining = module.train(model, settings, observation, pair, schedule)
         if len(seeds) == 1:
             rows = {field.name: getattr(trained, field.name)[:1] for field in fields(trained)}
             rows["cpu_time_s"] = trained.cpu_time_s.sum(axis=0, keepdims=True)

@@ -10,7 +10,8 @@ from numpy.random import SeedSequence
 from agents.contract import Schedule, Training
 from agents.sb3.method import Method
 from agents.sb3.settings import A2cSettings, DqnSettings, PpoSettings, QrdqnSettings, Sb3Settings
-from envs import InputError, Model
+from envs import Model
+from envs.inputs import needed_by
 
 VERSION: Final = 3  # part of every run's identity: raise it when a change alters what is learned
 
@@ -46,16 +47,11 @@ class Sb3Algorithm:
         """Trains by `agents.sb3.training.train`.
 
         Raises:
-          InputError: A package is not installed.
+          MissingPackageError: A package is not installed.
         """
-        try:
+        with needed_by(self.method.path):
             self.method.load()
             from agents.sb3 import training
-        except ModuleNotFoundError as error:
-            raise InputError(
-                f"{self.method.path}: needs the package {error.name}, which is not installed; "
-                "make .venv/.deep installs it."
-            ) from error
         return training.train(self.method, model, settings, observation, seeds, schedule, logs)
 
 

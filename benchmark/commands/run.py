@@ -15,6 +15,7 @@ from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from envs import InputError
+from envs.inputs import missing_package
 
 
 def main(options: argparse.Namespace) -> int:
@@ -84,10 +85,7 @@ def _check_logs(experiment: Experiment, directory: Path) -> None:
             "algorithms of Stable-Baselines3."
         )
     if find_spec("tensorboard") is None:
-        raise InputError(
-            "--tensorboard: the package tensorboard is not installed; "
-            ".venv/bin/pip install tensorboard installs it."
-        )
+        raise missing_package("--tensorboard", "tensorboard")
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -10,8 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from agents import ALGORITHMS, load_algorithm
-from envs import InputError
+from agents import load_algorithm
+from envs.inputs import missing_package
 
 _PACKAGES: Final = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
 
@@ -20,7 +20,7 @@ def check_packages(algorithms: Iterable[str]) -> None:
     """Checks that everything is installed that runs of these algorithms need.
 
     Raises:
-      InputError: A package is missing.
+      MissingPackageError: A package is not installed.
     """
     for algorithm in sorted(set(algorithms)):
         versions(algorithm)
@@ -40,17 +40,14 @@ def versions(algorithm: str) -> dict[str, str]:
     """Returns the versions of Python and of the packages that an algorithm's runs depend on.
 
     Raises:
-      InputError: A package is missing.
+      MissingPackageError: A package is not installed.
     """
     found = {"python": platform.python_version()}
     for package in (*_PACKAGES, *load_algorithm(algorithm).packages):
         try:
             found[package] = version(package)
         except PackageNotFoundError:
-            installer = "make .venv/.deep" if algorithm in ALGORITHMS else f"pip install {package}"
-            raise InputError(
-                f"{package} is not installed, but {algorithm} needs it; {installer} installs it."
-            ) from None
+            raise missing_package(algorithm, package) from None
     return found
 
 

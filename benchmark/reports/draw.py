@@ -30,6 +30,7 @@ from benchmark.reports.figures import Drawing
 from benchmark.reports.item import Data, Frames, Item, Report, measured_files
 from benchmark.reports.published import MANIFEST
 from envs import InputError
+from envs.inputs import missing_package
 
 STAMP: Final = ".stamp"  # beside the files, see `benchmark.reports.stamp`
 
@@ -126,14 +127,11 @@ def check_packages(report: Report, source: str) -> None:
     """Checks that the packages of a report are installed.
 
     Raises:
-      InputError: Names the first that is not.
+      MissingPackageError: Names the first that is not.
     """
     for package in report.packages:
         if find_spec(package) is None:
-            raise InputError(
-                f"{source}: its report needs the package {package}, which is not installed; "
-                "make .venv/.deep installs it."
-            )
+            raise missing_package(f"{source}: its report", package)
 
 
 def compute(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:

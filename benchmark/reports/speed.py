@@ -36,6 +36,7 @@ from benchmark.experiments import (
     specifications,
 )
 from envs import InputError, Model, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs.inputs import needed_by
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
@@ -231,7 +232,7 @@ def _rows(smoke: bool) -> list[Row]:
 def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
     """Returns the rows of deep learning, with the settings of `compare_deep`, one-hot, on S1."""
     size = 0.01 if smoke else 1.0
-    try:
+    with needed_by("benchmark speed"):
         import torch
         from stable_baselines3.common.monitor import Monitor
         from stable_baselines3.common.vec_env import DummyVecEnv
@@ -240,10 +241,6 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
         from agents.sb3.tables import policy_table
         from agents.sb3.training import make_agent
         from agents.sb3.vec_env import SB3VecEnv
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"speed: needs the package {error.name}, which is not installed; make speed installs it."
-        ) from error
     methods = {"dqn": algorithms.DQN.method, "ppo": algorithms.PPO.method}
     cores = os.cpu_count() or 1
     declared = load_experiment("compare_deep")

@@ -395,7 +395,7 @@ def test_missing_packages_get_a_sentence(missing: str) -> None:
     )
     assert done.stdout.startswith("mine.toml: algorithm sb3_contrib:QRDQN cannot be imported: ")
     assert missing in done.stdout
-    assert done.stdout.endswith("; make .venv/.deep installs it.\n")
+    assert done.stdout.endswith("[deep]' installs it (in a checkout: make .venv/.deep).\n")
 
 
 def test_only_arms_by_path_import_torch() -> None:

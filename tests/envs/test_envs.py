@@ -219,7 +219,7 @@ def test_window_knows_whether_there_is_a_screen(
 def test_window_without_pygame_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = ProxemicEnv(render_mode="human")
-    with pytest.raises(InputError, match="needs pygame-ce"):
+    with pytest.raises(InputError, match="needs the package pygame-ce"):
         env.reset()
 
 
