@@ -4,10 +4,18 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from typing import Final, NoReturn
 
-from envs.inputs import InputError, needed_by
+_INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
+
+try:
+    from envs.inputs import InputError, needed_by
+except KeyboardInterrupt:  # imports take a second
+    print(_INTERRUPTED, file=sys.stderr)
+    sys.exit(130)
 
 _EPILOG = """\
 examples:
@@ -33,24 +41,62 @@ with the same command. Exit codes: 0 success, 1 a run failed, 2 invalid input, 1
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
-    options = _parser().parse_args(arguments)
+    _open_streams()
     try:
+        options = _parser().parse_args(arguments)
+        if [] in vars(options).values():  # argparse takes the -- of --save=-- away
+            raise InputError("an option has the value --; accepted: another value.")
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with needed_by(f"benchmark {options.command}"):
-            return int(import_module(f"benchmark.commands.{options.command}").main(options))
+            code = int(import_module(f"benchmark.commands.{options.command}").main(options))
+        sys.stdout.flush()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence_output()
         return 0
+    except OSError as error:
+        _silence_output()
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {InputError(f'{where}{error.strerror or error}.')}", file=sys.stderr)
+        return 2
+    except MemoryError:
+        print("error: the memory is full; fewer --jobs or a smaller experiment need less.", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
-        print("interrupted: finished runs are kept; the same command continues.", file=sys.stderr)
+        print(_INTERRUPTED, file=sys.stderr)
         return 130
+    return code
+
+
+def _open_streams() -> None:
+    """Opens the standard streams that are closed, or a file would take the place of one."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest that is free
+    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+
+
+def _silence_output() -> None:
+    """Lets what is still to be printed go nowhere: at its end, Python would try again."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, as all others are."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuses the arguments."""
+        raise InputError(f"{message}; '{self.prog} --help' says what is accepted.")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="python -m benchmark",
         description="Runs experiments on the proxemic gridworld and draws their results.",
         epilog=_EPILOG,

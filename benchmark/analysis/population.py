@@ -204,8 +204,7 @@ def check_anchors(model: Model, horizon: int, start: str) -> None:
     if optimal - random <= OPTIMUM_TOLERANCE:
         raise InputError(
             f"{model.scenario.name}: within {horizon} steps the random policy earns as much as the optimal "
-            f"one ({random:.6g}), so scores are undefined; accepted: rewards and a horizon with which it does "
-            "not."
+            f"one ({random:.6g}), so scores are undefined; accepted: other rewards, or another horizon."
         )
 
 

@@ -3,8 +3,7 @@
 import argparse
 
 from agents import ALGORITHMS
-from benchmark.execution.driver import pending
-from benchmark.execution.store import Store
+from benchmark.execution.store import NoRunsError, Store
 from benchmark.experiments import all_specifications, experiment_names, load_experiment
 from envs import InputError, load_scenario, scenario_names
 
@@ -21,7 +20,11 @@ def main(options: argparse.Namespace) -> int:
     for name, module in ALGORITHMS.items():
         print(f"  {name:24} {module}")
     print("experiments")
-    database = options.results / "runs.db"
+    try:
+        with Store(options.results / "runs.db", read_only=True) as store:
+            ended = store.ended()
+    except NoRunsError:
+        ended = set()
     for name in experiment_names():
         try:
             experiment = load_experiment(name)
@@ -29,9 +32,6 @@ def main(options: argparse.Namespace) -> int:
             print(f"  {name:24} not usable: {error}")
             continue
         runs = all_specifications(experiment)
-        done = 0
-        if database.exists():
-            with Store(database, read_only=True) as store:
-                done = len(runs) - len(pending(runs, store))
+        done = sum(run.digest in ended for run in runs)
         print(f"  {name:24} {done} of {len(runs)} runs done. {experiment.description}")
     return 0
