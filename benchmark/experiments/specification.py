@@ -14,7 +14,7 @@ import numpy as np
 from agents import LearnerSettings, Schedule, dynamic_programming, load_algorithm
 from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, read_experiment
 from envs import InputError, Scenario, load_scenario, model
-from envs.inputs import override, parse, unknown_name
+from envs.inputs import in_either_case, override, parse, unknown_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +140,10 @@ def load_experiment(experiment: str | Path) -> Experiment:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: scenarios: {name} is named twice.")
+    if pair := in_either_case(names):
+        raise InputError(
+            f"{path}: scenarios: {' and '.join(pair)}: accepted: names that differ in more than case."
+        )
     for condition, changes in loaded.conditions.items():
         for table, change in changes.items():
             for name in change.scenarios or ():

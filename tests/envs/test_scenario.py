@@ -249,7 +249,7 @@ def test_misnamed_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "my scene.toml"
     path.write_text((SCENARIO_DIRECTORY / "S1.toml").read_text())
     with pytest.raises(
-        InputError, match=r"my scene\.toml: .* named after the file; .* letters, digits and _"
+        InputError, match=r"my scene\.toml: .* named after the file; .* letters, digits, _ and -"
     ):
         load_scenario(path)
 
