@@ -160,8 +160,8 @@ def _check_texts(value: object, source: str, key: str = "") -> None:
     """
     if isinstance(value, str) and _CONTROL.search(value):
         raise InputError(
-            f"{source}: {key} = {_clipped(value)}: accepted: text without control characters, line breaks and "
-            "tabs aside."
+            f"{source}: {key} = {_clipped(value)}: accepted: text without control characters other "
+            "than line breaks and tabs."
         )
     if isinstance(value, Mapping):
         for name, each in value.items():
@@ -175,7 +175,7 @@ def _check_texts(value: object, source: str, key: str = "") -> None:
 
 
 def _clipped(text: str) -> str:
-    r"""Returns a text as a message repeats it: as it is, or quoted, escaped and cut if it would break the line.
+    r"""Returns a text as a message repeats it: as it is if it is short and printable, else quoted.
 
     >>> [_clipped(text) for text in ("a/b", "a\tb")]
     ['a/b', '"a\\tb"']

@@ -23,7 +23,6 @@ from pydantic import (
 )
 
 from envs.inputs import (
-    InputError,
     Line,
     Name,
     Table,

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from markdown_it import MarkdownIt
+
 ROOT: Final = Path(__file__).parents[1]
 
 
@@ -23,6 +25,13 @@ def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         ["make", "--no-print-directory", *arguments, *settings], cwd=cwd, capture_output=True, text=True
     )
+
+
+def markdown_parser() -> MarkdownIt:
+    """Returns a parser of Markdown with tables; it makes links of all targets, safe or not."""
+    parser = MarkdownIt("commonmark").enable("table")
+    parser.validateLink = bool  # type: ignore[assignment, method-assign]
+    return parser
 
 
 _KINDS: Final = {

@@ -67,8 +67,9 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
         figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
         yield figure, axes
         for text in figure.findobj(Text):
-            assert isinstance(text, Text)
-            text.set_parse_math(False)  # "$" is a character; the ticks of a logarithmic axis have no text yet
+            # "$" is a character, but for ticks of a logarithmic axis, which have no text until drawn.
+            if isinstance(text, Text) and "$" in text.get_text():
+                text.set_parse_math(False)
         for axis in axes.flat:
             if axis.get_aspect() != "auto":
                 axis.label_outer()  # the maps of a figure share their axes

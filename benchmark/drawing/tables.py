@@ -26,7 +26,7 @@ _LONG: Final = r"""\footnotesize
 # What a spreadsheet computes, or takes for the end of a cell. An apostrophe before it makes it text, and one
 # more before such an apostrophe lets `read_csv` tell them apart.
 _FORMULA: Final = re.compile(r"'*(\s*[=+\-@＝＋－＠]|[\t\r\n])")
-# In Markdown: HTML, entities, escapes, formulas, and links that lead neither to the web nor to a file beside.
+# In Markdown: HTML, entities, escapes, formulas, and links that lead neither to a web page nor to a file.
 _ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
 # What starts a heading, quotation, list, rule, block of code or definition of a link.
 _BLOCK: Final = re.compile(r"[#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$)")
@@ -103,7 +103,7 @@ def to_markdown(frame: pd.DataFrame) -> str:
 
 
 def paragraph(text: str) -> str:
-    r"""Returns a text as a paragraph of Markdown, with `code`, *emphasis* and links to the web and files beside.
+    r"""Returns a text as a paragraph of Markdown, with `code`, *emphasis* and links to web pages or files.
 
     All else is shown as it is written, though within `code` as entities: they are never taken for structure,
     whatever surrounds them.

@@ -142,10 +142,13 @@ class Experiment(Table):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        tables = {"algorithms": self.algorithms, "readings": self.readings, "sweep": self.sweep}
-        for table, named in (tables | {f"sweep.{axis}": names for axis, names in self.sweep.items()}).items():
-            if pair := in_either_case(named):
-                raise ValueError(f"{table}: {' and '.join(pair)}: accepted: names that differ in more than case")
+        tables = {"algorithms": [*self.algorithms], "readings": [*self.readings], "sweep": [*self.sweep]}
+        tables |= {f"sweep.{axis}": [*conditions] for axis, conditions in self.sweep.items()}
+        for table, names in tables.items():
+            if pair := in_either_case(names):
+                raise ValueError(
+                    f"{table}: {' and '.join(pair)}: accepted: names that differ in more than case"
+                )
         return self
 
     @model_validator(mode="after")
