@@ -22,6 +22,8 @@ def main(options: argparse.Namespace) -> int:
     check(experiment, is_required=True)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
+    # With --cluster, --jobs says nothing about this machine.
+    jobs = None if getattr(options, "cluster", None) else getattr(options, "jobs", None)
     with Store(options.results / "runs.db", read_only=True) as store:
         made = draw.draw(
             experiment,
@@ -29,7 +31,7 @@ def main(options: argparse.Namespace) -> int:
             directory,
             seeds,
             partial=options.partial,
-            jobs=getattr(options, "jobs", None) or os.cpu_count() or 1,
+            jobs=jobs or os.cpu_count() or 1,
         )
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     is_published = made.certificate is not None and made.certificate.is_identical

@@ -1,9 +1,13 @@
 """Executes the missing runs of an experiment."""
 
 import argparse
+import os
 import sys
+from collections.abc import Collection
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from agents import load_algorithm
 from benchmark.commands import parse_seeds, report
@@ -15,10 +19,13 @@ from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from envs import InputError
 
+if TYPE_CHECKING:
+    from benchmark.execution.executors.cluster import Cluster
+
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    if options.jobs < 1:
+    if options.jobs is not None and options.jobs < 1:
         raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
     experiment = load_experiment(options.experiment)
     seeds = parse_seeds(options.seeds)
@@ -43,7 +50,14 @@ def main(options: argparse.Namespace) -> int:
         if not todo:
             print(f"{experiment.name}: all {len(runs)} runs are done already.")
             return report.main(options) if options.report else 0
-        with Display(experiment, seeds, store.ended(), plan(todo)) as display:
+        with ExitStack() as stack:
+            jobs = options.jobs or os.cpu_count() or 1
+            if options.cluster is not None:
+                cluster = _connect(options.cluster, {run.algorithm for run in todo})
+                stack.callback(cluster.cancel)
+                # A worker finds its next job waiting.
+                jobs, executor = options.jobs or 2 * cluster.workers, lambda _: cluster
+            display = stack.enter_context(Display(experiment, seeds, store.ended(), plan(todo)))
 
             def advance(records: list[Record]) -> None:
                 display.advance(records)
@@ -52,7 +66,7 @@ def main(options: argparse.Namespace) -> int:
             errors = driver.run(
                 runs,
                 store,
-                options.jobs,
+                jobs,
                 on_progress=advance,
                 on_start=display.start,
                 logs=options.tensorboard,
@@ -67,6 +81,18 @@ def main(options: argparse.Namespace) -> int:
     which = f", {len(diverged)} of them diverged" if diverged else ""
     print(f"{experiment.name}: {len(todo)} runs done{which}, {len(runs) - len(todo)} were done already.")
     return report.main(options) if options.report else 0
+
+
+def _connect(address: str, algorithms: Collection[str]) -> "Cluster":
+    """Returns a cluster that can execute runs of these algorithms."""
+    if find_spec("distributed") is None:
+        raise InputError(
+            "--cluster: the package distributed is not installed; "
+            "pip install 'proxemic-benchmark[cluster]' installs it."
+        )
+    from benchmark.execution.executors.cluster import Cluster
+
+    return Cluster(address, algorithms)
 
 
 def _check_logs(experiment: Experiment, directory: Path) -> None:
