@@ -57,7 +57,9 @@ class Cluster:
             answers = self._client.run(refusal, here, on_error="return")
             for worker, answer in answers.items():
                 if isinstance(answer, Exception):
-                    raise InputError(f"--cluster: {worker} does not have this project's code: {answer}.")
+                    raise InputError(
+                        f"--cluster: worker {worker} does not have this project's code: {answer}."
+                    )
                 if answer is not None:
                     raise InputError(f"--cluster: {answer}")
         except BaseException as error:
