@@ -40,6 +40,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
+    "cluster": ("distributed",),
     "render": ("pygame",),
     "tensorboard": ("tensorboard",),
 }  # fmt: skip
