@@ -8,6 +8,8 @@ SEEDS ?=
 TESTS ?=
 CHECKED ?= .
 SPEED ?=
+CHAOS ?=
+FUZZ ?=
 
 # Files that mark what is installed. To use a Python that already has it, leave them empty: make reproduce PY=python BASE=
 BASE ?= $(VENV)/.base
@@ -19,7 +21,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce compare-deep beyond report test check speed clean
+.PHONY: help reproduce compare-deep beyond report test check speed chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -47,6 +49,12 @@ check: $(DEV) ## format, lint, types, spelling
 
 speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
 	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
+
+chaos: $(DEV) ## kill drivers and workers 200 times, fill disks, and compare every run (CHAOS="--kills 20")
+	$(PY) -m tests.chaos $(CHAOS)
+
+fuzz: $(DEV) ## give the command line 100,000 drawn inputs (FUZZ="--inputs 2000")
+	$(PY) -m tests.fuzz $(FUZZ)
 
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

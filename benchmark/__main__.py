@@ -26,6 +26,7 @@ examples:
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run compare_deep --report    tables against DQN and PPO, about an hour
   python -m benchmark run beyond --report          the same in scenarios beyond the paper, about 45 minutes
+  python -m benchmark run beyond --cluster tcp://HOST:8786  the same on the machines of a Dask cluster
   python -m benchmark report reproduce             draw results/reproduce from stored runs
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report                       build results/index.html from published results
@@ -120,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = command("run", "execute the missing runs of an experiment")
     _add_experiment(run)
-    _add_jobs(run)
+    _add_jobs(run, "; with --cluster: twice the workers at the start, so that each has its next job waiting")
     run.add_argument("--report", action="store_true", help="then draw tables and figures, as 'report' does")
     run.add_argument(
         "--tensorboard",
@@ -128,11 +129,17 @@ def _parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="write TensorBoard logs of deep learners to DIR; results do not depend on it, only times do",
     )
-    run.add_argument(
+    where = run.add_mutually_exclusive_group()
+    where.add_argument(
         "--executor",
         metavar="NAME",
         help="run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another "
         "(default: each algorithm's placement, thread or process)",
+    )
+    where.add_argument(
+        "--cluster",
+        metavar="tcp://HOST:PORT",
+        help="run all jobs on the workers of the Dask scheduler at this address",
     )
     run.set_defaults(partial=False)
 
@@ -218,14 +225,19 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_jobs(command: argparse.ArgumentParser) -> None:
-    """Adds the number of jobs to a command's arguments."""
+def _add_jobs(command: argparse.ArgumentParser, otherwise: str = "") -> None:
+    """Adds the number of jobs to a command's arguments.
+
+    Args:
+      command: Its parser.
+      otherwise: When the default is another one.
+    """
     command.add_argument(
         "--jobs",
         type=int,
-        default=os.cpu_count() or 1,
         metavar="N",
-        help="number of jobs to run at a time; results do not depend on it (default: number of cores)",
+        help="number of jobs to run at a time; results do not depend on it (default: number of cores"
+        f"{otherwise})",
     )
 
 

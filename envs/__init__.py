@@ -13,12 +13,12 @@ True
 
 import gymnasium
 
-from envs.inputs import InputError
+from envs.inputs import InputError, is_name
 from envs.model import ACTIONS, EVENTS, Model, compile_scenario
 from envs.observations import OBSERVATIONS
 from envs.proxemic_env import ProxemicEnv
 from envs.regions import ZONES
-from envs.scenario import Scenario, is_name, load_scenario, scenario_names
+from envs.scenario import Scenario, load_scenario, scenario_names
 from envs.vector_env import ProxemicVectorEnv
 
 __all__ = [

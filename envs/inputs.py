@@ -15,7 +15,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, NoReturn, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, ValidationError, model_serializer
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 from pydantic_core import ErrorDetails
 
 _LONGEST_MESSAGE: Final = 300  # characters
@@ -33,10 +40,23 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
+    "cluster": ("distributed",),
     "render": ("pygame",),
     "tensorboard": ("tensorboard",),
 }  # fmt: skip
 PACKAGES: Final[Mapping[str, str]] = {"PIL": "pillow", "pygame": "pygame-ce"}  # of modules with another name
+_NAME_RULE: Final = (
+    "a name of at most 60 letters, digits, _ and -, the first a letter or digit, that is not a number, true, "
+    "false or NA"
+)
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
+# Names that readers of a CSV file, which pandas or R infer from its texts, take for values of another type.
+_VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
+# Control characters, those of lines and writing direction among them, and halves of characters.
+_CONTROL: Final = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+_BREAK: Final = re.compile(r"[\n\t]")
 
 
 class InputError(ValueError):
@@ -99,6 +119,58 @@ class Table(BaseModel):
 TableT = TypeVar("TableT", bound=Table)
 
 
+def is_name(text: str) -> bool:
+    """Returns whether a text can be a name: of an experiment, arm, scenario, reading, axis or its condition.
+
+    Names become parts of files, columns, labels and Gymnasium ids, and so need no escaping anywhere.
+
+    >>> [is_name(text) for text in ("S1", "rate-0_1", "9x", "_x", "a/b", "a b", "..", "", "1e5", "NA")]
+    [True, True, True, False, False, False, False, False, False, False]
+    """
+    return _NAME.fullmatch(text) is not None and _VALUE.fullmatch(text) is None
+
+
+def _named(text: str) -> str:
+    if not is_name(text):
+        raise ValueError(f"accepted: {_NAME_RULE}")
+    return text
+
+
+def _in_one_line(text: str) -> str:
+    if _BREAK.search(text):
+        raise ValueError("accepted: text in one line, without tabs")
+    return text
+
+
+Name = Annotated[str, AfterValidator(_named)]
+Line = Annotated[str, AfterValidator(_in_one_line)]  # free text that labels something
+
+
+def check_file_name(path: Path, what: str) -> None:
+    """Checks that something can be named after its file.
+
+    Args:
+      path: Of the file.
+      what: That is named, for the message, for example "results are".
+
+    Raises:
+      InputError: It cannot.
+    """
+    if not is_name(path.stem):
+        shown = str(path) if str(path).isprintable() else json.dumps(str(path))
+        raise InputError(f"{shown}: {what} named after the file; accepted: {_NAME_RULE}.")
+
+
+def in_either_case(names: Iterable[str]) -> tuple[str, str] | None:
+    """Returns two names that differ in case alone, and so share files on some systems; None if none do."""
+    met: dict[str, str] = {}
+    for name in names:
+        other = met.setdefault(name.lower(), name)
+        if other != name:
+            return other, name
+    return None
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Reads a TOML file.
 
@@ -126,6 +198,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         depth = _depth(data)
     if depth > _DEEPEST:
         raise InputError(f"{path}: nested too deeply; accepted: at most {_DEEPEST} levels.")
+    _check_texts(data, str(path))
     return data
 
 
@@ -161,12 +234,35 @@ def whole_number(text: str, option: str, low: int, high: int) -> int:
 
 
 def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
-    """Returns a text, or the beginning of a longer one.
+    r"""Returns a text as a message repeats it: of a long one the beginning; quoted, if it is not printable.
 
-    >>> shortened("abc"), shortened("abcdef", longest=5)
-    ('abc', 'ab...')
+    >>> shortened("abc"), shortened("abcdef", longest=5), shortened("a\tb")
+    ('abc', 'ab...', '"a\\tb"')
     """
-    return text if len(text) <= longest else f"{text[: longest - 3]}..."
+    text = text if len(text) <= longest else f"{text[: longest - 3]}..."
+    return text if text.isprintable() else json.dumps(text)
+
+
+def _check_texts(value: object, source: str, key: str = "") -> None:
+    """Checks that keys and texts have no control characters, which could take over a terminal.
+
+    Raises:
+      InputError: One has; the message shows it escaped.
+    """
+    if isinstance(value, str) and _CONTROL.search(value):
+        raise InputError(
+            f"{source}: {key} = {shortened(value, _LONGEST_NAME)}: accepted: text without control characters "
+            "other than line breaks and tabs."
+        )
+    if isinstance(value, Mapping):
+        for name, each in value.items():
+            where = f"{key}.{shortened(str(name), _LONGEST_NAME)}".removeprefix(".")
+            if _CONTROL.search(str(name)) or _BREAK.search(str(name)):
+                raise InputError(f"{source}: the key {where}: accepted: text without control characters.")
+            _check_texts(each, source, where)
+    elif isinstance(value, list | tuple):
+        for i, each in enumerate(value):
+            _check_texts(each, source, f"{key}.{i}")
 
 
 def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
@@ -207,16 +303,18 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
     for key in given:
         if key in data:
             unknown_name(source, "key", key, cls.model_fields.keys() - given.keys())
+    _check_texts(data, source)
     try:
         # From JSON, because the strict validation of Python objects refuses a list in place of a tuple.
         return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
         # Unknown keys first: a misspelt key is also reported as missing, which says less.
         first = min(error.errors(), key=lambda details: details["type"] != "extra_forbidden")
-        key = ".".join(str(part) for part in first["loc"])
+        key = ".".join(shortened(str(part), _LONGEST_NAME) for part in first["loc"])
         if first["type"] == "extra_forbidden":
             *table, name = first["loc"]
-            where = f"{source}: [{'.'.join(map(str, table))}]" if table else source
+            inside = ".".join(shortened(str(part), _LONGEST_NAME) for part in table)
+            where = f"{source}: [{inside}]" if table else source
             unknown_name(where, "key", str(name), set(_accepted(cls, table)) - given.keys())
         if first["type"] == "missing":
             raise InputError(f"{source}: the key {key} is missing.") from None
@@ -233,7 +331,7 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
     accepted = sorted(accepted)
     nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
     hint = f" (did you mean {nearest[0]}?)" if nearest else ""
-    message = f"{source}: unknown {kind} {shortened(name)}{hint}; accepted: "
+    message = f"{source}: unknown {kind} {shortened(name, _LONGEST_NAME)}{hint}; accepted: "
     room = max(_LONGEST_MESSAGE - len(message) - 1, _SHORTEST_LIST)
     raise InputError(f"{message}{shortened(', '.join(accepted), room)}.")
 

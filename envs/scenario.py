@@ -5,7 +5,6 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 """
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from itertools import pairwise
@@ -23,7 +22,16 @@ from pydantic import (
     model_validator,
 )
 
-from envs.inputs import InputError, Table, override, parse, read_toml, unknown_name
+from envs.inputs import (
+    Line,
+    Name,
+    Table,
+    check_file_name,
+    override,
+    parse,
+    read_toml,
+    unknown_name,
+)
 from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, merged, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
@@ -213,7 +221,7 @@ class Phase(Table):
 
     later: ClassVar[frozenset[str]] = frozenset({"position", "heading", "regions", "steps", "next"})
 
-    name: Annotated[str, Field(min_length=1, max_length=40)]
+    name: Annotated[Line, Field(min_length=1, max_length=40)]
     position: Cell | None = None
     heading: Heading | None = None
     regions: Regions | None = None
@@ -254,7 +262,7 @@ class Scenario(Table):
 
     later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase"})
 
-    name: str
+    name: Name
     description: str
     grid: Grid
     issuer: Issuer
@@ -639,11 +647,6 @@ def _written(place: Any) -> str:
     return str([list(each) if isinstance(each, tuple) else each for each in place])
 
 
-def is_name(text: str) -> bool:
-    """Returns whether a text can be a scenario's name, and thus part of a Gymnasium id."""
-    return re.fullmatch(r"[A-Za-z0-9_]+", text) is not None
-
-
 def scenario_names() -> list[str]:
     """Returns the names of the shipped scenarios, which are those of their TOML files."""
     return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
@@ -675,8 +678,5 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"
         if str(scenario) not in scenario_names():
             unknown_name("scenarios", "scenario", str(scenario), scenario_names())
-    if not is_name(path.stem):
-        raise InputError(
-            f"{path}: the scenario is named after the file; accepted: a name of letters, digits and _."
-        )
+    check_file_name(path, "the scenario is")
     return parse(Scenario, override(read_toml(path), overrides or {}, str(path)), str(path), name=path.stem)

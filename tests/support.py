@@ -10,6 +10,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, Final
 
+from markdown_it import MarkdownIt
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -60,6 +61,13 @@ def install(packages: Iterable[str], folder: Path) -> None:
             link = folder / file.parts[0]
             if file.parts[0] not in ("..", "__pycache__") and not link.exists():
                 link.symlink_to(distribution(package).locate_file(file.parts[0]))  # type: ignore[arg-type]
+
+
+def markdown_parser() -> MarkdownIt:
+    """Returns a parser of Markdown with tables; it makes links of all targets, safe or not."""
+    parser = MarkdownIt("commonmark").enable("table")
+    parser.validateLink = bool  # type: ignore[assignment, method-assign]
+    return parser
 
 
 _KINDS: Final = {

@@ -1,9 +1,8 @@
 """Draws an experiment's tables and figures from its stored runs, and builds the page."""
 
 import argparse
-import os
 
-from benchmark.commands import parse_seeds, seeds_text
+from benchmark.commands import parse_jobs, parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
@@ -22,6 +21,8 @@ def main(options: argparse.Namespace) -> int:
     check(experiment, is_required=True)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
+    # With --cluster, --jobs says nothing about this machine.
+    jobs = None if getattr(options, "cluster", None) else getattr(options, "jobs", None)
     with Store(options.results / "runs.db", read_only=True) as store:
         made = draw.draw(
             experiment,
@@ -29,7 +30,7 @@ def main(options: argparse.Namespace) -> int:
             directory,
             seeds,
             partial=options.partial,
-            jobs=getattr(options, "jobs", None) or os.cpu_count() or 1,
+            jobs=parse_jobs(jobs),
         )
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     is_published = made.certificate is not None and made.certificate.is_identical

@@ -2,12 +2,15 @@
 
 import argparse
 import sys
+from collections.abc import Collection
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
-from benchmark.commands import parse_seeds, report
+from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.executors import load_executor
 from benchmark.execution.plan import plan
@@ -17,11 +20,13 @@ from benchmark.experiments import Experiment, all_specifications, load_experimen
 from envs import InputError
 from envs.inputs import missing_package
 
+if TYPE_CHECKING:
+    from benchmark.execution.executors.cluster import Cluster
+
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    if options.jobs < 1:
-        raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
+    jobs = parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     seeds = parse_seeds(options.seeds)
     report.check(experiment, is_required=options.report)
@@ -51,7 +56,13 @@ def main(options: argparse.Namespace) -> int:
         if not todo:
             print(f"{experiment.name}: all {len(runs)} runs are done already.")
             return report.main(options) if options.report else 0
-        with Display(experiment, seeds, store.ended(), plan(todo)) as display:
+        with ExitStack() as stack:
+            if options.cluster is not None:
+                cluster = _connect(options.cluster, {run.algorithm for run in todo})
+                stack.callback(cluster.cancel)
+                # A worker finds its next job waiting.
+                jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
+            display = stack.enter_context(Display(experiment, seeds, store.ended(), plan(todo)))
 
             def advance(records: list[Record]) -> None:
                 display.advance(records)
@@ -60,7 +71,7 @@ def main(options: argparse.Namespace) -> int:
             errors = driver.run(
                 runs,
                 store,
-                options.jobs,
+                jobs,
                 on_progress=advance,
                 on_start=display.start,
                 logs=options.tensorboard,
@@ -75,6 +86,15 @@ def main(options: argparse.Namespace) -> int:
     which = f", {len(diverged)} of them diverged" if diverged else ""
     print(f"{experiment.name}: {len(todo)} runs done{which}, {len(runs) - len(todo)} were done already.")
     return report.main(options) if options.report else 0
+
+
+def _connect(address: str, algorithms: Collection[str]) -> "Cluster":
+    """Returns a cluster that can execute runs of these algorithms."""
+    if find_spec("distributed") is None:
+        raise missing_package("--cluster", "distributed")
+    from benchmark.execution.executors.cluster import Cluster
+
+    return Cluster(address, algorithms)
 
 
 def _check_logs(experiment: Experiment, directory: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
+from benchmark.commands import parse_jobs
 from benchmark.commands.report import check, folder_name
 from benchmark.execution.store import Record, Store
 from benchmark.execution.verification import repeat, sample
@@ -27,10 +28,10 @@ from envs import InputError
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code: 0 if everything is as it should be, else 1."""
-    if options.jobs < 1:
-        raise InputError(f"--jobs {options.jobs}: accepted: at least 1.")
-    if options.runs < 0:
-        raise InputError(f"--runs {options.runs}: accepted: at least 0.")
+    options.jobs = parse_jobs(options.jobs)
+    for option in ("runs", "seed"):
+        if (getattr(options, option) or 0) < 0:
+            raise InputError(f"--{option} {getattr(options, option)}: accepted: at least 0.")
     names = experiment_names() if options.experiment is None else [options.experiment]
     experiments = [load_experiment(name) for name in names]
     problems = []

@@ -14,6 +14,7 @@ import seaborn as sns
 from matplotlib import pyplot as plt
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 COLOURS: Final = sns.color_palette("colorblind")
@@ -65,6 +66,10 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
     with plt.rc_context(_RC):
         figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
         yield figure, axes
+        for text in figure.findobj(Text):
+            # "$" is a character, but for ticks of a logarithmic axis, which have no text until drawn.
+            if isinstance(text, Text) and "$" in text.get_text():
+                text.set_parse_math(False)
         for axis in axes.flat:
             if axis.get_aspect() != "auto":
                 axis.label_outer()  # the maps of a figure share their axes

@@ -1,9 +1,14 @@
-"""Writes data frames as CSV, Markdown and LaTeX files, and links numbers to their rows."""
+"""Writes data frames as CSV, Markdown and LaTeX files, and links numbers to their rows.
+
+Texts may come from anybody's experiment or scenario. What a format would execute, or take for its structure,
+is escaped here.
+"""
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 import pandas as pd
 from tabulate import tabulate
@@ -18,6 +23,13 @@ _LONG: Final = r"""\footnotesize
 \setlength{\LTleft}{0pt plus 1fill minus 1fill}
 \setlength{\LTright}{\LTleft}
 """
+# What a spreadsheet computes, or takes for the end of a cell. An apostrophe before it makes it text, and one
+# more before such an apostrophe lets `read_csv` tell them apart.
+_FORMULA: Final = re.compile(r"'*(\s*[=+\-@＝＋－＠]|[\t\r\n])")
+# In Markdown: HTML, entities, escapes, formulas, and links that lead neither to a web page nor to a file.
+_ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
+# What starts a heading, quotation, list, rule, block of code or definition of a link.
+_BLOCK: Final = re.compile(r"[#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$)")
 _ESCAPED: Final = str.maketrans(
     {character: f"\\{character}" for character in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
@@ -28,11 +40,28 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     """Writes a frame so that readers infer the types of its columns from any of its rows.
 
     Floats have six significant digits, and a point or an exponent even if they are whole numbers. A missing
-    value is empty, and a column that has no value in any row is left out.
+    value is empty, and a column that has no value in any row is left out. A text that a spreadsheet would
+    compute gets an apostrophe in front; `read_csv` takes it away.
     """
-    texts = {name: _column_texts(frame[name]) for name in frame}
+    texts = {_uncomputed(str(name)): _column_texts(frame[name]) for name in frame}
     filled = {name: column for name, column in texts.items() if any(column) or not len(frame)}
     pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n")
+
+
+def read_csv(file: Path | IO[str], as_text: str = "") -> pd.DataFrame:
+    """Reads what `write_csv` wrote.
+
+    Args:
+      file: To be read.
+      as_text: A column that is read as it is written, or nothing.
+    """
+    # Only an empty entry is a missing value; a text such as "NA" is none.
+    types = {as_text: str} if as_text else None
+    frame = pd.read_csv(file, dtype=types, keep_default_na=False, na_values=[""])
+    for name in frame:
+        if not pd.api.types.is_numeric_dtype(frame[name]):
+            frame[name] = frame[name].map(_computed, na_action="ignore")
+    return frame.rename(columns=_computed)
 
 
 def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = None, note: str = "") -> None:
@@ -69,27 +98,61 @@ def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:
 
 
 def to_markdown(frame: pd.DataFrame) -> str:
-    """Returns a Markdown table with three significant digits."""
-    return _format(frame, "github")
+    """Returns a Markdown table with three significant digits; texts may have `code` and *emphasis*."""
+    return _format(frame, "github", lambda text: _inert(text).replace("|", "&#124;"))
 
 
-def _format(frame: pd.DataFrame, form: str) -> str:
+def paragraph(text: str) -> str:
+    r"""Returns a text as a paragraph of Markdown, with `code`, *emphasis* and links to web pages or files.
+
+    All else is shown as it is written, though within `code` as entities: they are never taken for structure,
+    whatever surrounds them.
+
+    >>> print(paragraph("1. See [a](b.csv),\n# [c](javascript:d) & <img> in `S1`"))
+    1&#46; See [a](b.csv), # [c]&#40;javascript:d) & &#60;img> in `S1`
+    """
+    text = _inert(text)
+    first = re.match(r"\d*", text)
+    place = 0 if first is None else first.end()
+    starts = _BLOCK.match(text, place)
+    return text if starts is None else f"{text[:place]}{_entity(starts)}{text[starts.end() :]}"
+
+
+def _inert(text: str) -> str:
+    """Returns a text in one line of Markdown."""
+    return _ACTIVE.sub(_entity, re.sub(r"\s+", " ", text.strip()))
+
+
+def _entity(match: "re.Match[str]") -> str:
+    """Returns a character as an entity of HTML."""
+    return f"&#{ord(match[0])};"
+
+
+def _format(frame: pd.DataFrame, form: str, escape: Callable[[str], str]) -> str:
     """Returns a table in one of tabulate's formats."""
-    texts = [[show(value) for value in row] for row in frame.itertuples(index=False)]
+    texts = [[escape(show(value)) for value in row] for row in frame.itertuples(index=False)]
+    names = [escape(str(name)) for name in frame]
     first = frame.iloc[0] if len(frame) else [""] * len(frame.columns)
     aligned = ["left" if isinstance(value, str) else "right" for value in first]
-    return tabulate(texts, list(frame.columns), tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
+    return tabulate(texts, names, tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
 
 
 def _to_latex(frame: pd.DataFrame, note: str) -> str:
     """Returns a LaTeX table that fits the page, with a note above it."""
     above = f"\\textbf{{{note.translate(_ESCAPED)}}}\\par\n" if note else ""
     if len(frame) > _ROWS_PER_PAGE:
-        table = _format(frame, "latex_longtable")
+        table = _latex_rows(frame, "latex_longtable")
         return f"% Needs \\usepackage{{longtable}}\n{above}{{{_LONG}{table}}}\n"
     limits = r"max width=\textwidth, max totalheight=\textheight"
-    table = f"\\begin{{adjustbox}}{{{limits}}}\n{_format(frame, 'latex_booktabs')}\\end{{adjustbox}}%\n"
+    table = f"\\begin{{adjustbox}}{{{limits}}}\n{_latex_rows(frame, 'latex_booktabs')}\\end{{adjustbox}}%\n"
     return f"% Needs \\usepackage{{booktabs,adjustbox}}\n{above}\\noindent\n{table}"
+
+
+def _latex_rows(frame: pd.DataFrame, form: str) -> str:
+    """Returns a LaTeX table; tabulate escapes its texts but for what follows."""
+    table = _format(frame, form, lambda text: re.sub(r"\s+", " ", text))
+    # A row that starts with one of these would be an argument of the command before it.
+    return re.sub(r"^ (?=[\[*])", " {}", table, flags=re.MULTILINE).replace("|", r"\textbar{}")
 
 
 def show(value: object) -> str:
@@ -119,8 +182,22 @@ def _column_texts(column: pd.Series) -> list[str]:
         elif has_floats and isinstance(value, int | float) and not isinstance(value, bool):
             texts.append(_float_text(float(value)))
         else:
-            texts.append(str(value))
+            texts.append(_uncomputed(value) if isinstance(value, str) else str(value))
     return texts
+
+
+def _uncomputed(text: str) -> str:
+    """Returns a text that no spreadsheet computes.
+
+    >>> [_uncomputed(text) for text in ("=1+1", "-", "'=", "'tis", "a=b", "")]
+    ["'=1+1", "'-", "''=", "'tis", 'a=b', '']
+    """
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
+def _computed(text: object) -> object:
+    """Returns what `_uncomputed` was given."""
+    return text[1:] if isinstance(text, str) and text[:1] == "'" and _FORMULA.match(text) else text
 
 
 def _float_text(value: float) -> str:

@@ -1,5 +1,6 @@
 """What a record says of the code and the machine that made it, collected where the run is executed."""
 
+import hashlib
 import os
 import platform
 import subprocess
@@ -7,6 +8,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +16,9 @@ from agents import load_algorithm
 from envs.inputs import missing_package
 
 _PACKAGES: Final = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
+_ROOT: Final = Path(__file__).parents[2]
+_SOURCES: Final = (".py", ".toml", ".html", ".css", ".js", ".md", ".jinja")
+_SHOWN: Final = 12  # digits of a digest in a message
 
 
 def check_packages(algorithms: Iterable[str]) -> None:
@@ -49,6 +54,46 @@ def versions(algorithm: str) -> dict[str, str]:
         except PackageNotFoundError:
             raise missing_package(algorithm, package) from None
     return found
+
+
+@cache
+def environment(algorithm: str) -> dict[str, str]:
+    """Returns what has to be the same on every machine that executes runs of an algorithm: versions and code.
+
+    Raises:
+      InputError: A package is missing.
+    """
+    found = versions(algorithm) | {"project code": digest_of_code()[:_SHOWN]}
+    if ":" in algorithm:
+        found[f"code of {algorithm}"] = digest_of_source(algorithm.partition(":")[0])[:_SHOWN]
+    return found
+
+
+@cache
+def digest_of_code() -> str:
+    """Returns the digest of this project's sources."""
+    digest = hashlib.sha256()
+    for package in ("agents", "benchmark", "envs"):
+        for path in sorted((_ROOT / package).rglob("*")):
+            if path.suffix in _SOURCES:
+                digest.update(f"{path.relative_to(_ROOT).as_posix()}\0{digest_of_file(path)}\0".encode())
+    return digest.hexdigest()
+
+
+def digest_of_source(module: str) -> str:
+    """Returns the digest of a module that lives elsewhere, and of the package that it belongs to."""
+    found = find_spec(module.partition(".")[0])
+    if found is None:
+        return ""
+    folders = [Path(folder) for folder in found.submodule_search_locations or ()]
+    paths = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
+    paths += [Path(found.origin)] if found.origin and not folders else []
+    return hashlib.sha256("".join(map(digest_of_file, paths)).encode()).hexdigest()
+
+
+def digest_of_file(path: Path) -> str:
+    """Returns the digest of a file's content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def commit(file: Path) -> str | None:

@@ -7,6 +7,7 @@ The readings of the paper are conditions. A sweep adds axes, and each point of t
 
 import json
 from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
@@ -14,7 +15,18 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from envs import InputError
-from envs.inputs import Table, override, parse, read_toml, unknown_name
+from envs.inputs import (
+    Line,
+    Name,
+    Table,
+    check_file_name,
+    in_either_case,
+    is_name,
+    override,
+    parse,
+    read_toml,
+    unknown_name,
+)
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
@@ -22,7 +34,8 @@ MOST_CONTRASTS: Final = 8  # of a protocol: each costs the others power
 _PAIR: Final = 2  # learners of a contrast
 _NOT_TAKEN: Final = "device"  # the setting that a check does not take: where the nets of its arm are computed
 
-_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]+$")]  # without the / and = of a condition's name
+# Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
+_RESERVED: Final = ("speed", "speed_smoke", "growth", "*_partial", "*_seeds_*")
 
 
 class Tuning(Table):
@@ -47,7 +60,8 @@ class Arm(Table):
     map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
     policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
     tuning: Tuning | None = None
-    group: str = ""  # arms of a group are drawn together; an arm without a group is drawn with every group
+    # Arms of a group are drawn together; an arm without a group is drawn with every group.
+    group: Annotated[Line, Field(max_length=60)] = ""
     settings: dict[str, Any] = Field(default_factory=dict)
     check_of: str = ""  # the arm that this one checks
 
@@ -94,7 +108,7 @@ class Protocol(Table):
 class Effect(Table):
     """Two scenarios of which one has something that the other has not."""
 
-    name: Annotated[str, Field(min_length=1, max_length=60)]  # what differs, in words
+    name: Annotated[Line, Field(min_length=1, max_length=60)]  # what differs, in words
     scenario: str  # with it
     against: str  # without it
 
@@ -102,13 +116,13 @@ class Effect(Table):
 class Experiment(Table):
     """A declared set of runs: every condition, scenario, arm and observation, each with its seeds."""
 
-    name: str
+    name: Name
     description: str
     # The kind of report, see `benchmark.reports`; without a report, runs are stored and not drawn.
     report: str = ""
     items: tuple[str, ...] = ()  # further tables and figures of the report, each as module:attribute
     note: str = ""  # for readers of the results, for example how settings were chosen
-    stream: str = ""  # experiments with the same stream share runs; by default, the experiment's name
+    stream: Name = ""  # experiments with the same stream share runs; by default, the experiment's name
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
     horizon: Annotated[int, Field(ge=1, le=100_000)]
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
@@ -116,21 +130,25 @@ class Experiment(Table):
     # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
-    algorithms: Annotated[dict[str, Arm], Field(min_length=1)]
+    algorithms: Annotated[dict[Name, Arm], Field(min_length=1)]
     protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
     effects: tuple[Effect, ...] = ()  # of scenarios on every learner, for a report on scenarios
-    readings: dict[_Name, Reading] = Field(
+    readings: dict[Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
         }
     )
-    sweep: dict[_Name, dict[_Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
+    sweep: dict[Name, dict[Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
 
     @model_validator(mode="after")
-    def _arms_have_names(self) -> Self:
-        for name in self.algorithms:
-            if ", " in name:  # it separates an arm from its observation
-                raise ValueError(f'algorithms."{name}": accepted: a name without a comma and a space')
+    def _names_differ(self) -> Self:
+        tables = {"algorithms": [*self.algorithms], "readings": [*self.readings], "sweep": [*self.sweep]}
+        tables |= {f"sweep.{axis}": [*conditions] for axis, conditions in self.sweep.items()}
+        for table, names in tables.items():
+            if pair := in_either_case(names):
+                raise ValueError(
+                    f"{table}: {' and '.join(pair)}: accepted: names that differ in more than case"
+                )
         return self
 
     @model_validator(mode="after")
@@ -261,6 +279,11 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
       InputError: The file cannot be read, or a key or value is not accepted.
     """
     path = _path(experiment)
+    check_file_name(path, "results are")
+    if any(fnmatchcase(path.stem.lower(), name) for name in _RESERVED):
+        raise InputError(
+            f"{path}: results are named after the file; accepted: any name but {', '.join(_RESERVED)}."
+        )
     read = parse(Experiment, _with_checks(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
@@ -276,7 +299,9 @@ def _path(experiment: str | Path) -> Path:
             accepted = [*experiment_names(), "or the path of a .toml file"]
             unknown_name("experiments", "experiment", str(experiment), accepted)
         return shipped
-    if path.stem in experiment_names() and path.resolve() != shipped.resolve():
+    if in_either_case([*experiment_names(), path.stem]) or (
+        path.stem in experiment_names() and path.resolve() != shipped.resolve()
+    ):
         raise InputError(
             f"{path}: results are named after the experiment's file, and {path.stem} is a shipped one; "
             "rename it."
@@ -305,7 +330,9 @@ def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
         that the arm has not.
     """
     arms = data.get("algorithms")
-    if not isinstance(arms, dict) or not all(isinstance(arm, dict) for arm in arms.values()):
+    if not isinstance(arms, dict) or not all(
+        is_name(name) and isinstance(arm, dict) for name, arm in arms.items()
+    ):
         return data  # is refused with the other tables
     resolved = dict(arms)
     for name, arm in arms.items():

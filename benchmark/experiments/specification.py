@@ -14,7 +14,7 @@ import numpy as np
 from agents import LearnerSettings, Schedule, dynamic_programming, load_algorithm
 from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, read_experiment
 from envs import ACTIONS, InputError, Scenario, load_scenario, model
-from envs.inputs import override, parse, unknown_name
+from envs.inputs import in_either_case, override, parse, unknown_name
 from envs.observations import check_one_hot
 
 MOST_RUNS: Final = 500_000  # of an experiment
@@ -167,6 +167,10 @@ def load_experiment(experiment: str | Path) -> Experiment:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: scenarios: {name} is named twice.")
+    if pair := in_either_case(names):
+        raise InputError(
+            f"{path}: scenarios: {' and '.join(pair)}: accepted: names that differ in more than case."
+        )
     scenarios = _conditions_of_scenarios(loaded, names, path)
     for (condition, _), scenario in scenarios.items():
         for name in loaded.algorithms:

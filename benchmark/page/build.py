@@ -18,6 +18,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from benchmark.drawing.tables import plain
+from benchmark.execution.provenance import digest_of_file, digest_of_source
 from benchmark.page import explorer, script
 from benchmark.page.sources import Folder, open_folder, section
 from benchmark.page.words import Marker, words_of
@@ -115,10 +116,10 @@ def update(results: Path, experiment: str, *, is_published: bool) -> str:
 def _inputs(results: Path, names: Sequence[str]) -> str:
     """Returns the digest of all files that a page is made of."""
     paths = [path for name in [*names, "speed"] for path in sorted((results / name).glob("[!.]*"))]
-    parts = [f"{path.relative_to(results)} {stamp.digest_of_file(path)}" for path in paths if path.is_file()]
+    parts = [f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.is_file()]
     manifests = [open_folder(results / name, "").manifest for name in names]
     named = [name for each in manifests for name in (each["report"], *each.get("items", ()))]
-    sources = [stamp.digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
+    sources = [digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
     return stamp.digest_of(*(part for part in parts if "index.html" not in part), *sources)
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 import pandas as pd
 from markupsafe import Markup
 
-from benchmark.drawing.tables import LINK
+from benchmark.drawing.tables import LINK, read_csv
 from envs import InputError
 
 _UNREADABLE: Final = (OSError, ValueError, LookupError, TypeError, AttributeError)
@@ -44,7 +44,7 @@ class Folder:
         text = (self.path / name).read_text(encoding="utf-8")
         if embed:
             self.embedded[self.link(name)] = text
-        return pd.read_csv(io.StringIO(text), dtype={as_text: str} if as_text else None)
+        return read_csv(io.StringIO(text), as_text)
 
     def link(self, name: str, row: object = None) -> str:
         """Returns the link to a file, or to the line of a data frame's row, given by its index label."""

@@ -16,6 +16,7 @@ import pandas as pd
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
 from benchmark.drawing import tables
+from benchmark.execution.provenance import digest_of_file, digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import (
     DEFAULT_CONDITION,
@@ -126,8 +127,8 @@ def _inputs(
     measured = [json.dumps(dict(each), sort_keys=True) for each in provenance]
     algorithms = [arm.algorithm for arm in experiment.algorithms.values()]
     names = [experiment.report, *experiment.items, *algorithms]
-    sources = [stamp.digest_of_source(name.partition(":")[0]) for name in names if ":" in name]
-    sources.append(stamp.digest_of_file(load_report(experiment.report, experiment.name).template))
+    sources = [digest_of_source(name.partition(":")[0]) for name in names if ":" in name]
+    sources.append(digest_of_file(load_report(experiment.report, experiment.name).template))
     declared = experiment.model_dump_json(), str(seeds), str(partial)
     return stamp.digest_of(*declared, *digests, *measured, *sources)
 

@@ -8,6 +8,8 @@ from typing import Any, Final
 
 import pandas as pd
 
+from benchmark.drawing.tables import read_csv
+
 MANIFEST: Final = "manifest.json"
 
 
@@ -38,5 +40,5 @@ class Published:
           OSError: There is no such file.
         """
         if name not in self._frames:
-            self._frames[name] = pd.read_csv(self.path / f"{name}.csv")
+            self._frames[name] = read_csv(self.path / f"{name}.csv")
         return self._frames[name]

@@ -11,13 +11,9 @@ import platform
 from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import distributions
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
 
-_ROOT: Final = Path(__file__).parents[2]
-_PACKAGES: Final = ("agents", "benchmark", "envs")
-_SOURCES: Final = (".py", ".toml", ".html", ".css", ".js", ".md", ".jinja")
+from benchmark.execution.provenance import digest_of_code, digest_of_file
 
 
 def digest_of(*parts: str) -> str:
@@ -59,30 +55,10 @@ def files(stamp: Path) -> list[str]:
         return []
 
 
-def digest_of_source(module: str) -> str:
-    """Returns the digest of a module that lives elsewhere, and of the package that it belongs to."""
-    found = find_spec(module.partition(".")[0])
-    if found is None:
-        return ""
-    folders = [Path(folder) for folder in found.submodule_search_locations or ()]
-    paths = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
-    paths += [Path(found.origin)] if found.origin and not folders else []
-    return hashlib.sha256("".join(map(digest_of_file, paths)).encode()).hexdigest()
-
-
-def digest_of_file(path: Path) -> str:
-    """Returns the digest of a file's content."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 @cache
 def _code() -> str:
     """Returns a digest of this project's sources, and of all installed packages."""
-    digest = hashlib.sha256(platform.python_version().encode())
-    for package in _PACKAGES:
-        for path in sorted((_ROOT / package).rglob("*")):
-            if path.suffix in _SOURCES:
-                digest.update(f"{path.relative_to(_ROOT)}\0".encode() + path.read_bytes())
+    digest = hashlib.sha256(f"{platform.python_version()}\0{digest_of_code()}\0".encode())
     for name, version in sorted({(each.name, each.version) for each in distributions()}):
         digest.update(f"{name}=={version}\0".encode())
     return digest.hexdigest()

@@ -56,6 +56,7 @@ def readme(published: Published, report: Report, items: Sequence[Item]) -> str:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    environment.filters["paragraph"] = tables.paragraph
     listed = [(item.label(published), item.description) for item in items]
     listed.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
     table = pd.DataFrame([row for row in listed if row[0]], columns=["file", "what it is"])

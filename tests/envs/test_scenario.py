@@ -249,9 +249,41 @@ def test_misnamed_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "my scene.toml"
     path.write_text((SCENARIO_DIRECTORY / "S1.toml").read_text())
     with pytest.raises(
-        InputError, match=r"my scene\.toml: .* named after the file; .* letters, digits and _"
+        InputError, match=r"my scene\.toml: .* named after the file; .* letters, digits, _ and -"
     ):
         load_scenario(path)
+
+
+@pytest.mark.parametrize("name", ["my scene", "a.b", "..", "_x", "é", "a/b", "1", "NA", "x" * 61, ""])
+def test_a_mapping_is_named_by_the_same_rule(name: str) -> None:
+    with pytest.raises(InputError, match=r"name = .*: accepted: a name of at most 60 letters"):
+        load_scenario(S1 | {"name": name})
+    assert load_scenario(S1 | {"name": "my-scene_2"}).name == "my-scene_2"
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        (
+            {"description": "\x1b]0;x"},
+            'description = "\\u001b]0;x": accepted: text without control characters',
+        ),
+        ({"\x1b": 1}, 'the key "\\u001b": accepted: text without control characters'),
+        (
+            {"phases": [{"name": "a\nb", "steps": 1}]},
+            'phases.0.name = "a\\nb": accepted: text in one line, without tabs',
+        ),
+        (
+            {"phases": [{"name": "a\x07b", "steps": 1}]},
+            'phases.0.name = "a\\u0007b": accepted: text without control',
+        ),
+    ],
+)
+def test_texts_cannot_take_over_a_terminal(changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scenario("S1", changes)
+    assert expected in str(caught.value)
+    assert str(caught.value).isprintable()
 
 
 def test_mapping_is_accepted_and_checked() -> None:

@@ -82,10 +82,19 @@ def test_a_scenario_is_given_by_its_path(corridor: Path) -> None:
 def test_a_scenario_in_the_folder_is_registered(corridor: Path, tmp_path: Path) -> None:
     package = Path(envs.__file__).parent
     shutil.copytree(package, tmp_path / "envs", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.move(corridor, tmp_path / "envs" / "scenarios")
-    code = "import envs, gymnasium; print(gymnasium.make('Proxemic/corridor-v0').observation_space)"
+    names = ["corridor", "corridor-v0", "9-x_"]
+    for name in [*names, "not a name"]:
+        shutil.copy(corridor, tmp_path / "envs" / "scenarios" / f"{name}.toml")
+    code = f"""
+import envs, gymnasium
+for name in {names}:
+    env = gymnasium.make(f"Proxemic/{{name}}-v0")
+    print(env.spec.id, env.unwrapped.model.scenario.name, env.observation_space)
+print([name for name in gymnasium.registry if "not" in name])
+"""
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
-    assert done.stdout == "Discrete(18)\n", done.stderr
+    expected = [f"Proxemic/{name}-v0 {name} Discrete(18)" for name in names]
+    assert done.stdout.splitlines() == [*expected, "[]"], done.stderr
 
 
 def test_an_experiment_on_it_runs_and_is_drawn(corridor: Path, tmp_path: Path) -> None:

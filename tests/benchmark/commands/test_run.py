@@ -46,6 +46,23 @@ def test_logs_come_from_worker_processes_and_change_nothing(tmp_path: Path) -> N
             assert all(x.arrays[name].tobytes() == y.arrays[name].tobytes() for name in x.arrays)
 
 
+@pytest.mark.parametrize(
+    ("stem", "arm"), [("..", "one"), ("speed", "one"), ("mine", "../../x"), ("mine", "$x$"), ("mine", "a|b")]
+)
+def test_nothing_is_written_where_a_name_leads_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], stem: str, arm: str
+) -> None:
+    experiment = tmp_path / f"{stem}.toml"
+    experiment.write_text(LOGGED.replace("algorithms.ppo", f'algorithms."{arm}"'), encoding="utf-8")
+    arguments = ["run", str(experiment), "--results", str(tmp_path / "results"), "--report"]
+    assert main([*arguments, "--tensorboard", str(tmp_path / "logs")]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"error: {experiment}: ")
+    assert "accepted: " in message
+    assert message.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [experiment]
+
+
 def test_experiments_that_the_report_refuses_are_not_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

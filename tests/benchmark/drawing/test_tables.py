@@ -1,14 +1,28 @@
 """Files of tables."""
 
+import csv
+import html
 import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from benchmark.drawing.tables import LINK, link, plain, with_intervals, write_csv, write_table
-from tests.support import mistyped_columns
+from benchmark.drawing.tables import (
+    LINK,
+    link,
+    paragraph,
+    plain,
+    read_csv,
+    to_markdown,
+    with_intervals,
+    write_csv,
+    write_table,
+)
+from tests.support import markdown_parser, mistyped_columns
 
 
 def test_tables_come_in_three_forms(tmp_path: Path) -> None:
@@ -127,3 +141,86 @@ def test_links_to_several_rows_are_short(places: list[int], rows: str) -> None:
     assert linked == f"[0.5 [0, 1]](t.csv#row={rows})"
     assert link("x", "t", *(frame.loc[i] for i in places)) == f"[x](t.csv#row={rows})"
     assert plain(f"It is {link('0.5', 't', frame.loc[places])}.") == "It is 0.5."
+
+
+# Texts of somebody else
+
+
+@given(st.lists(st.text(alphabet="'=+-@＝\t\n ,\"a1|", max_size=5), min_size=1))
+def test_no_text_in_a_csv_file_is_a_formula_and_all_are_read_back(
+    tmp_path_factory: pytest.TempPathFactory, texts: list[str]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "texts.csv"
+    frame = pd.DataFrame({"=name": [*texts, "x"], "n": range(len(texts) + 1), "x": -1.5})
+    write_csv(frame, path)
+    with path.open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["'=name", "n", "x"]
+    cells = [row[0] for row in rows]
+    assert not [cell for cell in cells if cell.startswith(("\t", "\n")) or cell.strip()[:1] in set("=+-@＝")]
+    assert {row[2] for row in rows} == {"-1.5"}  # numbers stay numbers
+    assert read_csv(path, "=name").fillna("").equals(frame)
+
+
+def test_names_of_missing_values_are_texts(tmp_path: Path) -> None:
+    frame = pd.DataFrame({"text": ["NA", "nan", "None", ""], "value": [0.5, np.nan, np.inf, 1.0]})
+    write_csv(frame, tmp_path / "t.csv")
+    read = read_csv(tmp_path / "t.csv")
+    assert read["text"].fillna("").tolist() == frame["text"].tolist()
+    assert read["value"].equals(frame["value"])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# a", "> a", "- a", "+ a", "* a", "1. a", "12) a", "* * *", "---", "___", "***", "===", "```",
+        "~~~ a", "```a\nb\n```", "    a", "\ta", "[a]: javascript:b", r"[a\]b]: c", "[^1]: a", "a\n===",
+        "a\n# b", "a\n\n- b", "|a|b|\n|-|-|\n|c|d|", "<b>a</b>", "<!-- a", "<?a?>", "<a@b.c>", "&lt;",
+        "&#60;b>", r"\<b>", r"\&lt;",
+        "[a](javascript:b)", "[a](JavaScript:b)", r"[a](java\script:b)", "[a](&#106;avascript:b)",
+        "[a](<data:b>)",
+        "![a](data:b)", "[a]( vbscript:b)", "[a](\njavascript:b)", r"[a\]](javascript:b)", "[a](b:c)",
+        "$x$", r"$$\frac$$", r"a \ b", r"\`<b>`", "`` ` `` <b> ` x", "*** a",
+    ],
+)  # fmt: skip
+def test_markdown_of_a_text_is_the_text_in_a_paragraph(text: str) -> None:
+    rendered = markdown_parser().render(f"before\n\n{paragraph(text)}\n\n[a] [^1]")
+    found = re.fullmatch(r"<p>before</p>\n<p>(.*)</p>\n<p>\[a\] \[\^1\]</p>\n", rendered)
+    assert found is not None
+    shown = re.sub("</?(em|strong|code)>", "", found[1])
+    assert "<" not in shown
+    assert "$" not in paragraph(text)  # sites draw formulas
+    if "`" not in text and "*" not in text:
+        assert html.unescape(shown) == " ".join(text.split())
+
+
+def test_markdown_keeps_code_emphasis_and_links() -> None:
+    text = (
+        "`code` and *emphasis*, [a](b.csv), [c](../d/README.md#e), [f](https://g.org/h?i=j) < 1; 0.5 [0, 1]"
+    )
+    assert paragraph(text) == text
+    (cells,) = re.findall(
+        "<td>(.*)</td>", markdown_parser().render(to_markdown(pd.DataFrame({"text": [text]})))
+    )
+    assert cells.startswith("<code>code</code> and <em>emphasis</em>, <a href=")
+    assert cells.count("<a href=") == 3
+
+
+def test_entries_of_a_markdown_table_stay_in_their_columns() -> None:
+    texts = ["a|b", r"a\|b", r"a\\|b", "a\nb", "<b>", "|", "`a|b", "[a](javascript:b)"]
+    rendered = markdown_parser().render(to_markdown(pd.DataFrame({"x|y": texts, "z": range(len(texts))})))
+    assert re.findall("<th.*?>(.*)</th>", rendered) == ["x|y", "z"]
+    cells = [html.unescape(cell) for cell in re.findall("<td.*?>(.*)</td>", rendered)]
+    assert cells[::2] == [" ".join(text.split()) for text in texts]
+    assert cells[1::2] == [str(i) for i in range(len(texts))]
+
+
+@pytest.mark.parametrize("n", [2, 80])
+def test_no_entry_of_a_latex_table_is_an_argument(tmp_path: Path, n: int) -> None:
+    texts = ["[1ex]", "*", r"\input{x}", "a|b", "^~$%#&_{}", "a\nb"] * n
+    write_table(pd.DataFrame({"[x|": texts, "value": 1.0}), tmp_path / "t")
+    lines = (tmp_path / "t.tex").read_text().splitlines()
+    rows = [line.split("&")[0].strip() for line in lines if line.endswith(r"1 \\")]
+    assert rows[:4] == ["{}[1ex]", "{}*", r"\textbackslash{}input\{x\}", r"a\textbar{}b"]
+    assert len(rows) == 6 * n
+    assert any(line.startswith(r" {}[x\textbar{}") for line in lines)

@@ -9,7 +9,7 @@ import pytest
 
 from benchmark.execution import provenance
 from benchmark.execution.driver import run
-from benchmark.execution.provenance import commit, peak_memory_mb, reset_peak_memory
+from benchmark.execution.provenance import commit, environment, peak_memory_mb, reset_peak_memory
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment, specifications
 from envs import InputError
@@ -53,6 +53,22 @@ def test_records_name_the_packages_of_their_algorithm(tmp_path: Path) -> None:
     assert record.provenance["versions"]["numpy"] == version("numpy")
     assert "torch" not in record.provenance["versions"]
     assert record.provenance["commit"] == commit(Path(provenance.__file__))
+
+
+def test_environment_has_the_code_of_algorithms_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "from_elsewhere.py"
+    file.write_text("from agents.tabular.learner import Q_LEARNING\n")
+    shipped = environment("q_learning")
+    before = environment("from_elsewhere:Q_LEARNING")
+    file.write_text("from agents.tabular.learner import Q_LEARNING\nCHANGED = 1\n")
+    environment.cache_clear()
+    after = environment("from_elsewhere:Q_LEARNING")
+    assert {key for key in after if after[key] != before[key]} == {"code of from_elsewhere:Q_LEARNING"}
+    assert after.keys() - shipped.keys() == {"code of from_elsewhere:Q_LEARNING"}
+    assert all(after[key] == value for key, value in shipped.items())
 
 
 def test_missing_packages_are_refused_before_any_work(

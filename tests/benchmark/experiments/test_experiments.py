@@ -21,6 +21,7 @@ from benchmark.page.build import PUBLISHED
 from benchmark.reports import load_report
 from envs import InputError
 from envs.inputs import override, parse, read_toml
+from envs.scenario import SCENARIO_DIRECTORY
 
 SMALL = load_experiment("reproduce_smoke")
 COMPARED = load_experiment("compare_deep_smoke")
@@ -310,6 +311,12 @@ def test_mistakes_in_a_replication_get_one_sentence(
         ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
         ('algorithm = "ppo"', 'algorithm = "pqo"', "unknown algorithm pqo (did you mean ppo?); accepted"),
         ('"coordinates"]', '"one_hat"]', "observation for batched_dqn one_hat (did you mean one_hot?)"),
+        (
+            "[algorithms.ppo_sb3]",
+            "[algorithms.PPO]",
+            "algorithms: ppo and PPO: accepted: names that differ in",
+        ),
+        ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
         ('check_of = "ppo"', 'check_of = "pqo"', "ppo_sb3: check_of: unknown arm pqo (did you mean ppo?)"),
         ('check_of = "ppo"', 'check_of = "dqn_sb3"', "ppo_sb3: check_of: unknown arm dqn_sb3"),
         ('check_of = "ppo"', 'check_of = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: a check takes it"),
@@ -337,6 +344,114 @@ def test_mistakes_in_a_replication_get_one_sentence(
 )
 def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:
     check_refused("compare_deep", tmp_path, old, new, expected)
+
+
+NOT_NAMES = [
+    "", "_x", "-x", ".", "..", "a.b", "a b", "a/b", "../../x", "a=b", "=1+1", "a|b", "a&b", "$x$", "<b>",
+    "a,b", "é", "x\n", "1", "007", "1e5", "nan", "NA", "Null", "inf", "true", "x" * 61,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NOT_NAMES)
+@pytest.mark.parametrize("table", ["algorithms", "readings", "sweep", "sweep.axis"])
+def test_what_is_no_name_is_refused_in_a_sentence(name: str, table: str) -> None:
+    values: dict[str, Any] = {"algorithms": "q_learning", "readings": "default"}
+    tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
+    tables["sweep"] = {"axis": {"low": {}}}
+    named: dict[str, Any] = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
+    named[name] = named[values[table]] if table in values else {"low": {}} if table == "sweep" else {}
+    with pytest.raises(InputError) as caught:
+        parse(Experiment, tables, "mine.toml", name="mine")
+    message = str(caught.value)
+    assert message.startswith(f"mine.toml: {'the key ' if name.endswith(chr(10)) else ''}{table}.")
+    assert "accepted: " in message
+    assert "\n" not in message
+    assert len(message) <= 300
+
+
+@pytest.mark.parametrize("name", ["S1", "x" * 60, "9-x", "a-b_c", "v0", "a-v0", "NAN0", "1-2", "e5"])
+def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: str) -> None:
+    (tmp_path / f"{name}.toml").write_text(
+        f"""
+        description = ""
+        stream = "{name}"
+        scenarios = ["S1"]
+        horizon = 50
+        evaluation_every = 100
+        map_every = 100
+        algorithms.{name} = {{ algorithm = "q_learning", observations = ["index"], seeds = 1 }}
+        readings.default = {{ question = "a", answer = "b" }}
+        readings.{name} = {{ question = "a", answer = "b" }}
+        sweep.{name}.{name}.settings.budget = 100
+        """,
+        encoding="utf-8",
+    )
+    experiment = load_experiment(tmp_path / f"{name}.toml")
+    assert list(experiment.conditions) == [f"default/{name}={name}", f"{name}/{name}={name}"]
+    (run,) = specifications(experiment, f"{name}/{name}={name}", "S1", name, "index")
+    assert run.folder == f"{name}/S1/{name}_index/{name}/{name}={name}/seed_0"
+
+
+@pytest.mark.parametrize(
+    ("stem", "expected"),
+    [
+        (".", "named after the file; accepted: a name of"),
+        ("..", "named after the file; accepted: a name of"),
+        ("a.b", "named after the file; accepted: a name of"),
+        ("a\nb", "named after the file; accepted: a name of"),
+        ("2024", "named after the file; accepted: a name of"),
+        ("speed", "accepted: any name but speed, speed_smoke, growth, *_partial, *_seeds_*"),
+        ("SPEED", "accepted: any name but speed"),
+        ("Speed_smoke", "accepted: any name but speed"),
+        ("growth", "accepted: any name but speed"),
+        ("reproduce_Partial", "accepted: any name but speed"),
+        ("reproduce_seeds_0-9", "accepted: any name but speed"),
+        ("reproduce", "reproduce is a shipped one; rename it"),
+        ("Reproduce", "Reproduce is a shipped one; rename it"),
+    ],
+)
+def test_results_have_no_folder_of_others(tmp_path: Path, stem: str, expected: str) -> None:
+    path = tmp_path / f"{stem}.toml"
+    path.write_text('extends = "reproduce_smoke"\ndescription = ""\nchanges = {}\n', encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_experiment(path)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_of_two_scenarios_do_not_meet(tmp_path: Path) -> None:
+    for name in ("room", "Room"):
+        text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{name}.toml").write_text(text, encoding="utf-8")
+    scenarios = [f"{tmp_path}/{name}/{name}.toml" for name in ("room", "Room")]
+    with pytest.raises(
+        InputError, match="scenarios: room and Room: accepted: names that differ in more than"
+    ):
+        extended(tmp_path, "mine", scenarios=scenarios)
+    with pytest.raises(InputError, match=r'stream = "\.\./x": accepted: a name of'):
+        extended(tmp_path, "mine", stream="../x")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("\x1b[31mred", '"\\u001b[31mred"'),
+        ("a\rb", '"a\\rb"'),
+        ("\x00", '"\\u0000"'),
+        ("\x9b1m", '"\\u009b1m"'),
+        ("a\u202eb", '"a\\u202eb"'),
+    ],
+)
+@pytest.mark.parametrize("key", ["note", "algorithms__q_learning__group", "readings__ties__answer"])
+def test_control_characters_are_refused_in_every_text(
+    tmp_path: Path, key: str, text: str, shown: str
+) -> None:
+    where = key.replace("__", ".")
+    with pytest.raises(InputError) as caught:
+        extended(tmp_path, "mine", **{key: text})
+    assert f"{where} = {shown}: accepted: text without control characters" in str(caught.value)
+    extended(tmp_path, "mine", note="two lines,\n\tthe second indented; and 日本 é ∆")
 
 
 def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:

@@ -1,0 +1,171 @@
+"""Other machines: a Dask cluster, whose scheduler somebody has started, and workers that come and go."""
+
+import asyncio
+import logging
+import pickle
+import sys
+from collections.abc import Collection, Mapping
+from concurrent.futures import Future
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from distributed import Client, Worker, get_worker
+from distributed.client import ClosedClientError, FutureCancelledError
+
+from benchmark.execution.job import execute_job
+from benchmark.execution.plan import Job
+from benchmark.execution.provenance import environment
+from benchmark.execution.store import Record
+from envs import InputError
+
+_ANSWER_S: Final = 10  # how long to wait for the scheduler: at the start, and when the connection is lost
+_WORKER_S: Final = 60  # how long to wait for the first worker
+
+
+class Cluster:
+    """Executes jobs on the workers of a cluster, see `benchmark.execution.executors.Executor`.
+
+    Dask executes a job again if its worker dies, unless three workers before have died of it. Workers may
+    join at any time, so each job checks its own.
+    """
+
+    def __init__(self, address: str, algorithms: Collection[str]) -> None:
+        """Connects to a scheduler, waits for its first worker, and checks all workers.
+
+        Args:
+          address: That of the scheduler, `tcp://HOST:PORT`.
+          algorithms: Those of the runs that will be executed.
+
+        Raises:
+          InputError: There is no scheduler or no worker, or results of a worker might be others than here.
+        """
+        self._address = _checked(address)
+        self._jobs: set[Future[list[Record]]] = set()
+        here = {name: environment(name) for name in algorithms}
+        for name in ("distributed", "distributed.client"):  # whatever they log is an exception, too
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        try:
+            self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+        except OSError as error:
+            raise InputError(
+                f"--cluster {address}: no Dask scheduler answers within {_ANSWER_S} s."
+            ) from error
+        try:
+            self._wait_for_a_worker()
+            answers = self._client.run(refusal, here, on_error="return")
+            for worker, answer in answers.items():
+                if isinstance(answer, Exception):
+                    raise InputError(
+                        f"--cluster: worker {worker} does not have this project's code: {answer}."
+                    )
+                if answer is not None:
+                    raise InputError(f"--cluster: {answer}")
+        except BaseException as error:
+            self.cancel()
+            if isinstance(error, OSError):
+                raise InputError(f"--cluster {address}: the scheduler does not answer any more.") from error
+            raise
+        self.workers: Final = len(answers)
+
+    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
+        """Executes a job on some worker."""
+        # `Client.get_executor` is not used: its futures wait forever if the scheduler dies at the wrong time.
+        loop: Any = self._client.loop  # its annotation hides what it is
+        future = asyncio.run_coroutine_threadsafe(self._execute(job, logs), loop.asyncio_loop)
+        self._jobs.add(future)
+        future.add_done_callback(self._jobs.discard)
+        return future
+
+    def cancel(self) -> None:
+        """Cancels all jobs and disconnects; a worker ends the job that it has begun, and nobody reads it."""
+        for future in tuple(self._jobs):
+            future.cancel()
+        with suppress(TimeoutError):
+            self._client.close(_ANSWER_S)
+
+    def _wait_for_a_worker(self) -> None:
+        if not self._client.scheduler_info()["workers"]:
+            print(f"waiting {_WORKER_S} s for a worker of {self._address}", file=sys.stderr)
+        try:
+            self._client.wait_for_workers(1, _WORKER_S)
+        except TimeoutError:
+            raise InputError(
+                f"--cluster {self._address}: there is no worker; dask worker {self._address} --nthreads 1 "
+                "starts one."
+            ) from None
+
+    async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
+        name = job[0].algorithm
+        call = _Call(name, environment(name), pickle.dumps((job, None if logs is None else logs.absolute())))
+        try:
+            if self._client.status != "running":
+                raise ClosedClientError  # Dask might not, and wait forever
+            # The scheduler unpickles a task, but not bytes, and so it needs nothing of this project.
+            found = await self._client.submit(pickle.loads, pickle.dumps(call), pure=False)
+        except (FutureCancelledError, ClosedClientError, OSError) as error:
+            raise ConnectionError(f"the scheduler {self._address} is gone, or has dropped the job") from error
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"a worker that has joined does not have this project's code: {error}"
+            ) from error
+        if isinstance(found, str):
+            raise InputError(found)
+        records: list[Record] = found
+        return records
+
+
+class _Call:
+    """Becomes what `execute` returns when it is unpickled."""
+
+    def __init__(self, *arguments: object) -> None:
+        self._arguments = arguments
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return execute, self._arguments
+
+
+def execute(algorithm: str, expected: Mapping[str, str], packed: bytes) -> list[Record] | str:
+    """Executes a job on the worker that this is called on.
+
+    Args:
+      algorithm: That of its runs.
+      expected: The driver's `environment`.
+      packed: The job and the folder for logs. Other code than the driver's might not be able to read them.
+
+    Returns:
+      The records; or why the worker is refused, as no exception is sure to reach the driver.
+    """
+    reason = refusal({algorithm: expected}, get_worker())
+    return execute_job(*pickle.loads(packed)) if reason is None else reason
+
+
+def refusal(expected: Mapping[str, Mapping[str, str]], dask_worker: Worker) -> str | None:
+    """Returns why a worker must not execute runs, as a sentence; None if it may.
+
+    Args:
+      expected: The driver's `environment` for each algorithm.
+      dask_worker: The worker that this is called on; Dask passes it by this name.
+    """
+    worker = f"worker {dask_worker.address}"
+    if dask_worker.state.nthreads != 1:  # torch has settings of the process, and so has the peak of memory
+        return f"{worker} has {dask_worker.state.nthreads} threads; accepted: 1, as with --nthreads 1."
+    for algorithm, values in expected.items():
+        try:
+            found = environment(algorithm)
+        except InputError as error:
+            return f"{worker}: {error}"
+        for key, value in values.items():
+            if found.get(key) != value:
+                return f"{worker} has {key} {found.get(key)}, but here it is {value}; accepted: the same."
+    return None
+
+
+def _checked(address: str) -> str:
+    """Returns the address of a scheduler if it is one."""
+    with suppress(ValueError):
+        parts = urlsplit(address)
+        if parts.scheme == "tcp" and parts.hostname and parts.port:
+            return address
+    raise InputError(f"--cluster {address}: accepted: tcp://HOST:PORT, the address of a Dask scheduler.")

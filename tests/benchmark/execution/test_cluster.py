@@ -1,0 +1,397 @@
+"""A Dask cluster: a real scheduler and real workers, all on this machine's loopback interface."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+from distributed import Client
+
+from benchmark.__main__ import main
+from benchmark.commands import run as run_command
+from benchmark.execution import driver
+from benchmark.execution.executors import cluster
+from benchmark.execution.executors.cluster import Cluster
+from benchmark.execution.job import execute_job
+from benchmark.execution.plan import plan
+from benchmark.execution.provenance import digest_of_code
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import all_specifications, load_experiment
+from envs import InputError
+from tests.support import ROOT, command
+
+PATIENCE_S = 180  # on a loaded machine; nothing waits that long elsewhere
+RUNS = 14
+MIXED = """
+description = "Tables, batched nets, and nets of Stable-Baselines3."
+scenarios = ["S1"]
+horizon = 200
+evaluation_every = 100
+map_every = 200
+settings = { budget = 400, time_limit = 200 }
+
+[algorithms]
+q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 8 }
+dqn = { algorithm = "batched_dqn", observations = ["one_hot"], seeds = 2 }
+dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 2 }
+ppo_sb3 = { algorithm = "ppo", observations = ["coordinates"], seeds = 2, settings.n_steps = 200 }
+"""
+SLOW = """
+description = "Tables in plain Python: eight jobs of half a second."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 150000
+map_every = 150000
+settings = { budget = 150000 }
+algorithms.plain = { algorithm = "q_learning_plain", observations = ["index"], seeds = 8 }
+"""
+# What workers execute before they start.
+ELSEWHERE = """
+import platform, types
+from benchmark.execution import provenance
+provenance.platform = types.SimpleNamespace(
+    system=lambda: "Elsewhere", machine=platform.machine, python_version=platform.python_version
+)
+"""
+OTHER_NUMPY = """
+from importlib.metadata import version
+from benchmark.execution import provenance
+provenance.version = lambda package: "0.1" if package == "numpy" else version(package)
+"""
+KILLED = """
+import os, signal
+from benchmark.execution.executors import cluster
+cluster.execute_job = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+class Machines:
+    """A scheduler, its workers and drivers, a process each, and what they write, in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._processes: list[subprocess.Popen[bytes]] = []
+
+    def begin(self) -> None:
+        """Starts the scheduler, outside the repository: it needs nothing of this project."""
+        file = self._folder / "scheduler.json"
+        network = ["--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"]
+        dask = ["dask", "scheduler", *network, "--scheduler-file", str(file)]
+        self.scheduler = self._start("log.txt", self._folder, *dask)
+        until(lambda: file.exists() and file.read_text().endswith("}"))
+        self.address: str = json.loads(file.read_text())["address"]
+
+    def add(
+        self, name: str, preload: str = ELSEWHERE, threads: int = 1, cwd: Path = ROOT
+    ) -> subprocess.Popen[bytes]:
+        """Starts a worker."""
+        (self._folder / f"preload_{name}.py").write_text(preload, encoding="utf-8")
+        own = ["--name", name, "--nthreads", str(threads), "--local-directory", str(self._folder)]
+        more = ["--no-nanny", "--no-dashboard", "--preload", str(self._folder / f"preload_{name}.py")]
+        return self._start("log.txt", cwd, "dask", "worker", self.address, *own, *more)
+
+    def addresses(self, *names: str) -> dict[str, str]:
+        """Waits until these workers are there, and no others, and returns their addresses."""
+        with Client(self.address, set_as_default=False) as client:
+
+            def found() -> dict[str, str]:
+                workers = client.scheduler_info()["workers"]
+                return {worker["name"]: address for address, worker in workers.items()}
+
+            until(lambda: found().keys() == set(names))
+            return found()
+
+    def tasks(self) -> int:
+        """Returns how many tasks the scheduler knows."""
+        with Client(self.address, set_as_default=False) as client:
+            return int(client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
+
+    def stop(self) -> None:
+        """Ends all processes."""
+        for process in self._processes:
+            process.kill()
+            process.wait()
+
+    def drive(self, experiment: Path, results: Path) -> subprocess.Popen[bytes]:
+        """Starts an experiment, and waits until one of its runs is stored."""
+        arguments = ["run", str(experiment), "--results", str(results), "--cluster", self.address]
+        driver = self._start("driver.txt", ROOT, "benchmark", *arguments)
+
+        def stored() -> int:
+            try:
+                with Store(results / "runs.db", read_only=True) as store:
+                    return len(store.statuses())
+            except InputError:
+                return 0  # not created yet
+
+        until(lambda: stored() or driver.poll() is not None)
+        return driver
+
+    def driver_says(self) -> str:
+        """Returns what the driver has written."""
+        return (self._folder / "driver.txt").read_text(encoding="utf-8")
+
+    def _start(self, log: str, cwd: Path, *module: str) -> subprocess.Popen[bytes]:
+        with (self._folder / log).open("ab") as file:
+            command = [sys.executable, "-m", *module]
+            self._processes.append(subprocess.Popen(command, cwd=cwd, stdout=file, stderr=file))
+        return self._processes[-1]
+
+
+@contextmanager
+def begun(folder: Path) -> Iterator[Machines]:
+    machines = Machines(folder)
+    try:
+        machines.begin()
+        yield machines
+    finally:
+        machines.stop()
+
+
+def until(is_true: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not is_true():
+        assert time.monotonic() < deadline, "too slow"
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> Iterator[Machines]:
+    """A scheduler without workers."""
+    with begun(tmp_path) as machines:
+        yield machines
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
+    """A scheduler and two workers, a and b."""
+    with begun(tmp_path_factory.mktemp("pair")) as machines:
+        machines.add("a")
+        machines.add("b")
+        machines.addresses("a", "b")
+        yield machines
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The path of that experiment."""
+    path = tmp_path_factory.mktemp("mixed") / "mixed.toml"
+    path.write_text(MIXED, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def slow(tmp_path: Path) -> Path:
+    """The path of that experiment."""
+    path = tmp_path / "slow.toml"
+    path.write_text(SLOW, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected(mixed: Path) -> list[Record]:
+    """All its records, each job executed in this process."""
+    jobs = plan(all_specifications(load_experiment(mixed)))
+    assert len(jobs) == 6
+    return [record for job in jobs for record in execute_job(job)]
+
+
+def check(results: Path, expected: list[Record]) -> None:
+    """Checks that a store has these records, to the last bit, all made elsewhere."""
+    with Store(results / "runs.db", read_only=True) as store:
+        assert len(store.statuses()) == len(expected)
+        for stored, record in zip(store.get([each.digest for each in expected]), expected, strict=True):
+            assert stored.status == record.status == "done"
+            assert stored.specification == record.specification
+            assert stored.arrays.keys() == record.arrays.keys()
+            for name, values in record.arrays.items():
+                assert stored.arrays[name].dtype == values.dtype
+                assert stored.arrays[name].tobytes() == values.tobytes(), name
+            assert stored.provenance["machine"].startswith("Elsewhere")
+            assert stored.provenance["versions"] == record.provenance["versions"]
+            assert stored.provenance["commit"] == record.provenance["commit"]
+
+
+def test_runs_are_the_same_as_here(
+    pair: Machines,
+    mixed: Path,
+    expected: list[Record],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    under_way: list[int] = []
+    run = driver.run
+
+    def noted(*arguments: Any, **options: Any) -> list[str]:
+        under_way.append(arguments[2])
+        return run(*arguments, **options)
+
+    monkeypatch.setattr(driver, "run", noted)
+    assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
+    assert f"{RUNS} runs done, 0 were done already" in capsys.readouterr().out
+    assert under_way == [4]  # two for each worker
+    check(tmp_path, expected)
+
+
+def test_job_of_a_killed_worker_is_executed_again(
+    pair: Machines, mixed: Path, expected: list[Record], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    killed = pair.add("killed", KILLED)  # in the middle of its first job
+    pair.addresses("a", "b", "killed")
+    assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
+    assert killed.wait(PATIENCE_S) == -signal.SIGKILL
+    assert f"{RUNS} runs done, 0 were done already" in capsys.readouterr().out
+    check(tmp_path, expected)
+
+
+def test_workers_that_differ_are_refused(
+    pair: Machines, mixed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pair.addresses("a", "b")
+    (job, *_) = plan(all_specifications(load_experiment(mixed)))
+    for package in ("agents", "benchmark", "envs"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    with (tmp_path / "envs" / "specs.py").open("a") as file:
+        file.write("# changed\n")
+    executor = Cluster(pair.address, {job[0].algorithm})
+    others = [
+        pair.add("package", OTHER_NUMPY), pair.add("threads", threads=2), pair.add("code", cwd=tmp_path),
+    ]  # fmt: skip
+    try:
+        address = pair.addresses("a", "b", "package", "threads", "code")
+        refusals = {
+            f"worker {address['package']} has numpy 0.1, but here it is {version('numpy')}; "
+            "accepted: the same.",
+            f"worker {address['threads']} has 2 threads; accepted: 1, as with --nthreads 1.",
+        }
+        code = re.compile(
+            rf"worker {address['code']} has project code [0-9a-f]{{12}}, but here it is "
+            rf"{digest_of_code()[:12]}; accepted: the same\."
+        )
+        # They joined later, so it is their jobs that fail.
+        seen: set[str] = set()
+
+        def all_have_had_jobs() -> bool:
+            for future in [executor.submit(job) for _ in range(5)]:
+                error = future.exception(PATIENCE_S)
+                if error is None:
+                    assert [record.status for record in future.result()] == ["done"] * len(job)
+                else:
+                    assert isinstance(error, InputError)
+                    seen.add(str(error))
+            return len(seen) == 3
+
+        until(all_have_had_jobs)
+        (other,) = seen - refusals
+        assert code.fullmatch(other)
+        # Now they are there at the start.
+        assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert len(error) <= 300
+        assert error.removeprefix("error: --cluster: ").rstrip() in seen
+    finally:
+        executor.cancel()
+        for process in others:
+            process.terminate()
+    pair.addresses("a", "b")
+
+
+def test_interrupt_cancels_what_is_on_the_cluster(pair: Machines, slow: Path, tmp_path: Path) -> None:
+    driver = pair.drive(slow, tmp_path)
+    assert pair.tasks() > 0
+    driver.send_signal(signal.SIGINT)
+    assert driver.wait(PATIENCE_S) == 130
+    assert "interrupted: finished runs are kept" in pair.driver_says()
+    assert "Traceback" not in pair.driver_says()
+    until(lambda: pair.tasks() == 0)
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert 1 <= len(store.ended()) == len(store.statuses()) < 8
+
+
+def test_killed_scheduler_ends_the_run(alone: Machines, slow: Path, tmp_path: Path) -> None:
+    alone.add("a")
+    alone.addresses("a")
+    driver = alone.drive(slow, tmp_path)
+    alone.scheduler.kill()
+    assert driver.wait(PATIENCE_S) == 1
+    assert "Traceback" not in alone.driver_says()
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        done = len(store.ended())
+        assert 1 <= done < len(store.statuses()) == 8
+    last = alone.driver_says().splitlines()[-1]
+    assert last.startswith(f"error: {8 - done} runs failed; the same command tries them again. First error: ")
+    assert last.endswith(f"the scheduler {alone.address} is gone, or has dropped the job")
+    again = command("run", slow, "--results", tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert f"{8 - done} runs done, {done} were done already" in again.stdout
+
+
+def test_clusters_without_workers_are_refused(
+    alone: Machines,
+    slow: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cluster, "_WORKER_S", 0.5)
+    assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", alone.address]) == 2
+    waiting, error = capsys.readouterr().err.splitlines()
+    assert waiting == f"waiting 0.5 s for a worker of {alone.address}"
+    assert error.startswith(f"error: --cluster {alone.address}: there is no worker; dask worker tcp://")
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("tcp://127.0.0.1:1", "no Dask scheduler answers within 0.5 s."),
+        *(
+            (address, "accepted: tcp://HOST:PORT, the address of a Dask scheduler.")
+            for address in (
+                "localhost:8786",
+                "tcp://localhost",
+                "tcp://localhost:99999",
+                "http://localhost:1",
+            )
+        ),
+    ],
+)
+def test_addresses_without_a_scheduler_are_refused(
+    slow: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    address: str,
+    message: str,
+) -> None:
+    monkeypatch.setattr(cluster, "_ANSWER_S", 0.5)
+    assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", address]) == 2
+    assert capsys.readouterr().err == f"error: --cluster {address}: {message}\n"
+
+
+def test_missing_package_is_named(
+    slow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_command, "find_spec", lambda _: None)
+    assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", "tcp://localhost:8786"]) == 2
+    assert capsys.readouterr().err == (
+        "error: --cluster: the package distributed is not installed; "
+        "pip install 'proxemic-benchmark[cluster]' installs it.\n"
+    )
+
+
+def test_cluster_and_executor_exclude_each_other(slow: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["run", str(slow), "--cluster", "tcp://localhost:8786", "--executor", "thread"])
+    assert ended.value.code == 2
+    assert "not allowed with argument --cluster" in capsys.readouterr().err

@@ -1,0 +1,327 @@
+"""Kills, fills disks and starts drivers side by side, and checks that no run is lost, repeated or different.
+
+`make chaos` runs it at full length; `tests/test_chaos.py` runs a little of it.
+"""
+
+import argparse
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from rich.progress import track
+
+from benchmark.execution.driver import run
+from benchmark.execution.executors.threads import Threads
+from benchmark.execution.store import NoRunsError, Store
+from benchmark.experiments import all_specifications, load_experiment
+from tests.support import ROOT
+
+# Tables, which are trained in the driver, batched nets, and nets of Stable-Baselines3.
+EXPERIMENT: Final = """
+description = "Runs to be interrupted."
+scenarios = ["S1", "S2", "S3"]
+horizon = 200
+evaluation_every = 500
+map_every = 1000
+settings = { budget = 2000, time_limit = 200 }
+
+[algorithms]
+q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 400 }
+plain = { algorithm = "q_learning_plain", observations = ["index"], seeds = 12 }
+dqn = { algorithm = "batched_dqn", observations = ["one_hot"], seeds = 3 }
+dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 2, settings.learning_starts = 1900 }
+"""
+TABLES: Final = re.sub(r"dqn.*\n", "", EXPERIMENT)  # without nets, whose workers take seconds to start
+Arrays = dict[str, dict[str, bytes]]  # by digest and name
+
+
+class Broken(Exception):  # noqa: N818
+    """Something was lost, repeated or different."""
+
+
+class Chaos:
+    """A folder of results in which an experiment is executed, and disturbed."""
+
+    def __init__(self, folder: Path, text: str, seed: int) -> None:
+        """Executes the experiment undisturbed in threads, to know what must come of it.
+
+        Args:
+          folder: Empty.
+          text: The experiment.
+          seed: Of when things happen.
+        """
+        self.experiment, self.results = folder / "chaos.toml", folder / "results"
+        self.experiment.write_text(text, encoding="utf-8")
+        self.rng = np.random.default_rng(seed)
+        self.happened: Counter[str] = Counter()
+        self._kept: set[str] = set()  # digests that must not be lost
+        with Store(folder / "expected.db") as store:
+            runs = all_specifications(load_experiment(self.experiment))
+            errors = run(runs, store, jobs=1, executor=Threads)
+            assert errors == []
+            self.expected = _arrays(store)
+        self.duration = 0.0  # seconds that all runs take
+        started = time.monotonic()
+        self.finish()
+        self.duration = time.monotonic() - started
+
+    def start(self, *, limit: int | None = None) -> subprocess.Popen[str]:
+        """Starts a driver in a session of its own.
+
+        Args:
+          limit: The largest file in bytes that it may write.
+        """
+        arguments = ["run", str(self.experiment), "--jobs", "2", "--results", str(self.results)]
+        limits = (limit, limit) if limit is not None else (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+        return subprocess.Popen(
+            [sys.executable, "-m", "benchmark", *arguments],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            preexec_fn=partial(resource.setrlimit, resource.RLIMIT_FSIZE, limits),
+        )
+
+    def check(self) -> int:
+        """Checks what is stored, and returns how many runs are.
+
+        Raises:
+          Broken: A run is lost or different.
+        """
+        try:
+            with Store(self.results / "runs.db", read_only=True) as store:
+                if problem := store.problem():
+                    raise Broken(f"the store is damaged: {problem}")
+                found = _arrays(store)
+        except NoRunsError:
+            found = {}
+        if lost := self._kept - found.keys():
+            raise Broken(f"{len(lost)} runs are lost")
+        for digest, arrays in found.items():
+            if arrays != self.expected.get(digest):
+                raise Broken(f"run {digest[:12]} is different")
+        self._kept = {*found}
+        return len(found)
+
+    def finish(self) -> None:
+        """Executes what is missing undisturbed, checks that nothing is repeated or left, and starts anew.
+
+        Raises:
+          Broken: Something is.
+        """
+        n_stored = self.check()
+        process = self.start()
+        output, errors = process.communicate()
+        done = re.search(r"(\d+) runs done, (\d+) were done already", output)
+        n_done = (int(done[1]), int(done[2])) if done else (0, len(self.expected))
+        if process.returncode != 0 or n_done != (len(self.expected) - n_stored, n_stored):
+            raise Broken(f"{n_done} runs done, {n_stored} were stored: {errors[-500:]}")
+        if self.check() != len(self.expected):
+            raise Broken("runs are missing")
+        names = {path.name for path in self.results.iterdir()}
+        if names != {"runs.db"}:
+            raise Broken(f"left behind: {names}")
+        shutil.rmtree(self.results)
+        self._kept = set()
+
+    # What can happen. Each returns how many processes were killed.
+
+    def driver_killed(self, number: int = signal.SIGKILL) -> int:
+        """A driver is killed at some moment, with all it has started, or by itself."""
+        process = self.start()
+        time.sleep(self.rng.uniform(0.2, max(self.duration, 1.0)))
+        is_running = process.poll() is None
+        if self.rng.random() < 0.5:
+            os.killpg(process.pid, number) if is_running else None
+        else:
+            process.send_signal(number)
+        _, errors = process.communicate(timeout=120)
+        if number == signal.SIGINT and "Traceback" in errors:
+            raise Broken(f"a traceback after an interrupt: {errors[-2000:]}")
+        _wait_for_end(process.pid)
+        return int(is_running)
+
+    def worker_killed(self) -> int:
+        """A worker process is killed at some moment; the driver goes on."""
+        process = self.start()
+        deadline = time.monotonic() + self.rng.uniform(0.2, max(self.duration, 1.0))
+        workers: list[int] = []
+        while process.poll() is None and (time.monotonic() < deadline or not workers):
+            workers = [pid for pid in _children(process.pid) if _is_worker(pid)]
+            time.sleep(0.01)
+        n_killed = 0
+        if workers:
+            victim = int(self.rng.choice(workers))
+            try:
+                os.kill(victim, signal.SIGKILL)
+                n_killed = 1
+            except ProcessLookupError:
+                pass
+        process.communicate(timeout=600)
+        return n_killed
+
+    def one_of_two_drivers_killed(self) -> int:
+        """Two drivers share the store; one is killed."""
+        first, second = self.start(), self.start()
+        time.sleep(self.rng.uniform(0.2, max(self.duration, 1.0)))
+        is_running = first.poll() is None
+        if is_running:
+            os.killpg(first.pid, signal.SIGKILL)
+        first.communicate()
+        _wait_for_end(first.pid)
+        _, errors = second.communicate(timeout=600)
+        if second.returncode != 0:
+            raise Broken(f"the other driver ended with {second.returncode}: {errors[-500:]}")
+        return int(is_running)
+
+    def disk_full(self) -> int:
+        """The disk is full at some moment, then no more; or a file may not become larger."""
+        size = int(self.rng.uniform(20_000, 3_000_000))
+        with _small_disk(self.results, size) as is_disk:
+            process = self.start(limit=None if is_disk else size)
+            _, errors = process.communicate(timeout=600)
+            lines = [line for line in errors.splitlines() if line.startswith("error: ")]
+            if (
+                process.returncode not in (0, 1, 2)
+                or "Traceback" in errors
+                or (process.returncode and not lines)
+            ):
+                raise Broken(f"a full disk: exit code {process.returncode}: {errors[-2000:]}")
+            self.check()
+        return 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.chaos", description=__doc__)
+    parser.add_argument("--kills", type=int, default=200, help="how many processes to kill (default: 200)")
+    parser.add_argument("--seed", type=int, default=0, help="of when things happen (default: 0)")
+    options = parser.parse_args(arguments)
+    total: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory(prefix="chaos-") as folder:
+        for name, text, share in (("tables", TABLES, 0.8), ("nets", EXPERIMENT, 0.2)):
+            (Path(folder) / name).mkdir()
+            chaos = Chaos(Path(folder) / name, text, options.seed)
+            disturb(chaos, round(share * options.kills))
+            total.update(chaos.happened)
+    for name, count in sorted(total.items()):
+        print(f"{name:28} {count}")
+    print(f"processes killed: {total['killed']}; runs lost, repeated or different: 0")
+    return 0
+
+
+def disturb(chaos: Chaos, n_kills: int) -> None:
+    """Disturbs an experiment until so many processes are killed, and checks what is stored each time.
+
+    Raises:
+      Broken: Something was lost, repeated or different.
+    """
+    ways: list[Callable[[], int]] = [
+        chaos.driver_killed,
+        chaos.driver_killed,
+        partial(chaos.driver_killed, signal.SIGINT),
+        chaos.one_of_two_drivers_killed,
+        chaos.disk_full,
+    ]
+    if "dqn" in chaos.experiment.read_text(encoding="utf-8"):
+        ways += [chaos.worker_killed] * 3
+    for _ in track(range(n_kills), f"killing: {len(chaos.expected)} runs"):
+        killed = 0
+        while not killed:
+            way = ways[chaos.rng.integers(len(ways))]
+            killed = way()
+            chaos.happened["killed"] += killed
+            chaos.happened[getattr(way, "__name__", "driver_interrupted").replace("_", " ")] += 1
+            if chaos.check() == len(chaos.expected) or chaos.rng.random() < 0.1:
+                chaos.finish()
+    chaos.finish()
+
+
+def _arrays(store: Store) -> Arrays:
+    """Returns what is stored of all ended runs."""
+    return {
+        record.digest: {name: values.tobytes() for name, values in record.arrays.items()}
+        for record in store.get(sorted(store.ended()))
+    }
+
+
+def _children(pid: int) -> list[int]:
+    """Returns the processes that a process has started."""
+    children = []
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        try:
+            children += [int(child) for child in task.read_text().split()]
+        except OSError:  # it has ended
+            continue
+    return children
+
+
+def _is_worker(pid: int) -> bool:
+    """Returns whether a process is a worker of multiprocessing."""
+    try:
+        return "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return False
+
+
+def _wait_for_end(group: int) -> None:
+    """Waits until all processes of a group have ended.
+
+    Raises:
+      Broken: They do not.
+    """
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    raise Broken("a killed driver's workers go on")
+
+
+@contextmanager
+def _small_disk(folder: Path, size: int) -> Iterator[bool]:
+    """Makes a folder a disk of this many bytes, if the system lets us; else says so.
+
+    What is in the folder is on the disk, and there again afterwards.
+    """
+    folder.mkdir(exist_ok=True)
+    inside = [path for path in folder.rglob("*") if path.is_file()]
+    size += sum(path.stat().st_size for path in inside)
+    aside = folder.with_name("aside")
+    shutil.copytree(folder, aside)
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder)]
+    is_disk = shutil.which("mount") is not None and subprocess.run(mount, capture_output=True).returncode == 0
+    try:
+        if is_disk:
+            shutil.copytree(aside, folder, dirs_exist_ok=True)
+        yield is_disk
+        if is_disk:
+            shutil.rmtree(aside)
+            shutil.copytree(folder, aside)
+    finally:
+        if is_disk:
+            subprocess.run(["umount", str(folder)], check=True)
+            shutil.rmtree(folder)
+            aside.rename(folder)
+        else:
+            shutil.rmtree(aside)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

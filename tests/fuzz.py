@@ -1,0 +1,429 @@
+"""Gives the command line drawn inputs, and checks that each is accepted or refused by one line.
+
+`make fuzz` draws 100,000; `tests/test_fuzz.py` some of them. Every input follows from a seed and its number.
+Nothing is trained: an experiment that is accepted ends where its runs would begin.
+"""
+
+import argparse
+import contextlib
+import copy
+import io
+import json
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+import tomllib
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final
+from unittest import mock
+
+import numpy as np
+from rich.progress import track
+
+from benchmark.__main__ import main as benchmark
+from benchmark.execution import driver
+from envs.inputs import read_toml
+from envs.scenario import SCENARIO_DIRECTORY
+
+LONGEST_LINE: Final = 300 + len("error: \n")
+LONGEST_S: Final = 30.0
+MOST_MEMORY_MB: Final = 1000
+CHUNK: Final = 500
+
+# Every key of an experiment, on scenarios that are quick to load.
+EXPERIMENT: Final = """
+description = "A table and nets."
+report = "comparison"
+note = "For tests."
+items = []
+stream = "fuzz"
+scenarios = ["S1", "S2"]
+horizon = 200
+evaluation_every = 100
+map_every = 200
+evaluated_from = ["start", "every_cell"]
+settings = { budget = 400, time_limit = 200 }
+effects = [{ name = "random feedback", scenario = "S2", against = "S1" }]
+[algorithms.table]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 12
+first_seed = 3
+evaluation_every = 50
+map_every = 100
+policy = "greedy"
+group = "tables"
+settings = { learning_rate = 0.2, final_epsilon = 0.01, epsilon_fraction = 0.5, record_every = 10 }
+[algorithms.table.tuning]
+settings = 3
+seeds = 2
+[algorithms.dqn]
+algorithm = "batched_dqn"
+observations = ["one_hot", "coordinates"]
+seeds = 10
+settings = { gamma = 0.9 }
+[algorithms.dqn_check]
+algorithm = "dqn"
+check_of = "dqn"
+seeds = 10
+[protocol]
+reference = "table, index"
+contrasts = [["dqn, one_hot", "table, index"]]
+success_margin = 0.1
+score_margin = 0.05
+fewest_runs = 10
+[readings.default]
+question = "How?"
+answer = "So."
+[readings.other]
+question = "How else?"
+answer = "Like this."
+seeds = 11
+scenario = { "issuer.position" = [5, 5] }
+scenarios = ["S1"]
+settings = { time_limit = 100 }
+curve = "table"
+[sweep.size.small]
+scenario = { "grid.rows" = 11 }
+[sweep.size.large]
+scenario = { "grid.rows" = 12 }
+"""
+# What is left out of it, since a report takes some of it alone, or none.
+WITHOUT: Final = (
+    ("readings", "sweep", "effects"),
+    ("readings", "sweep", "effects", "protocol"),
+    ("report", "effects", "protocol"),
+    ("report", "effects", "protocol", "readings"),
+)
+EXTENSION: Final = """
+extends = "reproduce_smoke"
+description = "Another budget."
+[changes]
+horizon = 100
+"algorithms.q_learning.seeds" = 4
+"algorithms.q_learning.settings.budget" = 300
+"readings.default.seeds" = 4
+"""
+SCENARIOS: Final = (
+    "S1",
+    "S2",
+    "S3",
+    "Walls",
+    "TwoPeople",
+    "Walking",
+    "Moody",
+    "Turning",
+    "Egg",
+    "Hall",
+    "YesNo",
+)
+COMMANDS: Final[dict[str, list[str]]] = {
+    "run": ["--seeds", "--jobs", "--report", "--tensorboard", "--executor", "--results"],
+    "report": ["--seeds", "--partial", "--results"],
+    "verify": ["--runs", "--seed", "--jobs", "--results"],
+    "watch": ["--scenario", "--algorithm", "--observation", "--seed", "--experiment", "--save", "--terminal"],
+    "assess": ["--agent", "--model", "--algorithm", "--stochastic", "--scenario", "--observation", "--save"],
+    "growl": ["--loud"],
+}
+WORDS: Final = (
+    "reproduce_smoke", "equivalence_smoke", "nothing", "S1", "S9", "index", "one_hot",
+    "coordinates", "q_learning",
+    "0", "7", "0-9", "9-0", "1", "-1", "1.5", "0x10", "--", "-", "", "=",
+    "module:attribute", "math:sqrt", "math:pi",
+    "json:", ":dumps", "film.webp", "film.txt", "/nowhere/film.gif", "/dev/null", "..",
+    "~", "process", "thread",
+)  # fmt: skip
+NASTY: Final[tuple[Any, ...]] = (
+
+       0, 1, -1, 2, 3, 7, 50, 1000, 99_999, 100_001, 10**6, 10**9, 10**9 + 1, 2**31, 2**63, -(2**63), 10**400,
+    10**4300, 0.5, -0.0, 1e-300, 5e-324, 1e9, 1e308, -1e308, float("inf"), float("nan"), True, False,
+    "", " ", "S1", "index", "anywhere", "any", "first", "x" * 5000, "../../x",
+    "/etc/passwd", "...", "con", "=1+1",
+    "$x$", "a|b", "a\nb", "\t", "\u0000", "\u001b[31m", "\u202e", "é", "🙂", "a, b",
+    "<script>", "{{ 7 * 7 }}", "%s",
+    "{}", "json:dumps", "math:pi", "nowhere:x", ":",
+    "a:b:c", [], {}, [[]], [[], []], [1, 2], [-1, 5], [1.5, 2],
+    [[1, 2], [3, 4]], ["a", "b"], [1,
+    "a"], {"kind": "none"}, {"kind": "x"}, {"a": {"b": {"c": 1}}}, {"": 1},
+    {"a.b": 1}, [[[[[[[[1]]]]]]]], list(range(1000)),
+)  # fmt: skip
+
+
+class TooLongError(BaseException):
+    """An input takes too long."""
+
+
+class AcceptedError(BaseException):
+    """The runs of an experiment would begin."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """A command line, and the files that it is about."""
+
+    arguments: list[str]  # with {} for the folder of the files
+    files: dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An input that is neither accepted nor refused by one line."""
+
+    number: int
+    given: Input
+    what: str
+
+
+def draw(seed: int, number: int) -> Input:
+    """Returns an input."""
+    rng = np.random.default_rng([seed, number])
+    kind = rng.random()
+    if kind < 0.1:
+        return _command_line(rng)
+    if kind < 0.55:
+        data: Any = read_toml(SCENARIO_DIRECTORY / f"{_one(rng, SCENARIOS)}.toml")
+        observation = _one(rng, ("index", "one_hot", "coordinates"))
+        arguments = ["assess", "--agent", "tests.fuzz:up", "--observation", observation]
+        arguments += ["--scenario", "{}/mine.toml", "--results", "{}/results"]
+    else:
+        data = tomllib.loads(EXPERIMENT if rng.random() < 0.8 else EXTENSION)
+        for key in _one(rng, WITHOUT):
+            data.pop(key, None)
+        arguments = [*_one(rng, (["run"], ["run", "--report"], ["report"], ["run", "--seeds", "0-12"]))]
+        arguments += ["{}/mine.toml", "--results", "{}/results"]
+    for _ in range(int(rng.integers(1, 4))):
+        _mutate(rng, data)
+    text = "\n".join(f"{_key(key)} = {_toml(value)}" for key, value in data.items()).encode()
+    for _ in range(int(rng.integers(0, 3)) if rng.random() < 0.3 else 0):
+        text = _garble(rng, text)
+    return Input(arguments, {"mine.toml": text})
+
+
+def up(observation: object) -> int:  # noqa: ARG001
+    """An agent that walks up, for `assess`."""
+    return 0
+
+
+def check(given: Input) -> tuple[str, str]:
+    """Gives an input to the command line.
+
+    Returns:
+      `"accepted"`, `"refused"` or `"failed"`; and what is wrong, or the message.
+    """
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        for name, content in given.files.items():
+            (Path(folder) / name).write_bytes(content)
+        arguments = [argument.replace("{}", folder) for argument in given.arguments]
+        output, errors = io.StringIO(), io.StringIO()
+        started = time.monotonic()
+        signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+        try:
+            with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors), _nothing_trained():
+                code = benchmark(arguments)
+        except AcceptedError:
+            code = 0
+        except SystemExit as ended:  # of --help
+            code = int(ended.code or 0)
+        except TooLongError:
+            return "failed", f"takes more than {LONGEST_S} s"
+        except BaseException:
+            return "failed", traceback.format_exc()
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        message = errors.getvalue()
+        if time.monotonic() - started > LONGEST_S:
+            return "failed", "takes too long"
+        if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > MOST_MEMORY_MB * 1024:
+            return "failed", f"takes more than {MOST_MEMORY_MB} MB"
+        is_line = message.startswith("error: ") and message.count("\n") == 1 and len(message) <= LONGEST_LINE
+        if code == 0:
+            return "accepted", ""
+        return ("refused" if is_line and code == 2 else "failed"), f"exit code {code}: {message}"
+
+
+def check_many(seed: int, numbers: range) -> tuple[Counter[str], list[Failure]]:
+    """Checks inputs by their numbers."""
+    _limit()
+    counts: Counter[str] = Counter()
+    failures = []
+    for number in numbers:
+        given = draw(seed, number)
+        outcome, what = check(given)
+        counts[outcome] += 1
+        if outcome == "failed":
+            failures.append(Failure(number, given, what))
+    return counts, failures
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser.add_argument("--inputs", type=int, default=100_000, help="how many (default: 100,000)")
+    parser.add_argument("--first", type=int, default=0, help="the number of the first (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="of all inputs (default: 0)")
+    options = parser.parse_args(arguments)
+    last = options.first + options.inputs
+    chunks = [range(i, min(i + CHUNK, last)) for i in range(options.first, last, CHUNK)]
+    counts: Counter[str] = Counter()
+    failures: list[Failure] = []
+    # A new process for each chunk, so that its peak memory is of its own inputs.
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), max_tasks_per_child=1) as pool:
+        done = pool.map(partial(check_many, options.seed), chunks)
+        for some, failed in track(done, "checking inputs", total=len(chunks)):
+            counts += some
+            failures += failed
+            for failure in failed:
+                print(f"input {failure.number}: {' '.join(failure.given.arguments)}: {failure.what}")
+    print(f"inputs accepted: {counts['accepted']:,}, refused by one line: {counts['refused']:,}")
+    print(f"failed: {counts['failed']:,} (--first N --inputs 1 repeats input N)")
+    return 1 if failures else 0
+
+
+def _limit() -> None:
+    """Limits this process's memory, and its time for an input."""
+
+    def stop(*_: object) -> None:
+        raise TooLongError
+
+    signal.signal(signal.SIGALRM, stop)
+    with contextlib.suppress(ValueError):
+        resource.setrlimit(resource.RLIMIT_DATA, (4 * 2**30, resource.RLIM_INFINITY))
+
+
+@contextlib.contextmanager
+def _nothing_trained() -> Iterator[None]:
+    """Ends a command where runs would begin."""
+
+    def begin(*_: object, **__: object) -> list[str]:
+        raise AcceptedError
+
+    with mock.patch.object(driver, "run", begin), mock.patch("benchmark.commands.watch.run", begin):
+        yield
+
+
+def _command_line(rng: np.random.Generator) -> Input:
+    """Returns a command with drawn arguments."""
+    command = _one(rng, list(COMMANDS))
+    arguments = [command]
+    for _ in range(int(rng.integers(0, 5))):
+        option = _one(rng, COMMANDS[command])
+        value = (
+            _one(rng, WORDS) if rng.random() < 0.8 else str(_one(rng, [x for x in NASTY if not _is_long(x)]))
+        )
+        value = value.replace("\0", "0")  # no argument can have it
+        arguments += _one(rng, ([option, value], [f"{option}={value}"], [value], [option]))
+    if "--results" not in " ".join(arguments):
+        arguments += ["--results", "{}/results"]
+    return Input(arguments, {})
+
+
+def _is_long(value: object) -> bool:
+    """Returns whether a value is a number that Python does not write, or a table."""
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**400
+
+
+def _mutate(rng: np.random.Generator, data: dict[str, Any]) -> None:
+    """Changes something in nested tables."""
+    places: list[tuple[Any, Any]] = []
+
+    def walk(table: Any) -> None:
+        for key in list(table) if isinstance(table, dict) else range(len(table)):
+            places.append((table, key))
+            if isinstance(table[key], dict | list):
+                walk(table[key])
+
+    walk(data)
+    if not places:
+        return
+    table, key = places[int(rng.integers(len(places)))]
+    other, other_key = places[int(rng.integers(len(places)))]
+    change: Callable[[], None] = _one(
+        rng,
+        (
+            lambda: table.__setitem__(key, copy.deepcopy(_one(rng, NASTY))),
+            lambda: table.__setitem__(key, copy.deepcopy(_one(rng, NASTY))),
+            lambda: table.__setitem__(key, copy.deepcopy(_one(rng, NASTY))),
+            lambda: table.__setitem__(key, _nudged(rng, table[key])),
+            lambda: table.__setitem__(key, _nudged(rng, table[key])),
+            lambda: table.__setitem__(key, copy.deepcopy(other[other_key])),
+            lambda: table.__delitem__(key),
+            lambda: _add(rng, table, copy.deepcopy(table[key])),
+        ),
+    )
+    change()
+
+
+def _nudged(rng: np.random.Generator, value: Any) -> Any:
+    """Returns another value of the same kind."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return _one(rng, (value + 1, value - 1, value * 2, value * 10, value // 2, -value))
+    if isinstance(value, float):
+        return _one(rng, (value / 3, value * 3, -value, value + 1, round(value)))
+    if isinstance(value, str):
+        return _one(rng, (value[:-1], value + "x", value.upper(), value * 2))
+    return copy.deepcopy(value)
+
+
+def _add(rng: np.random.Generator, table: Any, value: Any) -> None:
+    """Adds a value to a table under a drawn name, or to a list."""
+    if isinstance(table, dict):
+        names = [text for text in NASTY if isinstance(text, str)]
+        table[_one(rng, [*names, "kind", "seeds", "settings", "observe", "phases", "others", "walk"])] = value
+    else:
+        table.append(value)
+
+
+def _garble(rng: np.random.Generator, text: bytes) -> bytes:
+    """Returns a file with some of its bytes changed."""
+    start = int(rng.integers(len(text) + 1))
+    stop = min(start + int(rng.integers(0, 20)), len(text))
+    pieces = (
+        b"", b"[" * 500, b"{a=" * 400, b"9" * 5000, b"\xff\xfe", b"\x00", b'"""',
+        b"'''", b"\n", b"=", b"#",
+        b"[x]\n" * 3, b"a.b.c.d = 1\n", b"." .join([b"a"] * 2000) + b" = 1\n",
+        b"1979-05-27", b"1e999", b"0x" + b"f" * 400,
+        rng.bytes(8),
+    )  # fmt: skip
+    piece: bytes = _one(rng, pieces)
+    return text[:start] + piece + text[stop:]
+
+
+def _toml(value: Any) -> str:
+    """Returns a value as TOML."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int):
+        return f"{value:d}" if abs(value) < 10**4000 else "1" + "0" * 4300
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{_key(key)} = {_toml(each)}' for key, each in value.items())} }}"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "?")
+
+
+def _key(key: str) -> str:
+    """Returns a key as TOML."""
+    return json.dumps(key, ensure_ascii=False)
+
+
+def _one(rng: np.random.Generator, values: Any) -> Any:
+    """Returns one of some values."""
+    return values[int(rng.integers(len(values)))]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
