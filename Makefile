@@ -8,6 +8,7 @@ SEEDS ?=
 TESTS ?=
 CHECKED ?= .
 SPEED ?=
+GROWTH ?=
 CHAOS ?=
 FUZZ ?=
 
@@ -21,7 +22,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce compare-deep beyond report test check speed chaos fuzz clean
+.PHONY: help reproduce compare-deep beyond report test check speed growth chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -49,6 +50,9 @@ check: $(DEV) ## format, lint, types, spelling
 
 speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
 	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
+
+growth: $(DEV) ## time and memory against agents, cells, stored runs and workers, in results/growth/ (about 20 minutes)
+	$(PY) -m benchmark growth --results $(RESULTS) $(GROWTH)
 
 chaos: $(DEV) ## kill drivers and workers 200 times, fill disks, and compare every run (CHAOS="--kills 20")
 	$(PY) -m tests.chaos $(CHAOS)

@@ -34,6 +34,7 @@ examples:
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark speed                        measure speed against common alternatives
+  python -m benchmark growth                       measure time and memory against agents, cells, stored runs
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed, 2 invalid input, 130 interrupted.
@@ -221,6 +222,13 @@ def _parser() -> argparse.ArgumentParser:
         "--smoke",
         action="store_true",
         help="measure for one second, into speed_smoke; the numbers mean nothing",
+    )
+
+    growth = command("growth", "measure how time and memory grow with agents, cells, stored runs and workers")
+    growth.add_argument(
+        "--smoke",
+        action="store_true",
+        help="measure for a minute, into growth_smoke; the numbers mean nothing",
     )
     return parser
 

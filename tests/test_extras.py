@@ -115,6 +115,7 @@ def test_assessment_names_its_extra(core: Path, tmp_path: Path) -> None:
         "watch",
         "assess --observation index --agent mine:act",
         "speed",
+        "growth",
     ],
 )
 def test_commands_name_their_extra(arguments: str, core: Path, tmp_path: Path) -> None:
@@ -137,6 +138,7 @@ def test_help_needs_only_the_core(core: Path, tmp_path: Path) -> None:
         ("watch --algorithm dqn", "batched_dqn", "torch", "deep"),
         ("assess --observation index --model a.zip --algorithm a:B", "a.zip: a saved model", r"\w+", "deep"),
         ("speed", "benchmark speed", "torch", "deep"),
+        ("growth", "batched_dqn", "torch", "deep"),
     ],
 )
 def test_commands_that_need_more_name_its_extra(

@@ -37,6 +37,7 @@ def run_make(target: str, tmp_path: Path) -> str:
             "chaos": ["CHAOS=--kills 0"],
             "fuzz": ["FUZZ=--inputs 40"],
             "speed": ["SPEED=--smoke", f"RESULTS={tmp_path}"],
+            "growth": ["GROWTH=--smoke", f"RESULTS={tmp_path}"],
         }
         done = make(target, *miniature[target])
     assert done.returncode == 0, done.stdout + done.stderr
@@ -60,6 +61,20 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
             "q_learning_kernel", "q_learning_threads", "q_learning_anywhere", "vector_env_1000", "evaluate",
             "sb3_dqn", "sb3_ppo", "vec_env_8", "vec_env_64", "map_all_cells",
         } <= set(speed["name"])  # fmt: skip
+    if target == "growth":
+        assert [path.name for path in tmp_path.iterdir()] == ["growth_smoke"]
+        files = [tmp_path / "growth_smoke" / f"{name}.csv" for name in ("growth", "workers", "overhead")]
+        assert [mistyped_columns(path) for path in files] == [[], [], []]
+        growth, workers, overhead = map(pd.read_csv, files)
+        assert list(growth)[:6] == [
+            "curve", "size", "unit", "seconds", "slowest_seconds", "peak_memory_mb",
+        ]  # fmt: skip
+        assert set(growth["curve"]) == {
+            "agents_tables", "agents_nets", "cells_compile", "cells_solve", "cells_evaluate", "cells_train",
+            "runs_list", "runs_resume", "runs_report",
+        }  # fmt: skip
+        assert list(workers["workers"]) == ["1 processes", "1 dask"]
+        assert overhead["share"].between(0, 1).all()
     if target == "report":
         assert {path.name for path in tmp_path.iterdir()} == {"README.md", "index.html", "reproduce"}
 
@@ -73,7 +88,7 @@ def test_seeds_are_passed_on_or_refused(target: str) -> None:
     assert "SEEDS=many: accepted: a whole number, 2 or more" in refused.stderr
 
 
-@pytest.mark.parametrize("name", ["list", "run", "report", "speed", "watch"])
+@pytest.mark.parametrize("name", ["list", "run", "report", "speed", "growth", "watch"])
 def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main([name, "--help"])

@@ -245,7 +245,7 @@ def test_mistakes_get_one_sentence_and_exit_code_2(
     assert stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("arguments", [["run", "reproduce"], ["speed", "--smoke"]])
+@pytest.mark.parametrize("arguments", [["run", "reproduce"], ["speed", "--smoke"], ["growth", "--smoke"]])
 def test_unwritable_results_are_refused_before_any_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:

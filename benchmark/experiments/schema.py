@@ -35,7 +35,7 @@ _PAIR: Final = 2  # learners of a contrast
 _NOT_TAKEN: Final = "device"  # the setting that a check does not take: where the nets of its arm are computed
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
-_RESERVED: Final = ("speed", "speed_smoke", "growth", "*_partial", "*_seeds_*")
+_RESERVED: Final = ("speed", "speed_smoke", "growth", "growth_smoke", "*_partial", "*_seeds_*")
 
 
 class Tuning(Table):

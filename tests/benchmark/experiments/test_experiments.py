@@ -400,7 +400,7 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
         ("a.b", "named after the file; accepted: a name of"),
         ("a\nb", "named after the file; accepted: a name of"),
         ("2024", "named after the file; accepted: a name of"),
-        ("speed", "accepted: any name but speed, speed_smoke, growth, *_partial, *_seeds_*"),
+        ("speed", "accepted: any name but speed, speed_smoke, growth, growth_smoke, *_partial, *_seeds_*"),
         ("SPEED", "accepted: any name but speed"),
         ("Speed_smoke", "accepted: any name but speed"),
         ("growth", "accepted: any name but speed"),
