@@ -63,7 +63,7 @@ def test_findings_are_plain_lines(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["no_such"], "experiments: unknown experiment no_such"),
-        (["reproduce", "--jobs", "0"], "--jobs 0: accepted: at least 1."),
+        (["reproduce", "--jobs", "0"], "--jobs 0: accepted: a whole number from 1 to 1024."),
         (["reproduce", "--seeds", "x"], "--seeds x: accepted: A-B"),
         (["--seeds", "1"], "--seeds: accepted only together with an experiment."),
     ],
