@@ -279,11 +279,18 @@ class Store:
 
     def _get(self, digest: str, *, arrays: bool) -> Record:
         """Returns a record."""
-        columns = "specification, status, error, provenance, checksum, head" + ", arrays" * arrays
+        specification, status, error, provenance, *packed = self._whole_row(digest, arrays=arrays)
+        unpacked = _Packed(packed[0]) if packed else {}
+        return Record(digest, specification, status, json.loads(provenance), unpacked, error)
+
+    def _whole_row(self, digest: str, *, arrays: bool) -> list[Any]:
+        """Returns what is stored of a run, after its digest: without checksums, which are verified."""
+        columns = "checksum, head, specification, status, error, provenance" + ", arrays" * arrays
         row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
         if row is None:
             raise KeyError(digest)
-        specification, status, error, provenance, checksum, head, *packed = row
+        checksum, head, *stored = row
+        specification, status, error, provenance, *packed = stored
         # The digest is that asked for: in a damaged index it may lead to the record of another run.
         is_whole = _head(digest, specification, status, error, provenance, checksum) == head
         if not is_whole or (packed and not _is_whole(packed[0], checksum)):
@@ -291,17 +298,17 @@ class Store:
                 f"{self._path}: the record of run {digest[:12]} is damaged; run its experiment again, which "
                 "repeats it."
             )
-        unpacked = _Packed(packed[0]) if packed else {}
-        return Record(digest, specification, status, json.loads(provenance), unpacked, error)
+        return stored
 
     def damaged(self, digests: Iterable[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
-        return [digest for digest in digests if self._do(lambda: self._is_damaged(digest))]  # noqa: B023
+        wanted = list(digests)
+        return self._do(lambda: [digest for digest in wanted if self._is_damaged(digest)])
 
     def _is_damaged(self, digest: str) -> bool:
         """Returns whether the record of a run is damaged or cannot be found."""
         try:
-            self._get(digest, arrays=True)
+            self._whole_row(digest, arrays=True)
         except (InputError, KeyError):
             return True
         return False

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import pandas as pd
 
@@ -21,6 +21,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
+    RunSpecification,
     all_specifications,
     specifications,
 )
@@ -74,19 +75,23 @@ def draw(
     report.check(experiment)
     is_as_declared = seeds is None and not partial  # and so comparable with the published results
     measured = measured_files(items)
-    inputs = _inputs(experiment, store, seeds, partial=partial)
+    every, ended = all_specifications(experiment, seeds), store.ended()
+    runs = [run for run in every if run.digest in ended]
+    # Read once: there may be 100,000.
+    provenance = [record.provenance for record in store.get([run.digest for run in runs], arrays=False)]
+    inputs = _inputs(experiment, runs, provenance, seeds, partial=partial)
     if stamp.is_up_to_date(directory / STAMP, inputs):
         compared = certificate.compare(directory, experiment.name, measured) if is_as_declared else None
         return Made(is_new=False, certificate=compared)
     with files.alone(directory.parent), files.replaced(directory, _was_made(directory, items)) as aside:
         try:
             with Drawing(jobs) as drawing:
-                check_scores(all_specifications(experiment, seeds))
+                check_scores(every)
                 data = report.load(experiment, store, seeds, partial)
                 frames = compute(items, data)
                 drawing.start(items, frames, data.context, aside, is_partial=data.is_incomplete)
                 write_tables(items, frames, data, aside)
-                manifest = _manifest(experiment, store, seeds, data)
+                manifest = _manifest(experiment, runs, provenance, seeds, data)
                 (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
                 drawing.finish()
             texts.write(aside)
@@ -109,19 +114,23 @@ def _was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
     return lambda name: any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
-def _inputs(experiment: Experiment, store: Store, seeds: Sequence[int] | None, *, partial: bool) -> str:
+def _inputs(
+    experiment: Experiment,
+    runs: Sequence[RunSpecification],
+    provenance: Sequence[Mapping[str, Any]],
+    seeds: Sequence[int] | None,
+    *,
+    partial: bool,
+) -> str:
     """Returns the digest of what a folder of results depends on: what is declared, and the records."""
-    ended = store.ended()
-    digests = [run.digest for run in all_specifications(experiment, seeds) if run.digest in ended]
-    provenance = [
-        json.dumps(dict(record.provenance), sort_keys=True) for record in store.get(digests, arrays=False)
-    ]
+    digests = [run.digest for run in runs]
+    measured = [json.dumps(dict(each), sort_keys=True) for each in provenance]
     algorithms = [arm.algorithm for arm in experiment.algorithms.values()]
     names = [experiment.report, *experiment.items, *algorithms]
     sources = [digest_of_source(name.partition(":")[0]) for name in names if ":" in name]
     sources.append(digest_of_file(load_report(experiment.report, experiment.name).template))
     declared = experiment.model_dump_json(), str(seeds), str(partial)
-    return stamp.digest_of(*declared, *digests, *provenance, *sources)
+    return stamp.digest_of(*declared, *digests, *measured, *sources)
 
 
 def check_packages(report: Report, source: str) -> None:
@@ -160,27 +169,29 @@ def write_tables(items: Sequence[Item], frames: Frames, data: Data, directory: P
 
 
 def _manifest(
-    experiment: Experiment, store: Store, seeds: Sequence[int] | None, data: Data
+    experiment: Experiment,
+    runs: Sequence[RunSpecification],
+    provenance: Sequence[Mapping[str, Any]],
+    seeds: Sequence[int] | None,
+    data: Data,
 ) -> Mapping[str, object]:
     """Returns what was run, and from the records what ran it: drawing again gives the same.
 
     Args:
       experiment: As loaded.
-      store: Where its records are.
+      runs: Those that have a valid record.
+      provenance: Of their records.
       seeds: Other seeds than the declared ones.
       data: Of the report.
     """
-    ended = store.ended()
-    runs = [run for run in all_specifications(experiment, seeds) if run.digest in ended]
-    default = [
-        run
+    done = {run.digest for run in runs}
+    populations = (
+        specifications(experiment, DEFAULT_CONDITION, *population, seeds)
         for population in experiment.populations
-        for run in specifications(experiment, DEFAULT_CONDITION, *population, seeds)
-        if run.digest in ended
-    ]
-    records = store.get([run.digest for run in runs], arrays=False)
-    provenance = [record.provenance for record in records]
-
+    )
+    # One run of each population: the others differ by their seed alone.
+    first = (next((run for run in each if run.digest in done), None) for each in populations)
+    default = [run for run in first if run is not None]
     chosen = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
 
     def every(key: str) -> list[object]:

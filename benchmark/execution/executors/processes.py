@@ -98,16 +98,21 @@ def interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _serve(connection: Connection) -> None:
-    """Executes jobs as they come, until the driver closes its end or ends."""
+def end_with_the_driver() -> None:
+    """Makes this process, which the driver has started, end when the driver does, however that ends."""
     driver = multiprocessing.parent_process()
     assert driver is not None
 
-    def end_with_the_driver() -> None:
+    def end() -> None:
         driver.join()
         os._exit(1)
 
-    threading.Thread(target=end_with_the_driver, daemon=True).start()
+    threading.Thread(target=end, daemon=True).start()
+
+
+def _serve(connection: Connection) -> None:
+    """Executes jobs as they come, until the driver closes its end or ends."""
+    end_with_the_driver()
     with suppress(EOFError):
         while True:
             connection.send(execute_job(*connection.recv()))
