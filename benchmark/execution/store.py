@@ -289,6 +289,7 @@ class Store:
         row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
         if row is None:
             raise KeyError(digest)
+        stored: list[Any]
         checksum, head, *stored = row
         specification, status, error, provenance, *packed = stored
         # The digest is that asked for: in a damaged index it may lead to the record of another run.
