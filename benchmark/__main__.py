@@ -69,6 +69,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(_INTERRUPTED, file=sys.stderr)
         return 130
+    except Exception as error:
+        if "KeyboardInterrupt" not in str(error):
+            raise
+        print(_INTERRUPTED, file=sys.stderr)  # it came while pydantic called a function of ours
+        return 130
     return code
 
 
