@@ -80,6 +80,7 @@ class Machines:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._processes: list[subprocess.Popen[bytes]] = []
+        self.workers: list[subprocess.Popen[bytes]] = []  # of those that a test kills
 
     def begin(self) -> None:
         """Starts the scheduler, outside the repository: it needs nothing of this project."""
