@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -228,16 +228,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of when things happen (default: 0)")
     options = parser.parse_args(arguments)
     total: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory(prefix="chaos-") as folder, cluster(Path(folder)) as machines:
+    with tempfile.TemporaryDirectory(prefix="chaos-") as folder, ExitStack() as stack:
         for name, text, share in (("tables", TABLES, 0.7), ("nets", NETS, 0.2), ("cluster", TABLES, 0.1)):
+            n_kills = round(share * options.kills)
+            if not n_kills:
+                continue
             (Path(folder) / name).mkdir()
             chaos = Chaos(Path(folder) / name, text, options.seed)
-            ways: dict[str, list[Callable[[], int]]] = {
-                "tables": local_ways(chaos),
-                "nets": [*local_ways(chaos), *[chaos.worker_killed] * 3],
-                "cluster": [partial(chaos.cluster_worker_killed, machines)],
-            }
-            disturb(chaos, ways[name], round(share * options.kills))
+            ways = local_ways(chaos)
+            if name == "nets":
+                ways += [chaos.worker_killed] * 3
+            elif name == "cluster":
+                ways = [partial(chaos.cluster_worker_killed, stack.enter_context(cluster(Path(folder))))]
+            disturb(chaos, ways, n_kills)
             total.update(chaos.happened)
     for what, count in sorted(total.items()):
         print(f"{what:28} {count}")
