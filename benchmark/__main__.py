@@ -33,6 +33,7 @@ examples:
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
+  python -m benchmark doctor compare_deep          is all in order here, and how long would it take?
   python -m benchmark speed                        measure speed against common alternatives
   python -m benchmark growth                       measure time and memory against agents, cells, stored runs
 
@@ -68,6 +69,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print(_INTERRUPTED, file=sys.stderr)
+        return 130
+    except Exception as error:
+        if "KeyboardInterrupt" not in str(error):
+            raise
+        print(_INTERRUPTED, file=sys.stderr)  # it came while pydantic called a function of ours
         return 130
     return code
 
@@ -216,6 +222,11 @@ def _parser() -> argparse.ArgumentParser:
         help="form of observation that the agent takes: index, one_hot or coordinates",
     )
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
+
+    doctor = command("doctor", "examine the installation, the machine and the stored runs")
+    _add_experiment(doctor, "; then its time, memory and disk are estimated, in at most 20 seconds")
+    _add_jobs(doctor)
+    doctor.add_argument("--cluster", metavar="ADDRESS", help="also examine the workers of a Dask scheduler")
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     speed.add_argument(

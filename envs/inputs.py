@@ -36,8 +36,8 @@ _DEEPEST: Final = 32  # tables inside tables
 # read from the metadata of an installation; a test compares it with pyproject.toml.
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "reproduce": (
-        "PIL", "jinja2", "markupsafe", "matplotlib", "numba", "pandas", "rich", "scipy", "seaborn",
-        "tabulate",
+        "PIL", "jinja2", "markupsafe", "matplotlib", "numba", "packaging", "pandas", "rich", "scipy",
+        "seaborn", "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
     "cluster": ("distributed",),

@@ -14,8 +14,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -27,10 +27,11 @@ from benchmark.execution.driver import run
 from benchmark.execution.executors.threads import Threads
 from benchmark.execution.store import NoRunsError, Store
 from benchmark.experiments import all_specifications, load_experiment
+from tests.benchmark.execution.test_cluster import Machines
 from tests.support import ROOT
 
 # Tables, which are trained in the driver, batched nets, and nets of Stable-Baselines3.
-EXPERIMENT: Final = """
+NETS: Final = """
 description = "Runs to be interrupted."
 scenarios = ["S1", "S2", "S3"]
 horizon = 200
@@ -44,7 +45,7 @@ plain = { algorithm = "q_learning_plain", observations = ["index"], seeds = 12 }
 dqn = { algorithm = "batched_dqn", observations = ["one_hot"], seeds = 3 }
 dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 2, settings.learning_starts = 1900 }
 """
-TABLES: Final = re.sub(r"dqn.*\n", "", EXPERIMENT)  # without nets, whose workers take seconds to start
+TABLES: Final = re.sub(r"dqn.*\n", "", NETS)  # without nets, whose workers take seconds to start
 Arrays = dict[str, dict[str, bytes]]  # by digest and name
 
 
@@ -78,13 +79,15 @@ class Chaos:
         self.finish()
         self.duration = time.monotonic() - started
 
-    def start(self, *, limit: int | None = None) -> subprocess.Popen[str]:
+    def start(self, *, limit: int | None = None, cluster: str = "") -> subprocess.Popen[str]:
         """Starts a driver in a session of its own.
 
         Args:
           limit: The largest file in bytes that it may write.
+          cluster: The address of a Dask scheduler, if the jobs are executed there.
         """
         arguments = ["run", str(self.experiment), "--jobs", "2", "--results", str(self.results)]
+        arguments += ["--cluster", cluster] if cluster else []
         limits = (limit, limit) if limit is not None else (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
         return subprocess.Popen(
             [sys.executable, "-m", "benchmark", *arguments],
@@ -174,6 +177,19 @@ class Chaos:
         process.communicate(timeout=600)
         return n_killed
 
+    def cluster_worker_killed(self, machines: Machines) -> int:
+        """One of two workers of a Dask cluster is killed at some moment, and replaced; the driver goes on."""
+        process = self.start(cluster=machines.address)
+        time.sleep(self.rng.uniform(0.2, max(self.duration, 1.0)))
+        is_running = process.poll() is None
+        victim = machines.workers.pop(int(self.rng.integers(len(machines.workers))))
+        victim.kill()
+        machines.workers.append(machines.add(f"worker{self.rng.integers(2**31)}", preload=""))
+        _, errors = process.communicate(timeout=600)
+        if process.returncode != 0:
+            raise Broken(f"the driver ended with {process.returncode}: {errors[-500:]}")
+        return int(is_running)
+
     def one_of_two_drivers_killed(self) -> int:
         """Two drivers share the store; one is killed."""
         first, second = self.start(), self.start()
@@ -212,40 +228,69 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of when things happen (default: 0)")
     options = parser.parse_args(arguments)
     total: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory(prefix="chaos-") as folder:
-        for name, text, share in (("tables", TABLES, 0.8), ("nets", EXPERIMENT, 0.2)):
+    with tempfile.TemporaryDirectory(prefix="chaos-") as folder, ExitStack() as stack:
+        for name, text, share in (("tables", TABLES, 0.7), ("nets", NETS, 0.2), ("cluster", TABLES, 0.1)):
+            n_kills = round(share * options.kills)
+            if not n_kills:
+                continue
             (Path(folder) / name).mkdir()
             chaos = Chaos(Path(folder) / name, text, options.seed)
-            disturb(chaos, round(share * options.kills))
+            ways = local_ways(chaos)
+            if name == "nets":
+                ways += [chaos.worker_killed] * 3
+            elif name == "cluster":
+                ways = [partial(chaos.cluster_worker_killed, stack.enter_context(cluster(Path(folder))))]
+            disturb(chaos, ways, n_kills)
             total.update(chaos.happened)
-    for name, count in sorted(total.items()):
-        print(f"{name:28} {count}")
-    print(f"processes killed: {total['killed']}; runs lost, repeated or different: 0")
+    for what, count in sorted(total.items()):
+        print(f"{what:28} {count}")
+    print(f"processes killed or interrupted: {total['killed']}; runs lost, repeated or different: 0")
     return 0
 
 
-def disturb(chaos: Chaos, n_kills: int) -> None:
-    """Disturbs an experiment until so many processes are killed, and checks what is stored each time.
-
-    Raises:
-      Broken: Something was lost, repeated or different.
-    """
-    ways: list[Callable[[], int]] = [
+def local_ways(chaos: Chaos) -> list[Callable[[], int]]:
+    """Returns what can happen to drivers of an experiment on this machine."""
+    return [
         chaos.driver_killed,
         chaos.driver_killed,
         partial(chaos.driver_killed, signal.SIGINT),
         chaos.one_of_two_drivers_killed,
         chaos.disk_full,
     ]
-    if "dqn" in chaos.experiment.read_text(encoding="utf-8"):
-        ways += [chaos.worker_killed] * 3
+
+
+@contextmanager
+def cluster(folder: Path) -> Iterator[Machines]:
+    """Yields a Dask scheduler with two workers."""
+    machines = Machines(folder)
+    try:
+        machines.begin()
+        machines.workers = [machines.add(name, preload="") for name in ("first", "second")]
+        yield machines
+    finally:
+        machines.stop()
+
+
+def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> None:
+    """Disturbs an experiment until so many processes are killed, and checks what is stored each time.
+
+    Args:
+      chaos: The experiment.
+      ways: What can happen; each returns how many processes were killed.
+      n_kills: How many.
+
+    Raises:
+      Broken: Something was lost, repeated or different.
+    """
     for _ in track(range(n_kills), f"killing: {len(chaos.expected)} runs"):
         killed = 0
         while not killed:
-            way = ways[chaos.rng.integers(len(ways))]
+            way = ways[int(chaos.rng.integers(len(ways)))]
             killed = way()
+            is_interrupt = isinstance(way, partial) and way.args == (signal.SIGINT,)
+            name = way.func.__name__ if isinstance(way, partial) else way.__name__
             chaos.happened["killed"] += killed
-            chaos.happened[getattr(way, "__name__", "driver_interrupted").replace("_", " ")] += 1
+            chaos.happened["driver interrupted" if is_interrupt else name.replace("_", " ")] += 1
             if chaos.check() == len(chaos.expected) or chaos.rng.random() < 0.1:
                 chaos.finish()
     chaos.finish()

@@ -370,7 +370,7 @@ def _nudged(rng: np.random.Generator, value: Any) -> Any:
     if isinstance(value, int):
         return _one(rng, (value + 1, value - 1, value * 2, value * 10, value // 2, -value))
     if isinstance(value, float):
-        return _one(rng, (value / 3, value * 3, -value, value + 1, round(value)))
+        return _one(rng, (value / 3, value * 3, -value, value + 1, 0.0))
     if isinstance(value, str):
         return _one(rng, (value[:-1], value + "x", value.upper(), value * 2))
     return copy.deepcopy(value)

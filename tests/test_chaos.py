@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from tests.chaos import TABLES, Broken, Chaos, disturb
+from tests.chaos import TABLES, Broken, Chaos, disturb, local_ways
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 
@@ -16,7 +16,7 @@ def chaos(tmp_path_factory: pytest.TempPathFactory) -> Chaos:
 
 
 def test_nothing_is_lost_repeated_or_different(chaos: Chaos) -> None:
-    disturb(chaos, n_kills=3)
+    disturb(chaos, local_ways(chaos), n_kills=3)
     chaos.disk_full()
     chaos.finish()
     assert chaos.happened["killed"] >= 3

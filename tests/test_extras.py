@@ -116,6 +116,7 @@ def test_assessment_names_its_extra(core: Path, tmp_path: Path) -> None:
         "assess --observation index --agent mine:act",
         "speed",
         "growth",
+        "doctor",
     ],
 )
 def test_commands_name_their_extra(arguments: str, core: Path, tmp_path: Path) -> None:
@@ -148,6 +149,15 @@ def test_commands_that_need_more_name_its_extra(
     last = done.stderr.splitlines(keepends=True)[-1]  # a line on progress may come before
     assert re.fullmatch(needs(f"error: {what}", package, extra, rf"\.{extra}"), last), done.stderr
     assert done.returncode == 2
+
+
+def test_doctor_says_what_an_experiment_lacks(reproduce: Path, tmp_path: Path) -> None:
+    done = python(reproduce, "-m", "benchmark", "doctor", "compare_deep", cwd=tmp_path)
+    needed = needs("batched_dqn", "torch", "deep", r"\.deep").removesuffix(r"\.\n")
+    assert re.search(rf"^problem +runs +{needed}$", done.stdout, re.MULTILINE), done.stderr
+    assert re.search(r"^note +packages +the extra deep needs", done.stdout, re.MULTILINE)
+    assert re.search(r"^ok +packages +complete extras: reproduce$", done.stdout, re.MULTILINE)
+    assert (done.returncode, done.stderr) == (1, "")
 
 
 @pytest.mark.parametrize("name", ["no_such_module", "pandas.no_such_module"])

@@ -34,7 +34,7 @@ def run_make(target: str, tmp_path: Path) -> str:
             "report": [f"RESULTS={tmp_path}"],
             "test": ["TESTS=tests/test_layering.py"],
             "check": ["CHECKED=envs/inputs.py"],
-            "chaos": ["CHAOS=--kills 0"],
+            "chaos": ["CHAOS=--kills 1"],
             "fuzz": ["FUZZ=--inputs 40"],
             "speed": ["SPEED=--smoke", f"RESULTS={tmp_path}"],
             "growth": ["GROWTH=--smoke", f"RESULTS={tmp_path}"],

@@ -224,7 +224,7 @@ def unwritable(tmp_path: Path) -> Path:
     [
         (["run", "reproduct"], "unknown experiment reproduct (did you mean reproduce?)"),
         (["report", "nothing.toml"], "nothing.toml: cannot be read"),
-        (["run", "reproduce", "--jobs", "0"], "--jobs 0: accepted: at least 1"),
+        (["run", "reproduce", "--jobs", "0"], "--jobs 0: accepted: a whole number from 1 to 1024"),
         (["run", "reproduce", "--seeds", "9-2"], "--seeds 9-2: accepted: A-B"),
         (["run", "reproduce", "--seeds", "x"], "--seeds x: accepted: A-B"),
         (["run", "reproduce", "--seeds", ""], "--seeds : accepted: A-B"),

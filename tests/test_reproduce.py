@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import ROOT, make
+from tests.support import ROOT, command, make
 
 RUNS = 5000
 if not (ROOT / ".git").exists():
@@ -92,6 +92,17 @@ def test_results_are_the_published_ones_after_a_kill(clone: tuple[Path, str]) ->
 def test_certificate_says_so_and_leaves_nothing_to_commit(clone: tuple[Path, str]) -> None:
     folder, output = clone
     assert re.search(r"reproduce: identical to the published results \((\d+) of \1 files\)\.", output)
+    assert git(folder, "status", "--porcelain") == ""
+
+
+def test_published_results_are_verified(clone: tuple[Path, str]) -> None:
+    """Checksums of all runs, some runs repeated, everything drawn again: the same."""
+    folder, _ = clone
+    done = command("verify", "reproduce", "--runs", "12", cwd=folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"checksums: right in all {RUNS} records." in done.stdout
+    assert "runs: 12 of 12 repeated runs are identical" in done.stdout
+    assert "reproduce: identical to the published results (34 of 34 files)." in done.stdout
     assert git(folder, "status", "--porcelain") == ""
 
 

@@ -1,13 +1,11 @@
 """The commands of the command line: one module each, whose `main` takes the parsed options."""
 
-import os
 from typing import Final
 
+from benchmark.execution.machine import usable_cores
 from envs.inputs import InputError, shortened, whole_number
 
 MOST_SEEDS: Final = 1_000_000
-
-
 MOST_JOBS: Final = 1024
 
 
@@ -22,8 +20,7 @@ def parse_jobs(jobs: int | None, default: int | None = None) -> int:
       InputError: Too few or too many.
     """
     if jobs is None:
-        has_affinity = hasattr(os, "sched_getaffinity")  # on Linux
-        return default or (len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1)
+        return default or usable_cores()
     if not 1 <= jobs <= MOST_JOBS:
         raise InputError(f"--jobs {shortened(str(jobs))}: accepted: a whole number from 1 to {MOST_JOBS}.")
     return jobs

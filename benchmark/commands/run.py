@@ -58,7 +58,7 @@ def main(options: argparse.Namespace) -> int:
             return report.main(options) if options.report else 0
         with ExitStack() as stack:
             if options.cluster is not None:
-                cluster = _connect(options.cluster, {run.algorithm for run in todo})
+                cluster = connect(options.cluster, {run.algorithm for run in todo})
                 stack.callback(cluster.cancel)
                 # A worker finds its next job waiting.
                 jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
@@ -88,7 +88,7 @@ def main(options: argparse.Namespace) -> int:
     return report.main(options) if options.report else 0
 
 
-def _connect(address: str, algorithms: Collection[str]) -> "Cluster":
+def connect(address: str, algorithms: Collection[str]) -> "Cluster":
     """Returns a cluster that can execute runs of these algorithms."""
     if find_spec("distributed") is None:
         raise missing_package("--cluster", "distributed")

@@ -36,9 +36,14 @@ def provenance(algorithm: str) -> dict[str, Any]:
     """Returns the commit of the code, the machine, and the versions that a run of an algorithm depends on."""
     return {
         "commit": commit(Path(__file__)),
-        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "machine": machine(),
         "versions": versions(algorithm),
     }
+
+
+def machine() -> str:
+    """Returns what kind of machine this is."""
+    return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
 
 
 def versions(algorithm: str) -> dict[str, str]:

@@ -103,6 +103,11 @@ def _pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     return b"\n".join([json.dumps(layout).encode(), b"".join(data.values())])
 
 
+def packed_size(arrays: Mapping[str, NDArray[Any]]) -> int:
+    """Returns how many bytes the arrays of a record take in the store."""
+    return len(_pack(arrays))
+
+
 class _Packed(Mapping[str, NDArray[Any]]):
     """What `_pack` returned, as arrays by name; an array is decompressed whenever it is asked for."""
 
@@ -224,6 +229,25 @@ class Store:
     def ended(self) -> set[str]:
         """Returns the digests of the runs with a valid record: those that are done, or diverged."""
         return {digest for digest, status in self.statuses().items() if status != "failed"}
+
+    def contents(self) -> dict[str, tuple[str, int]]:
+        """Returns the specification of every run that has ended, and the size of its arrays, by digest."""
+        query = "SELECT digest, specification, length(arrays) FROM runs WHERE status != 'failed'"
+        return self._do(lambda: {row[0]: row[1:] for row in self._connection.execute(query)})
+
+    def size(self) -> tuple[int, int]:
+        """Returns how many bytes the file has, and how many of them are free for further records."""
+
+        def pages(what: str) -> int:
+            (number,) = self._connection.execute(f"PRAGMA {what}").fetchone()
+            return int(number)
+
+        return self._do(
+            lambda: (
+                pages("page_count") * pages("page_size"),
+                pages("freelist_count") * pages("page_size"),
+            )
+        )
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""

@@ -14,6 +14,7 @@ from benchmark.experiments.specification import (
     all_specifications,
     evaluation_steps,
     load_experiment,
+    population_of,
     specifications,
 )
 
@@ -29,5 +30,6 @@ __all__ = [
     "evaluation_steps",
     "experiment_names",
     "load_experiment",
+    "population_of",
     "specifications",
 ]

@@ -125,6 +125,11 @@ class RunSpecification:
         return np.random.SeedSequence(int.from_bytes(entropy))
 
 
+def population_of(content: str) -> str:
+    """Returns the population of a run, by its content, see `RunSpecification`."""
+    return content[: content.rindex(',"seed":')] + "}"
+
+
 @lru_cache(maxsize=1024)
 def _digest_of_start(population: str) -> "hashlib._Hash":
     """Returns the SHA-256 of the content of a population's runs, up to where they differ."""

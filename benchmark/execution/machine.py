@@ -1,0 +1,44 @@
+"""What of this machine the process may use: cores and memory, under the limits of its control groups."""
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+
+def usable_cores() -> int:
+    """Returns how many cores this process may keep busy, at least 1."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quotas = []
+    for text in _control_files("cpu.max"):  # "200000 100000" or "max 100000": microseconds, of a period
+        quota, _, period = text.partition(" ")
+        if quota != "max":
+            quotas.append(int(quota) / int(period))
+    return max(1, int(min([cores, *quotas])))
+
+
+def free_memory() -> int | None:
+    """Returns how many bytes of memory this process may still take; None where the system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    amounts = dict(line.split(":") for line in lines)
+    free = [int(amounts["MemAvailable"].split()[0]) * 1024]
+    for most, used in zip(_control_files("memory.max"), _control_files("memory.current"), strict=False):
+        if most != "max":
+            free.append(int(most) - int(used))
+    return max(0, min(free))
+
+
+def _control_files(name: str) -> Iterator[str]:
+    """Yields the content of a file in each control group that this process is in, the root aside."""
+    root = Path("/sys/fs/cgroup")
+    with suppress(OSError):
+        groups = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
+        own = next((line[3:] for line in groups if line.startswith("0::")), "/")  # version 2
+        folder = root / own.strip("/")
+        for group in (folder, *folder.parents):
+            if group.is_relative_to(root):  # a container's own group is mounted as the root
+                with suppress(OSError):
+                    yield (group / name).read_text(encoding="ascii").strip()
