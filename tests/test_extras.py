@@ -224,7 +224,8 @@ def test_environments_import_what_is_declared() -> None:
 
 def test_agents_and_benchmark_import_what_is_declared() -> None:
     """All that is declared is imported, too; rliable imports arch, and sb3_contrib is imported by name."""
-    declared = CORE | {*EXTRAS["reproduce"], *EXTRAS["deep"]} - {"arch", "sb3_contrib"}
+    used = EXTRAS["reproduce"] + EXTRAS["deep"] + EXTRAS["cluster"]
+    declared = CORE | {*used} - {"arch", "sb3_contrib"}
     assert third_party(LAYERS) - {*EXTRAS["render"]} == declared
 
 
