@@ -363,7 +363,7 @@ horizon = 100
 evaluation_every = 100
 map_every = 200
 settings = { time_limit = 50 }
-[algorithms."a [table].b"]
+[algorithms."a-table_b"]
 algorithm = "q_learning"
 observations = ["index"]
 seeds = 2
@@ -399,7 +399,7 @@ def test_page_of_another_experiment(another: Path, open_page: Open) -> None:
     opened = open_page(another)
     assert opened.page.locator("#step-text").inner_text() == "1,000 of 1,000"
     assert opened.page.locator("select[name=experiment]:visible").count() == 0
-    opened.choose("left", "room", "a [table].b", "index")
+    opened.choose("left", "room", "a-table_b", "index")
     opened.choose("right", "room", "dqn", "coordinates")
     about = opened.panel("right").locator(".about").inner_text()
     assert about.startswith("At step 300: Q-values, discount 0.99.")
@@ -418,7 +418,7 @@ def test_page_of_another_experiment(another: Path, open_page: Open) -> None:
     opened.page.keyboard.press("Escape")
     opened.page.wait_for_function("location.hash.includes('%2E')")
     again = open_page(another, opened.page.evaluate("location.hash"))
-    assert again.panel("left").locator("select[name=algorithm]").input_value() == "a [table].b"
+    assert again.panel("left").locator("select[name=algorithm]").input_value() == "a-table_b"
 
 
 def test_film_of_scenes_and_budgets_that_differ(another: Path) -> None:
@@ -442,7 +442,7 @@ def to_seed(opened: Opened, side: str, seed: object) -> None:
 
 def test_any_seed_can_be_chosen(another: Path, open_page: Open) -> None:
     opened = open_page(another)
-    opened.choose("left", "S2", "a [table].b", "index")
+    opened.choose("left", "S2", "a-table_b", "index")
     seeds = opened.panel("left").locator("select[name=seed] option").all_inner_texts()
     assert seeds == ["0", "1"]
     to_seed(opened, "left", 1)
@@ -452,7 +452,7 @@ def test_any_seed_can_be_chosen(another: Path, open_page: Open) -> None:
         assert "Of this agent only the final greedy policy is published." in about.inner_text()
         assert "(seed 1)" in about.inner_text()
     agents = pd.read_csv(another / "agents.csv", dtype={"greedy": str})
-    row = agents.query("scenario == 'S2' and algorithm == 'a [table].b' and seed == 1").iloc[0]
+    row = agents.query("scenario == 'S2' and algorithm == 'a-table_b' and seed == 1").iloc[0]
     for link, name in enumerate(("score", "success")):
         shown = about.locator("a.n").nth(link)
         assert number(shown.inner_text()) == pytest.approx(row[name], abs=0.0005)
@@ -478,7 +478,7 @@ def test_any_seed_can_be_chosen(another: Path, open_page: Open) -> None:
     address = opened.page.evaluate("location.hash")
     for fragment, expected in ((address, "1"), (address.replace(".1~", "~", 1), "0")):
         again = open_page(another, fragment)
-        assert again.panel("left").locator("select[name=algorithm]").input_value() == "a [table].b"
+        assert again.panel("left").locator("select[name=algorithm]").input_value() == "a-table_b"
         assert again.panel("left").locator("select[name=seed]").input_value() == expected
 
 
@@ -525,8 +525,8 @@ def test_both_maps_follow_the_pointer(opened: Opened) -> None:
 
 def test_maps_of_different_size_do_not_follow_each_other(another: Path, open_page: Open) -> None:
     opened = open_page(another)
-    opened.choose("left", "room", "a [table].b", "index")
-    opened.choose("right", "S2", "a [table].b", "index")
+    opened.choose("left", "room", "a-table_b", "index")
+    opened.choose("right", "S2", "a-table_b", "index")
     opened.cell("left", 2, 3, n_columns=7).hover()
     left, right = readouts(opened)
     assert left.startswith("Row 2, column 3")
