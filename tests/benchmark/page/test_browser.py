@@ -395,7 +395,7 @@ def test_page_of_another_experiment(another: Path, open_page: Open) -> None:
     text = (another / "index.html").read_text(encoding="utf-8")
     assert "Two &lt;b&gt;scenes&lt;/b&gt; | of different size." in text
     index = (another.parent / "README.md").read_text(encoding="utf-8")
-    assert r"Two <b>scenes</b> \| of different size." in index
+    assert r"Two &#60;b>scenes&#60;/b> \| of different size." in index
     opened = open_page(another)
     assert opened.page.locator("#step-text").inner_text() == "1,000 of 1,000"
     assert opened.page.locator("select[name=experiment]:visible").count() == 0
