@@ -4,9 +4,10 @@
 there say what each is about, and in S1 to S3 which term of the paper a value has.
 """
 
+import json
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
@@ -679,4 +680,11 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
         if str(scenario) not in scenario_names():
             unknown_name("scenarios", "scenario", str(scenario), scenario_names())
     check_file_name(path, "the scenario is")
-    return parse(Scenario, override(read_toml(path), overrides or {}, str(path)), str(path), name=path.stem)
+    changed = override(read_toml(path), overrides or {}, str(path))
+    return _checked(json.dumps(changed, default=str), path)
+
+
+@lru_cache(maxsize=256)
+def _checked(values: str, path: Path) -> Scenario:
+    """Returns the scenario of a file, given its values as JSON: experiments load the same again and again."""
+    return parse(Scenario, json.loads(values), str(path), name=path.stem)

@@ -228,7 +228,8 @@ class Store:
 
     def ended(self) -> set[str]:
         """Returns the digests of the runs with a valid record: those that are done, or diverged."""
-        return {digest for digest, status in self.statuses().items() if status != "failed"}
+        query = "SELECT digest FROM runs WHERE status != 'failed'"
+        return self._do(lambda: {digest for (digest,) in self._connection.execute(query)})
 
     def contents(self) -> dict[str, tuple[str, int]]:
         """Returns the specification of every run that has ended, and the size of its arrays, by digest."""
