@@ -4,8 +4,8 @@
 there say what each is about, and in S1 to S3 which term of the paper a value has.
 """
 
-import json
 import math
+import pickle
 from collections.abc import Iterator, Mapping
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -681,10 +681,10 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
             unknown_name("scenarios", "scenario", str(scenario), scenario_names())
     check_file_name(path, "the scenario is")
     changed = override(read_toml(path), overrides or {}, str(path))
-    return _checked(json.dumps(changed, default=str), path)
+    return _checked(pickle.dumps(changed), path)
 
 
 @lru_cache(maxsize=256)
-def _checked(values: str, path: Path) -> Scenario:
-    """Returns the scenario of a file, given its values as JSON: experiments load the same again and again."""
-    return parse(Scenario, json.loads(values), str(path), name=path.stem)
+def _checked(values: bytes, path: Path) -> Scenario:
+    """Returns the scenario of a file, given its values: experiments load the same again and again."""
+    return parse(Scenario, pickle.loads(values), str(path), name=path.stem)

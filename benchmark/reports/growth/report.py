@@ -78,12 +78,12 @@ _FULL: Final = Sizes(
     rounds=2,
 )
 _SMOKE: Final = Sizes(
-    agents=(100, 200),
+    agents=(100,),
     stored=(100,),
     nets=(1,),
     grids=((10, 12),),
     workers=(1,),
-    populations=2,
+    populations=1,
     seeds=1,
     batched=2,
     batched_budget=200,
