@@ -416,7 +416,7 @@ def test_page_of_another_experiment(another: Path, open_page: Open) -> None:
     cells = [line.split("\t") for line in opened.page.locator("dialog tbody").inner_text().splitlines()]
     assert [value for _, value in cells] == row
     opened.page.keyboard.press("Escape")
-    opened.page.wait_for_function("location.hash.includes('%2E')")
+    opened.page.wait_for_function("location.hash.includes('a-table_b')")
     again = open_page(another, opened.page.evaluate("location.hash"))
     assert again.panel("left").locator("select[name=algorithm]").input_value() == "a-table_b"
 
