@@ -37,12 +37,12 @@ def alone(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            print(f"{folder}: waiting for another report to end ...", file=sys.stderr)
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
         with _input_errors(folder):
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                print(f"{folder}: waiting for another report to end ...", file=sys.stderr)
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
             for path in folder.glob(f".*{_BEFORE}"):
                 target = folder / path.name[1 : -len(_BEFORE)]
                 _remove(path) if target.exists() else path.rename(target)
@@ -120,9 +120,17 @@ def _take_over(folder: Path, made: Path, is_stale: Callable[[str], bool]) -> Non
         if (made / path.name).exists() or (not is_folder and is_stale(path.name)):
             continue
         if is_folder:
-            shutil.copytree(path, made / path.name, copy_function=os.link, symlinks=True)
+            shutil.copytree(path, made / path.name, copy_function=_link, symlinks=True)
         else:
-            os.link(path, made / path.name, follow_symlinks=False)
+            _link(path, made / path.name)
+
+
+def _link(source: str | Path, target: str | Path) -> None:
+    """Gives a file a second name, or copies it where a file has but one."""
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(source, target, follow_symlinks=False)
 
 
 def _exchange(made: Path, folder: Path) -> None:

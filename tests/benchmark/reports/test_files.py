@@ -79,6 +79,19 @@ def test_folder_with_the_name_of_a_file_is_left_alone(folder: Path) -> None:
     assert content(folder.parent) == before
 
 
+def test_file_system_without_hard_links(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("os.link", refuse)
+    replace(folder, "a.csv")
+    assert content(folder) == {
+        "a.csv": "new a.csv",
+        "other.txt": "old other.txt",
+        "notes/c.txt": "old notes/c.txt",
+    }
+
+
 def test_link_to_a_folder_stays_one(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(folder)
     replace(tmp_path / "link", "a.csv")
