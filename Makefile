@@ -54,10 +54,10 @@ speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, i
 growth: $(DEV) ## time and memory against agents, cells, stored runs and workers, in results/growth/ (about 20 minutes)
 	$(PY) -m benchmark growth --results $(RESULTS) $(GROWTH)
 
-chaos: $(DEV) ## kill drivers and workers 200 times, fill disks, and compare every run (CHAOS="--kills 20")
+chaos: $(DEV) ## kill drivers and workers 200 times, fill disks, and compare every run (CHAOS="--kills 20": 20 times)
 	$(PY) -m tests.chaos $(CHAOS)
 
-fuzz: $(DEV) ## give the command line 100,000 drawn inputs (FUZZ="--inputs 2000")
+fuzz: $(DEV) ## give the command line 100,000 random inputs (FUZZ="--inputs 2000": fewer)
 	$(PY) -m tests.fuzz $(FUZZ)
 
 clean: ## remove installed packages, caches and runs; published results stay

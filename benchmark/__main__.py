@@ -33,12 +33,13 @@ examples:
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
-  python -m benchmark doctor compare_deep          is all in order here, and how long would it take?
+  python -m benchmark doctor compare_deep          examine this machine; estimate time and memory
   python -m benchmark speed                        measure speed against common alternatives
   python -m benchmark growth                       measure time and memory against agents, cells, stored runs
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
-with the same command. Exit codes: 0 success, 1 a run failed, 2 invalid input, 130 interrupted.
+with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
+interrupted.
 """
 
 
@@ -65,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {InputError(f'{where}{error.strerror or error}.')}", file=sys.stderr)
         return 2
     except MemoryError:
-        print("error: the memory is full; fewer --jobs or a smaller experiment need less.", file=sys.stderr)
+        print("error: out of memory; give fewer --jobs or run a smaller experiment.", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(_INTERRUPTED, file=sys.stderr)
@@ -160,7 +161,7 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     verify = command("verify", "verify checksums, repeat some runs, and draw tables and figures again")
-    _add_experiment(verify, "; by default all with stored runs", seeds=False)
+    _add_experiment(verify, "; by default all that 'list' shows", seeds=False)
     verify.add_argument(
         "--runs",
         type=int,
@@ -169,7 +170,10 @@ def _parser() -> argparse.ArgumentParser:
         help="how many runs to repeat, drawn at random (default: 20)",
     )
     verify.add_argument(
-        "--seed", type=int, metavar="N", help="of the draw, to repeat the same runs (default: at random)"
+        "--seed",
+        type=int,
+        metavar="N",
+        help="of the draw; the same seed draws the same runs (default: random)",
     )
     _add_jobs(verify)
 
@@ -224,9 +228,15 @@ def _parser() -> argparse.ArgumentParser:
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
-    _add_experiment(doctor, "; then its time, memory and disk are estimated, in at most 20 seconds")
+    _add_experiment(
+        doctor, "; then its time, memory and disk are estimated, in at most 20 seconds", draws=False
+    )
     _add_jobs(doctor)
-    doctor.add_argument("--cluster", metavar="ADDRESS", help="also examine the workers of a Dask scheduler")
+    doctor.add_argument(
+        "--cluster",
+        metavar="tcp://HOST:PORT",
+        help="also examine the workers of the Dask scheduler at this address; estimates are for this machine",
+    )
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     speed.add_argument(
@@ -260,13 +270,16 @@ def _add_jobs(command: argparse.ArgumentParser, otherwise: str = "") -> None:
     )
 
 
-def _add_experiment(command: argparse.ArgumentParser, if_missing: str = "", *, seeds: bool = True) -> None:
+def _add_experiment(
+    command: argparse.ArgumentParser, if_missing: str = "", *, seeds: bool = True, draws: bool = True
+) -> None:
     """Adds an experiment and its seeds to a command's arguments.
 
     Args:
       command: Its parser.
       if_missing: What happens without an experiment; if empty, one is required.
       seeds: Whether seeds can be chosen.
+      draws: Whether tables and figures are made of the runs.
     """
     command.add_argument(
         "experiment",
@@ -279,8 +292,8 @@ def _add_experiment(command: argparse.ArgumentParser, if_missing: str = "", *, s
     command.add_argument(
         "--seeds",
         metavar="A-B",
-        help="seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares); "
-        "tables and figures of other seeds go into EXPERIMENT_seeds_A-B",
+        help="seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
+        + "; tables and figures of other seeds go into EXPERIMENT_seeds_A-B" * draws,
     )
 
 

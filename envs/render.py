@@ -98,7 +98,7 @@ class Window:
           MissingPackageError: pygame-ce is not installed.
           InputError: SDL cannot open a window.
         """
-        with needed_by('render_mode = "human" (not "ansi" and "rgb_array")'):
+        with needed_by('render_mode = "human" (unlike "ansi" and "rgb_array")'):
             import pygame
         self._pygame: Any = pygame
         try:

@@ -1,6 +1,6 @@
-"""Kills, fills disks and starts drivers side by side, and checks that no run is lost, repeated or different.
+"""Kills drivers and workers, fills disks, and checks that no run is lost, repeated or different.
 
-`make chaos` runs it at full length; `tests/test_chaos.py` runs a little of it.
+`make chaos` runs it at full length; `tests/test_chaos.py` runs a short version.
 """
 
 import argparse
@@ -225,7 +225,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the command; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.chaos", description=__doc__)
     parser.add_argument("--kills", type=int, default=200, help="how many processes to kill (default: 200)")
-    parser.add_argument("--seed", type=int, default=0, help="of when things happen (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="random seed of what happens when (default: 0)")
     options = parser.parse_args(arguments)
     total: Counter[str] = Counter()
     with tempfile.TemporaryDirectory(prefix="chaos-") as folder, ExitStack() as stack:
@@ -282,7 +282,7 @@ def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> No
     Raises:
       Broken: Something was lost, repeated or different.
     """
-    for _ in track(range(n_kills), f"killing: {len(chaos.expected)} runs"):
+    for _ in track(range(n_kills), f"killing processes ({len(chaos.expected)} runs)"):
         killed = 0
         while not killed:
             way = ways[int(chaos.rng.integers(len(ways)))]
@@ -336,7 +336,7 @@ def _wait_for_end(group: int) -> None:
         except ProcessLookupError:
             return
         time.sleep(0.05)
-    raise Broken("a killed driver's workers go on")
+    raise Broken("a killed driver's workers keep running")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Gives the command line drawn inputs, and checks that each is accepted or refused by one line.
+"""Gives the command line random inputs, and checks that each is accepted or refused by one line.
 
 `make fuzz` draws 100,000; `tests/test_fuzz.py` some of them. Every input follows from a seed and its number.
 Nothing is trained: an experiment that is accepted ends where its runs would begin.
@@ -268,9 +268,9 @@ def check_many(seed: int, numbers: range) -> tuple[Counter[str], list[Failure]]:
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("--inputs", type=int, default=100_000, help="how many (default: 100,000)")
-    parser.add_argument("--first", type=int, default=0, help="the number of the first (default: 0)")
-    parser.add_argument("--seed", type=int, default=0, help="of all inputs (default: 0)")
+    parser.add_argument("--inputs", type=int, default=100_000, help="number of inputs (default: 100,000)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first input (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed that all inputs follow from (default: 0)")
     options = parser.parse_args(arguments)
     last = options.first + options.inputs
     chunks = [range(i, min(i + CHUNK, last)) for i in range(options.first, last, CHUNK)]

@@ -84,7 +84,7 @@ def test_window_names_its_extra(core: Path, tmp_path: Path) -> None:
     code = "import gymnasium; gymnasium.make('envs:Proxemic/S1-v0', render_mode='human').reset()"
     done = python(core, "-c", code, cwd=tmp_path)
     expected = needs(
-        r'render_mode = "human" \(not "ansi" and "rgb_array"\)', "pygame-ce", "render", r"\.render"
+        r'render_mode = "human" \(unlike "ansi" and "rgb_array"\)', "pygame-ce", "render", r"\.render"
     )
     assert re.search(expected, done.stderr)
 

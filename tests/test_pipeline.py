@@ -140,9 +140,9 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     verify = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
     assert main([*verify, "--runs", "40"]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        "checksums: right in all 156 records.",
-        "runs: 40 of 40 repeated runs are identical (of 156; --seed 3).",
-        "reproduce_smoke: identical to the published results (34 of 34 files).",
+        "checksums: correct in all 156 records.",
+        "runs: 40 of 40 repeated runs are identical (drawn from 156 with --seed 3).",
+        f"reproduce_smoke: identical to the files in {tmp_path / 'reproduce_smoke'} (34 of 34 files).",
     ]
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {path.name for path in results.iterdir()}  # nothing is left aside
@@ -154,11 +154,11 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     (tmp_path / "reproduce_smoke" / "success.csv").write_text("success\n1.0\n")
     assert main([*verify, "--runs", "156"]) == 1
     problems = capsys.readouterr()
-    assert f"({forged.digest[:12]}): other q." in problems.err
-    assert "files differ from the published results: " in problems.err
+    assert f"({forged.digest[:12]}): differs in q." in problems.err
+    assert f"differ from the files in {tmp_path / 'reproduce_smoke'}: " in problems.err
     assert "success.csv" in problems.err
     assert problems.out.splitlines()[1:] == [
-        "runs: 155 of 156 repeated runs are identical (of 156; --seed 3).",
+        "runs: 155 of 156 repeated runs are identical (drawn from 156 with --seed 3).",
         "problems found: 2.",
     ]
     connection = sqlite3.connect(tmp_path / "runs.db")
@@ -170,7 +170,7 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     # Running the experiment again repeats what is damaged, and nothing else.
     assert main(["run", "reproduce_smoke", "--results", str(tmp_path)]) == 0
     repeated = capsys.readouterr()
-    assert "reproduce_smoke: damaged runs, which are repeated: 1" in repeated.err
+    assert "reproduce_smoke: repeating runs whose records are damaged: 1." in repeated.err
     assert "1 runs done, 155 were done already" in repeated.out
     assert main(["report", "reproduce_smoke", "--results", str(tmp_path)]) == 0
     made = contents(tmp_path / "reproduce_smoke")

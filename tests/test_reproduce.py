@@ -100,9 +100,9 @@ def test_published_results_are_verified(clone: tuple[Path, str]) -> None:
     folder, _ = clone
     done = command("verify", "reproduce", "--runs", "12", cwd=folder)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert f"checksums: right in all {RUNS} records." in done.stdout
+    assert f"checksums: correct in all {RUNS} records." in done.stdout
     assert "runs: 12 of 12 repeated runs are identical" in done.stdout
-    assert "reproduce: identical to the published results (34 of 34 files)." in done.stdout
+    assert "reproduce: identical to the files in results/reproduce (34 of 34 files)." in done.stdout
     assert git(folder, "status", "--porcelain") == ""
 
 

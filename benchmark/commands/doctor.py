@@ -37,7 +37,11 @@ BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome")  # the tests
 _PROJECT: Final = "proxemic-benchmark"
 _ROOT: Final = Path(__file__).parents[2]
 _COLOURS: Final = {"ok": "green", "note": "yellow", "problem": "bold red"}
-_SOURCES: Final = {"stored": "as stored", "calibrated": "measured", "similar": "from similar ones"}
+_SOURCES: Final = {
+    "stored": "from stored runs",
+    "calibrated": "from small jobs",
+    "similar": "from similar populations",
+}
 _MOST_NAMED: Final = 3  # of a list
 _LONGEST: Final = 200  # characters of an error
 _CHECK_S: Final = 3.0  # how long to verify checksums
@@ -116,12 +120,10 @@ def _installation() -> Iterator[Finding]:
         if (installed := _version(name)) not in (None, wanted)
     ]
     if outside:
-        advice = "pip install -U, or another Python, brings versions that are accepted"
+        advice = "install accepted ones, as pip install -e '.[EXTRA]' does"
         yield Finding("problem", "versions", f"not accepted: {_listed(outside)}; {advice}")
     if others:
-        what = (
-            f"{len(others)} of {len(published)} differ from constraints.txt, which made the published results"
-        )
+        what = f"{len(others)} of {len(published)} differ from constraints.txt, that of the published results"
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those"
         yield Finding("note", "versions", f"{what}: {_listed(others)}; {advice}")
     if not outside and not others:
@@ -130,7 +132,7 @@ def _installation() -> Iterator[Finding]:
     for extra, modules in absent.items():
         if modules:
             message = str(missing_package(f"the extra {extra}", modules[0])).removesuffix(".")
-            more = f" (it lacks {len(modules)} packages)" if len(modules) > 1 else ""
+            more = f" ({len(modules)} packages are missing)" if len(modules) > 1 else ""
             yield Finding("note", "packages", f"{message}{more}")
     if there := [extra for extra, modules in absent.items() if not modules]:
         yield Finding("ok", "packages", f"complete extras: {', '.join(there)}")
@@ -183,7 +185,7 @@ def _version(package: str) -> str | None:
 def _code() -> Finding:
     """Returns what provenance will say of the code."""
     if shutil.which("git") is None:
-        return Finding("note", "code", "git is not found: records will not name a commit; install git")
+        return Finding("note", "code", "git was not found: records will not name a commit; install git")
     commit = provenance.commit(Path(provenance.__file__))
     if commit is None:
         return Finding("ok", "code", "not a checkout: records name no commit")
@@ -212,10 +214,10 @@ def _machine(results: Path) -> Iterator[Finding]:
     """Yields what the machine has to offer."""
     cores, there = usable_cores(), os.cpu_count() or 1
     if cores < there:
-        yield Finding("note", "cores", f"{cores} of {there} may be used here; give --jobs {cores}")
+        yield Finding("ok", "cores", f"{cores} of {there} may be used here; each job uses one thread")
     elif (load := os.getloadavg()[0]) > cores:
-        advice = "wait for other programs, or expect runs to take longer, and estimates to be too high"
-        yield Finding("note", "cores", f"{cores}, on which {load:.0f} programs want to run; {advice}")
+        advice = "wait for other programs to end: they slow down runs, and estimates include that"
+        yield Finding("note", "cores", f"{cores}, with a load average of {load:.1f}; {advice}")
     else:
         yield Finding("ok", "cores", f"{cores}; each job uses one thread")
     threads = os.environ.get("OMP_NUM_THREADS", "1")
@@ -237,8 +239,8 @@ def _machine(results: Path) -> Iterator[Finding]:
     if (_ROOT / "tests").is_dir():
         browser = next(filter(None, map(shutil.which, BROWSERS)), None)
         if browser is None:
-            advice = "apt-get install chromium, or tests of the page are skipped"
-            yield Finding("note", "browser", f"none of {', '.join(BROWSERS)}; {advice}")
+            advice = "install one (apt-get install chromium), or tests of the page are skipped"
+            yield Finding("note", "browser", f"none of {', '.join(BROWSERS)} was found; {advice}")
         else:
             yield Finding("ok", "browser", browser)
 
@@ -271,8 +273,8 @@ def _store(options: argparse.Namespace) -> Iterator[Finding]:
     for name in (f"{path.name}.damaged", f"{path.name}.salvaged"):
         left = path.with_name(name)
         if left.exists():
-            size = _bytes(left.stat().st_size)
-            yield Finding("note", "store", f"{left} ({size}) is left of a store that was damaged; delete it")
+            size, advice = _bytes(left.stat().st_size), "delete it when the store is complete again"
+            yield Finding("note", "store", f"{left} ({size}) is left over from a damaged store; {advice}")
     try:
         with Store(path, read_only=True) as store:
             yield from _content(store, path)
@@ -281,7 +283,7 @@ def _store(options: argparse.Namespace) -> Iterator[Finding]:
     except InputError as error:
         yield Finding("problem", "store", str(error).removesuffix("."))
     if is_written and journal.exists():
-        advice = "wait until it has ended, if it is not one of yours"
+        advice = "run doctor again when it has ended"
         yield Finding("note", "store", f"another process is writing to {path}; {advice}")
     elif is_written:
         yield Finding("ok", "store", f"{path}: an interrupted write has been undone")
@@ -291,7 +293,7 @@ def _content(store: Store, path: Path) -> Iterator[Finding]:
     """Yields whether an open store is sound."""
     structure = store.problem()
     if structure:
-        advice = "'run EXPERIMENT' saves the whole records and repeats the others"
+        advice = "'run EXPERIMENT' saves the intact records and repeats the others"
         yield Finding("problem", "store", f"{path} is damaged: {structure}; {advice}")
         return
     counts = Counter(store.statuses().values())
@@ -317,9 +319,9 @@ def _content(store: Store, path: Path) -> Iterator[Finding]:
         text = f"{damaged} of {n_checked:,} checked records are damaged; 'run EXPERIMENT' repeats them"
         yield Finding("problem", "checksums", text)
     elif n_checked == len(digests):
-        yield Finding("ok", "checksums", f"right in all {n_checked:,} records")
+        yield Finding("ok", "checksums", f"correct in all {n_checked:,} records")
     else:
-        text = f"right in {n_checked:,} of {len(digests):,} records, drawn at random; 'verify' checks all"
+        text = f"correct in {n_checked:,} of {len(digests):,} records, drawn at random; 'verify' checks all"
         yield Finding("ok", "checksums", text)
 
 
@@ -332,7 +334,7 @@ def _cluster(address: str, runs: Sequence["RunSpecification"]) -> Finding:
     except InputError as error:
         return Finding("problem", "cluster", str(error).removesuffix("."))
     cluster.cancel()
-    return Finding("ok", "cluster", f"{address}: workers with the same packages as here: {cluster.workers}")
+    return Finding("ok", "cluster", f"{address}: workers with the same packages and code: {cluster.workers}")
 
 
 # The experiment
@@ -362,7 +364,7 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
     text = f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs"
     yield Finding("ok", "runs", text)
     for failure in estimated.failures:
-        advice = "look into its algorithm and settings"
+        advice = "check its algorithm and settings"
         yield Finding("problem", "runs", f"a small job failed: {shortened(failure, _LONGEST)}; {advice}")
     unknown = estimated.unknown
     known = len({run.population for run in missing}) - len(unknown)
@@ -376,8 +378,8 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
         )
     if unknown:
         names = _listed(list(dict.fromkeys(run.arm for run in unknown)))
-        advice = "what has been compiled is kept, so ask again"
-        text = f"unknown for {len(unknown)} populations ({names}): {LIMIT_S:.0f} s were not enough; {advice}"
+        advice = "compiled code is kept, so try again"
+        text = f"unknown for {len(unknown)} populations ({names}): {LIMIT_S:.0f} s was not enough; {advice}"
         yield Finding("note", "time", text)
     if known:
         yield from _needs(estimated, options)
@@ -387,16 +389,16 @@ def _needs(estimated: "Estimate", options: argparse.Namespace) -> Iterator[Findi
     """Yields whether memory and disk are enough."""
     peak, free = estimated.peak_memory, free_memory()
     if peak is not None and free is not None:
-        text = f"about {_bytes(peak)} at the peak, of {_bytes(free)} that are free"
+        text = f"about {_bytes(peak)} at the peak; {_bytes(free)} are free"
         if peak < free:
             yield Finding("ok", "memory", text)
         else:
-            yield Finding("problem", "memory", f"{text}; fewer --jobs need less")
+            yield Finding("problem", "memory", f"{text}; give fewer --jobs")
     folder = options.results.absolute()
     while not folder.exists():
         folder = folder.parent
     free = shutil.disk_usage(folder).free
-    text = f"about {_bytes(estimated.size)} for records, of {_bytes(free)} that are free"
+    text = f"about {_bytes(estimated.size)} for records; {_bytes(free)} are free"
     if estimated.size < free:
         yield Finding("ok", "disk", text)
     else:

@@ -48,7 +48,9 @@ def main(options: argparse.Namespace) -> int:
         if store.salvaged:
             print(store.salvaged, file=sys.stderr)
         if n_damaged:
-            print(f"{experiment.name}: damaged runs, which are repeated: {n_damaged}.", file=sys.stderr)
+            print(
+                f"{experiment.name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr
+            )
         todo = driver.pending(runs, store)
         if options.tensorboard is not None and len(todo) < len(runs):
             done = f"{len(runs) - len(todo)} of {len(runs)} runs are done already"

@@ -53,7 +53,8 @@ def _problems(
 ) -> Iterator[str]:
     """Yields what is wrong, a sentence each; prints what is right."""
     if structure := store.problem():
-        yield f"{options.results / 'runs.db'}: is damaged: {structure}."
+        advice = "'run EXPERIMENT' saves the intact records and repeats the others"
+        yield f"{options.results / 'runs.db'} is damaged: {structure}; {advice}."
     ended = store.ended()
     runs = {
         experiment.name: [run for run in all_specifications(experiment) if run.digest in ended]
@@ -69,7 +70,7 @@ def _problems(
         )
         ended -= {*damaged}
     else:
-        print(f"checksums: right in all {len(every)} records.")
+        print(f"checksums: correct in all {len(every)} records.")
     yield from _repeated([run for digest, run in stored.items() if digest in ended], store, options, scratch)
     for experiment in experiments:
         folder = options.results / folder_name(experiment, None, partial=False)
@@ -88,7 +89,7 @@ def _repeated(
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     chosen = sample(runs, options.runs, seed)
     if not chosen:
-        print("runs: none is repeated.")
+        print("runs: none were repeated.")
         return
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(f"repeating {len(chosen)} runs", total=len(chosen))
@@ -101,7 +102,8 @@ def _repeated(
         if run.digest in differing:
             yield f"{run.folder} ({run.digest[:12]}): {differing[run.digest]}."
     n_same = len(chosen) - len(differing)
-    print(f"runs: {n_same} of {len(chosen)} repeated runs are identical (of {len(runs)}; --seed {seed}).")
+    drawn = f"drawn from {len(runs)} with --seed {seed}"
+    print(f"runs: {n_same} of {len(chosen)} repeated runs are identical ({drawn}).")
 
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path, jobs: int) -> Iterator[str]:

@@ -49,7 +49,7 @@ _ADVICE: Final = {
     sqlite3.SQLITE_IOERR: "check the disk and its free space; the same command continues",
     sqlite3.SQLITE_READONLY: "make the file and its folder writable",
     sqlite3.SQLITE_CANTOPEN: "make the file and its folder readable and writable",
-    sqlite3.SQLITE_CORRUPT: "it is damaged; 'run EXPERIMENT' saves the whole records and repeats the others",
+    sqlite3.SQLITE_CORRUPT: "it is damaged; 'run EXPERIMENT' saves the intact records and repeats the others",
     sqlite3.SQLITE_NOTADB: "move it away, or choose another folder with --results",
 }
 _T = TypeVar("_T")
@@ -155,7 +155,7 @@ class Store:
             is_empty = is_file and path.stat().st_size == 0  # SQLite leaves it so if it is killed early
         except OSError as error:
             reason = "it is a file" if path.parent.is_file() else error.strerror
-            verb = "read" if read_only else "made"
+            verb = "read" if read_only else "created"
             raise InputError(
                 f"{path.parent}: cannot be {verb}: {reason}; choose another folder with --results."
             ) from error
@@ -376,8 +376,8 @@ class Store:
             kept.hardlink_to(self._path)
             fresh.replace(self._path)
             self.salvaged = (
-                f"{self._path} was damaged: its {n_records} whole records are saved; the damaged file is "
-                f"{kept}."
+                f"{self._path} was damaged: its {n_records} intact records have been saved; the damaged "
+                f"file is kept as {kept}."
             )
         self._connection.close()
         self._connect()

@@ -60,7 +60,7 @@ def _difference(before: Record, after: Record) -> str:
     if after.status == "failed":
         return f"it fails now: {after.error}"
     if before.status != after.status:
-        return f"it was {before.status}, and is {after.status} now"
+        return f"it was {before.status}, but is {after.status} now"
     names = sorted(before.arrays.keys() | after.arrays.keys())
     differing = [
         name
@@ -77,8 +77,8 @@ def _difference(before: Record, after: Record) -> str:
     ]
     if before.provenance["machine"] != after.provenance["machine"]:
         others.append(f"{before.provenance['machine']}, here {after.provenance['machine']}")
-    made = f" (made with {'; '.join(others)})" if others else ""
-    return f"other {', '.join(differing)}{made}"
+    made = f" (recorded with {'; '.join(others)})" if others else ""
+    return f"differs in {', '.join(differing)}{made}"
 
 
 def _are_same(x: np.ndarray, y: np.ndarray) -> bool:

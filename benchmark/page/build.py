@@ -115,7 +115,7 @@ def update(results: Path, experiment: str, *, is_published: bool) -> str:
 
 def _inputs(results: Path, names: Sequence[str]) -> str:
     """Returns the digest of all files that a page is made of."""
-    paths = [path for name in [*names, "speed"] for path in sorted((results / name).glob("[!.]*"))]
+    paths = [path for name in [*names, "speed", "growth"] for path in sorted((results / name).glob("[!.]*"))]
     parts = [f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.is_file()]
     manifests = [open_folder(results / name, "").manifest for name in names]
     named = [name for each in manifests for name in (each["report"], *each.get("items", ()))]
@@ -383,9 +383,9 @@ def _index(results: Path) -> str:
         lines.append(f"| [{path.name}]({path.name}/README.md) | {description} |")
     folders = "\n".join(lines)
     page = """
-[index.html](index.html) shows all of it on one page: download it, or open it from a clone. It needs no server
-and no network. Every number links to the row of the CSV file that it comes from, and the explorer shows what
-one agent of every learner knows over training, cell by cell, and how every agent walks in the end.
+[index.html](index.html) shows all experiments on one page: download it, or open it from a clone. It needs no
+server and no network. Every number links to the row of the CSV file that it comes from, and the explorer
+shows what one agent of every learner knows over training, cell by cell, and how every agent walks in the end.
 """
     return f"""# Results
 {page if (results / "index.html").exists() else ""}

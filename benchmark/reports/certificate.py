@@ -10,7 +10,7 @@ import io
 import math
 import subprocess
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
@@ -55,6 +55,7 @@ class Certificate:
     differing: tuple[str, ...]  # other bytes, missing, or not published
     measured: tuple[str, ...]  # hold measured times; not compared
     distance: Distance | None = None  # of the summary, if it differs
+    other: str = "the published results"  # what was compared with, in words
 
     @property
     def is_identical(self) -> bool:
@@ -66,11 +67,11 @@ class Certificate:
         n = len(self.identical) + len(self.differing)
         apart = f"; files with measured times, not compared: {len(self.measured)}" if self.measured else ""
         if self.is_identical:
-            return f"{self.name}: identical to the published results ({n} of {n} files{apart})."
+            return f"{self.name}: identical to {self.other} ({n} of {n} files{apart})."
         names = ", ".join(self.differing[:_LISTED])
         more = f" and {len(self.differing) - _LISTED} more" if len(self.differing) > _LISTED else ""
         verb = "differs" if len(self.differing) == 1 else "differ"
-        differ = f"{len(self.differing)} of {n} files {verb} from the published results"
+        differ = f"{len(self.differing)} of {n} files {verb} from {self.other}"
         text = f"{self.name}: {differ}: {names}{more}{apart}."
         return text if self.distance is None else f"{text}\n{self.name}: {self.distance}"
 
@@ -102,7 +103,8 @@ def compare_folders(
     folder: Path, published: Path, name: str, measured: Collection[str]
 ) -> Certificate | None:
     """Compares a folder with another one, which counts as published; see `compare`."""
-    return _compare(folder, name, measured, _ids(published), lambda file: (published / file).read_bytes())
+    found = _compare(folder, name, measured, _ids(published), lambda file: (published / file).read_bytes())
+    return found and replace(found, other=f"the files in {published}")
 
 
 def _compare(

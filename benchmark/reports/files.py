@@ -41,7 +41,7 @@ def alone(folder: Path) -> Iterator[None]:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                print(f"{folder}: waiting for another report to end ...", file=sys.stderr)
+                print(f"{folder}: waiting for another command that writes there ...", file=sys.stderr)
                 fcntl.flock(descriptor, fcntl.LOCK_EX)
             for path in folder.glob(f".*{_BEFORE}"):
                 target = folder / path.name[1 : -len(_BEFORE)]

@@ -50,7 +50,8 @@ class Cluster:
             self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
         except OSError as error:
             raise InputError(
-                f"--cluster {address}: no Dask scheduler answers within {_ANSWER_S} s."
+                f"--cluster {address}: no Dask scheduler answered within {_ANSWER_S} s; "
+                "'dask scheduler' starts one."
             ) from error
         try:
             self._wait_for_a_worker()
@@ -65,7 +66,7 @@ class Cluster:
         except BaseException as error:
             self.cancel()
             if isinstance(error, OSError):
-                raise InputError(f"--cluster {address}: the scheduler does not answer any more.") from error
+                raise InputError(f"--cluster {address}: the scheduler no longer answers.") from error
             raise
         self.workers: Final = len(answers)
 
@@ -87,7 +88,7 @@ class Cluster:
 
     def _wait_for_a_worker(self) -> None:
         if not self._client.scheduler_info()["workers"]:
-            print(f"waiting {_WORKER_S} s for a worker of {self._address}", file=sys.stderr)
+            print(f"waiting up to {_WORKER_S} s for a worker at {self._address}", file=sys.stderr)
         try:
             self._client.wait_for_workers(1, _WORKER_S)
         except TimeoutError:
@@ -158,7 +159,8 @@ def refusal(expected: Mapping[str, Mapping[str, str]], dask_worker: Worker) -> s
             return f"{worker}: {error}"
         for key, value in values.items():
             if found.get(key) != value:
-                return f"{worker} has {key} {found.get(key)}, but here it is {value}; accepted: the same."
+                difference = f"has {key} {found.get(key)}, but here it is {value}"
+                return f"{worker} {difference}; install the same and restart it."
     return None
 
 

@@ -73,7 +73,7 @@ def command(*arguments: str) -> Values:
         process.wait()
     seconds = time.perf_counter() - started
     if process.returncode:
-        reason = errors.splitlines()[-1].removeprefix("error: ") if errors else "it says nothing"
+        reason = errors.splitlines()[-1].removeprefix("error: ") if errors else "it printed no error"
         raise InputError(f"growth: the command {arguments[0]} failed: {reason}")
     return {"seconds": seconds, "peak_memory_mb": float(output.splitlines()[-1])}
 

@@ -338,7 +338,7 @@ def _workers(turns: Turns) -> pd.DataFrame:
 
 
 def _overhead(turns: Turns) -> pd.DataFrame:
-    """Returns what a batched job costs beside training and evaluation: a row per round."""
+    """Returns what a batched job costs on top of training and evaluation: a row per round."""
     rows = []
     for (curve, n_agents), taken in turns.items():
         for values in taken if curve == "overhead" else ():
@@ -370,8 +370,8 @@ def _readme(
     return f"""# growth
 
 Made by `make growth`, on a machine with {os.cpu_count()} cores ({platform.machine()}): time and peak memory
-against the numbers of agents, cells and stored runs; several workers against one; and what running and
-storing cost beside training.
+against the numbers of agents, cells and stored runs; several workers against one; and the overhead of
+running and storing on top of training.
 
 ![Time and peak memory against the numbers of agents, cells and stored runs](growth.png)
 
@@ -382,7 +382,7 @@ is that of the fastest round (in the figure a thin line leads to the slowest), i
 - **Agents.** The real runner trains, evaluates and stores runs in S1 in an empty store, one job at a time.
   *Tables*: the paper's Q-learning, but with {_BUDGET:,} steps. *Batched nets*: `dqn` of `compare_deep` from
   one-hot observations, but with {_NET_BUDGET} steps, in one worker process. Compiling and importing come
-  before and are not counted. Memory is that of the driver and of the worker.
+  before and are not counted. Memory is the sum of the peaks of the driver and, for nets, of its worker.
 - **Cells.** S1 on larger grids, in which the first wrong PING ends the episode, so that there are as many
   states as cells: read, check and *compile* the scenario; *solve* it with the paper's discount (larger grids
   take more sweeps of value iteration, until the discount bounds their number); *evaluate* the random policy
@@ -391,7 +391,7 @@ is that of the fastest round (in the figure a thin line leads to the slowest), i
 - **Stored runs.** The stores are those of the tables, made by the real runner, of one experiment each. The
   commands are real ones, from the start of their processes to the end: `list`; *resume*, a `run` that finds
   everything done and verifies every checksum; `report`, that of a replication in S1. It draws figures in
-  further processes, whose memory is not counted. {stored} (aim: `list` below 2 s).
+  further processes, whose memory is not counted. {stored} (target: `list` below 2 s).
 
 ## Exponents
 
@@ -404,15 +404,15 @@ costs, such as starting Python, make small sizes look flatter, so fits to the la
 ## Workers
 
 The nets of `compare_deep_smoke`, in workers that have trained some of each before; *dask* is a cluster on
-this machine, with its scheduler in the driver. `ratio_to_one` says how many times as fast as one of them they
-are (aim for two of Dask: 1.8).
+this machine, with its scheduler in the driver. `ratio_to_one` is the speed-up over one worker of the same
+kind (target for two of Dask: 1.8).
 
 {tables.to_markdown(workers)}
 ## Overhead
 
 Batched DQN in S1 with the settings of `compare_deep`, in one worker process that has trained before; a row
-per round. `own_seconds_per_job` is what jobs take by their own records: training, evaluating, and rounding
-what is recorded. `share` is the rest of the time (aim: below 0.03): planning, moving arrays between
+per round. `own_seconds_per_job` is the time that jobs measure themselves: training, evaluating, and rounding
+what is recorded. `share` is the rest of the time (target: below 0.03): planning, moving arrays between
 processes, compressing and storing, as far as the worker waits for it. `driver_cpu_share` is the CPU time of
 the driver, part of which passes while the worker trains.
 

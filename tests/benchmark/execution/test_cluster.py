@@ -272,12 +272,12 @@ def test_workers_that_differ_are_refused(
         address = pair.addresses("a", "b", "package", "threads", "code")
         refusals = {
             f"worker {address['package']} has numpy 0.1, but here it is {version('numpy')}; "
-            "accepted: the same.",
+            "install the same and restart it.",
             f"worker {address['threads']} has 2 threads; accepted: 1, as with --nthreads 1.",
         }
         code = re.compile(
             rf"worker {address['code']} has project code [0-9a-f]{{12}}, but here it is "
-            rf"{digest_of_code()[:12]}; accepted: the same\."
+            rf"{digest_of_code()[:12]}; install the same and restart it\."
         )
         # They joined later, so it is their jobs that fail.
         seen: set[str] = set()
@@ -355,7 +355,7 @@ def test_clusters_without_workers_are_refused(
 @pytest.mark.parametrize(
     ("address", "message"),
     [
-        ("tcp://127.0.0.1:1", "no Dask scheduler answers within 0.5 s."),
+        ("tcp://127.0.0.1:1", "no Dask scheduler answered within 0.5 s; 'dask scheduler' starts one."),
         *(
             (address, "accepted: tcp://HOST:PORT, the address of a Dask scheduler.")
             for address in (

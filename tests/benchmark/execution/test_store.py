@@ -140,8 +140,8 @@ def test_whole_records_of_a_damaged_file_are_saved(tmp_path: Path) -> None:
         saved = store.statuses().keys()
         assert 5 < len(saved) < len(records)
         assert store.salvaged == (
-            f"{path} was damaged: its {len(saved)} whole records are saved; the damaged file is "
-            f"{path}.damaged."
+            f"{path} was damaged: its {len(saved)} intact records have been saved; the damaged "
+            f"file is kept as {path}.damaged."
         )
         assert (tmp_path / "runs.db.damaged").read_bytes() == content
         other.add([record("new")])  # by a driver that had opened the damaged file

@@ -155,6 +155,6 @@ def test_one_process_at_a_time(folder: Path) -> None:
     assert first.stdout.readline() == "in\n"
     second = start()
     assert second.stderr is not None
-    assert "waiting for another report to end" in second.stderr.readline()
+    assert "waiting for another command that writes there" in second.stderr.readline()
     assert first.communicate()[0] == ""
     assert second.communicate()[0] == "in\n"
