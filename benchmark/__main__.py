@@ -13,7 +13,9 @@ _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command con
 
 try:
     from envs.inputs import InputError, needed_by
-except KeyboardInterrupt:  # imports take a second
+except BaseException as error:  # imports take a second; pydantic turns an interrupt into an error of its own
+    if "KeyboardInterrupt" not in f"{type(error).__name__}: {error}":
+        raise
     print(_INTERRUPTED, file=sys.stderr)
     sys.exit(130)
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, NoReturn, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Final, NoReturn, Self, TypeVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -31,6 +31,8 @@ _SHORTEST_LIST: Final = 40  # characters of accepted names that a message has ro
 _LONGEST_NAME: Final = 60  # characters of a name that is compared with others
 _LARGEST_FILE: Final = 1_000_000  # bytes
 _DEEPEST: Final = 32  # tables inside tables
+_MOST_DIGITS: Final = 4300  # of a number, by default in Python
+_TOO_LARGE: Final = 10**_MOST_DIGITS
 
 # The modules that each extra brings, as they are imported. A checkout need not be installed, so this is not
 # read from the metadata of an installation; a test compares it with pyproject.toml.
@@ -88,7 +90,7 @@ class Table(BaseModel):
     # written before, and the digests of runs, stay the same.
     later: ClassVar[frozenset[str]] = frozenset()
 
-    # What a table has cached is neither compared nor pickled.
+    # What a table has cached is neither compared nor copied nor pickled.
 
     def __eq__(self, other: object) -> bool:
         """Compares types and values."""
@@ -100,6 +102,13 @@ class Table(BaseModel):
         """Hashes the values."""
         values = (getattr(self, key) for key in type(self).model_fields)
         return hash(tuple(tuple(value.items()) if isinstance(value, dict) else value for value in values))
+
+    def __copy__(self) -> Self:
+        """Returns a copy for `model_copy`, which may change fields: without what is cached."""
+        copied = super().__copy__()
+        for key in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[key]
+        return copied
 
     def __getstate__(self) -> dict[Any, Any]:
         """Returns what is pickled."""
@@ -193,7 +202,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     except InputError:
         raise
     except ValueError as error:  # Python refuses to read such a number
-        raise InputError(f"{path}: a number has too many digits; accepted: at most 4,300.") from error
+        raise InputError(
+            f"{path}: a number has too many digits; accepted: at most {_MOST_DIGITS:,}."
+        ) from error
     else:
         depth = _depth(data)
     if depth > _DEEPEST:
@@ -244,11 +255,15 @@ def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
 
 
 def _check_texts(value: object, source: str, key: str = "") -> None:
-    """Checks that keys and texts have no control characters, which could take over a terminal.
+    """Checks that keys and texts have no control characters, and numbers no more digits than Python writes.
+
+    Control characters could take over a terminal.
 
     Raises:
       InputError: One has; the message shows it escaped.
     """
+    if isinstance(value, int) and abs(value) >= _TOO_LARGE:  # as hexadecimal, Python reads it
+        raise InputError(f"{source}: {key}: too many digits; accepted: at most {_MOST_DIGITS:,}.")
     if isinstance(value, str) and _CONTROL.search(value):
         raise InputError(
             f"{source}: {key} = {shortened(value, _LONGEST_NAME)}: accepted: text without control characters "
@@ -274,11 +289,14 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
       source: The origin of `data`, for the message.
 
     Raises:
-      InputError: A key passes through a value that is not a table.
+      InputError: A key passes through a value that is not a table, or through too many tables.
     """
     result = json.loads(json.dumps(data, default=str))
     for dotted, value in overrides.items():
         *tables, key = dotted.split(".")
+        if len(tables) >= _DEEPEST:
+            where = f"{source}: the key {shortened(dotted)}"
+            raise InputError(f"{where}: nested too deeply; accepted: at most {_DEEPEST} levels.")
         table = result
         for name in tables:
             table = table.setdefault(name, {})

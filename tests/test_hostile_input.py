@@ -34,6 +34,12 @@ settings = { budget = 1000 }
 """
 
 
+# Eight axes of twelve conditions.
+SWEEP = "".join(
+    f"[sweep.axis{axis}.c{i}.settings]\nkey{axis} = {i}\n" for axis in range(8) for i in range(12)
+)
+
+
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     """Returns the one line by which the command line refuses arguments."""
     assert main([str(argument) for argument in arguments]) == 2
@@ -55,6 +61,16 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (f"{'.'.join('a' * 3000)} = 1", "nested too deeply"),
         (f"horizon = {'9' * 5000}", "a number has too many digits; accepted: at most 4,300"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
+        (
+            EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"),
+            "horizon: too many digits; accepted: at most 4,300",
+        ),
+        (
+            f"extends = 'reproduce'\ndescription = 'x'\n[changes]\n'{'.'.join('a' * 3000)}' = 1",
+            "nested too deeply",
+        ),
+        (f"{EXPERIMENT}[sweep.size.small.scenario]\n'{'.'.join('a' * 1200)}' = 1", "nested too deeply"),
+        (EXPERIMENT + SWEEP, "readings with sweep: accepted: at most 10,000 conditions"),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
         ("a = 1\n" * 2, "not valid TOML"),
         (EXPERIMENT.replace("map_every", "x" * 5000), "unknown key xxxxx"),

@@ -6,8 +6,10 @@ The readings of the paper are conditions. A sweep adds axes, and each point of t
 """
 
 import json
+import math
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
@@ -30,6 +32,7 @@ from envs.inputs import (
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
+MOST_CONDITIONS: Final = 10_000  # of an experiment
 MOST_CONTRASTS: Final = 8  # of a protocol: each costs the others power
 _PAIR: Final = 2  # learners of a contrast
 _NOT_TAKEN: Final = "device"  # the setting that a check does not take: where the nets of its arm are computed
@@ -205,6 +208,13 @@ class Experiment(Table):
                     raise ValueError(f"sweep.{axis} and sweep.{other} both change {key}")
         return self
 
+    @model_validator(mode="after")
+    def _conditions_are_few(self) -> Self:
+        n_conditions = len(self.readings) * math.prod(len(conditions) for conditions in self.sweep.values())
+        if n_conditions > MOST_CONDITIONS:
+            raise ValueError(f"readings with sweep: accepted: at most {MOST_CONDITIONS:,} conditions")
+        return self
+
     @property
     def argument(self) -> str:
         """How the experiment is given on the command line."""
@@ -232,7 +242,7 @@ class Experiment(Table):
         n_seeds = declared.seeds if reading.seeds is None else reading.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
 
-    @property
+    @cached_property
     def conditions(self) -> dict[str, Mapping[str, Condition]]:
         """The changes of every condition, by its name.
 
