@@ -32,6 +32,7 @@ from rich.progress import track
 
 from benchmark.__main__ import main as benchmark
 from benchmark.execution import driver
+from benchmark.execution.provenance import peak_memory_mb
 from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 
@@ -243,7 +244,7 @@ def check(given: Input) -> tuple[str, str]:
         message = errors.getvalue()
         if time.monotonic() - started > LONGEST_S:
             return "failed", "takes too long"
-        if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > MOST_MEMORY_MB * 1024:
+        if (peak_memory_mb() or 0) > MOST_MEMORY_MB:
             return "failed", f"takes more than {MOST_MEMORY_MB} MB"
         is_line = message.startswith("error: ") and message.count("\n") == 1 and len(message) <= LONGEST_LINE
         if code == 0:

@@ -235,18 +235,18 @@ def _run(
 @contextmanager
 def _cluster(n_workers: int, runs: Sequence[RunSpecification], results: Path) -> Iterator[Executor]:
     """Starts a Dask cluster on this machine, which ends with this process."""
-    from dask import config
     from distributed import LocalCluster
 
     from benchmark.execution.executors.cluster import Cluster
 
     address = "127.0.0.1"
-    with (
-        config.set(temporary_directory=str(results)),
-        LocalCluster(
-            n_workers=n_workers, threads_per_worker=1, host=address, dashboard_address=f"{address}:0"
-        ) as local,
-    ):
+    with LocalCluster(
+        n_workers=n_workers,
+        threads_per_worker=1,
+        host=address,
+        dashboard_address=f"{address}:0",
+        local_directory=str(results),
+    ) as local:
         local.wait_for_workers(n_workers)
         yield Cluster(local.scheduler_address, {run.algorithm for run in runs})
 
