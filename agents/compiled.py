@@ -32,38 +32,35 @@ def compiled(*, nogil: bool = False) -> Callable[[_Function], _Function]:
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]
-    """numba's files of one function, each with a digest of its name and content in front."""
+    """What numba keeps of one function: a file for each signature, without numba's index of them.
 
-    def _load_index(self) -> Any:
+    A file begins with a digest of its content and of what it was made for. So one that is damaged, or that
+    belongs to another version of numba or an older source, is not read any further.
+    """
+
+    def load(self, key: Any) -> Any:
+        """Returns what was saved for a signature and a processor; None if that cannot be used."""
+        path = self._path(key)
         try:
-            version, stamp, overloads = pickle.loads(self._read(self._index_path))
-        except (OSError, _DamagedError):
-            return {}
-        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
-
-    def _save_index(self, overloads: Any) -> None:
-        self._write(self._index_path, pickle.dumps((self._version, self._source_stamp, overloads)))
-
-    def _load_data(self, name: str) -> Any:
-        return pickle.loads(self._read(self._data_path(name)))
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), self._dump(data))
-
-    def _write(self, path: str, content: bytes) -> None:
-        with self._open_for_write(path) as file:
-            file.write(_digest(path, content) + content)
-
-    def _read(self, path: str) -> bytes:
-        stored = Path(path).read_bytes()
+            stored = path.read_bytes()
+        except OSError:
+            return None
         content = stored[_DIGEST_SIZE:]
-        if stored[:_DIGEST_SIZE] != _digest(path, content):
-            raise _DamagedError(path)
-        return content
+        return pickle.loads(content) if stored[:_DIGEST_SIZE] == self._digest(path, content) else None
 
+    def save(self, key: Any, data: Any) -> None:
+        """Saves what was compiled for a signature and a processor."""
+        path, content = self._path(key), self._dump(data)
+        with self._open_for_write(str(path)) as file:
+            file.write(self._digest(path, content) + content)
 
-class _DamagedError(OSError):
-    """A file is not as it was written; numba takes an OSError for a file that is not there."""
+    def _path(self, key: Any) -> Path:
+        digest = hashlib.sha256(repr(key).encode()).hexdigest()
+        return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
+
+    def _digest(self, path: Path, content: bytes) -> bytes:
+        made_for = repr((self._version, self._source_stamp, path.name))
+        return hashlib.sha256(made_for.encode() + b"\0" + content).digest()
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
@@ -73,8 +70,3 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         super().__init__(function)
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
-
-
-def _digest(path: str, content: bytes) -> bytes:
-    """Returns the digest of a file's name and content."""
-    return hashlib.sha256(Path(path).name.encode() + b"\0" + content).digest()

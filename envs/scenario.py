@@ -681,10 +681,14 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
             unknown_name("scenarios", "scenario", str(scenario), scenario_names())
     check_file_name(path, "the scenario is")
     changed = override(read_toml(path), overrides or {}, str(path))
-    return _checked(pickle.dumps(changed), path)
+    checked: Scenario = pickle.loads(_checked(pickle.dumps(changed), path))
+    return checked
 
 
 @lru_cache(maxsize=256)
-def _checked(values: bytes, path: Path) -> Scenario:
-    """Returns the scenario of a file, given its values: experiments load the same again and again."""
-    return parse(Scenario, pickle.loads(values), str(path), name=path.stem)
+def _checked(values: bytes, path: Path) -> bytes:
+    """Returns the scenario of a file, given its values; both pickled, so that each caller has its own.
+
+    Experiments load the same again and again.
+    """
+    return pickle.dumps(parse(Scenario, pickle.loads(values), str(path), name=path.stem))

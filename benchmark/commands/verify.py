@@ -61,7 +61,7 @@ def _problems(
         for experiment in experiments
     }
     stored = {run.digest: run for of_experiment in runs.values() for run in of_experiment}
-    every = sorted(store.statuses() if options.experiment is None else stored)
+    every = sorted(store.statuses() if options.experiment is None else stored, key=str)
     damaged = store.damaged(every)
     if damaged:
         yield (

@@ -178,7 +178,7 @@ def stored_costs(populations: Mapping[str, Job], store: Store) -> dict[str, Cost
     """
     found: dict[str, list[tuple[Record, int]]] = {}
     for digest, (content, size) in store.contents().items():
-        with suppress(InputError, KeyError, ValueError):  # a damaged record
+        with suppress(InputError, TypeError, ValueError):  # a damaged record
             if (population := population_of(content)) in populations:
                 (record,) = store.get([digest], arrays=False)
                 if record.provenance["machine"] == machine():

@@ -107,9 +107,12 @@ def run(
 def discard_damaged(runs: Sequence[RunSpecification], store: Store) -> int:
     """Removes the records of these runs that are damaged, so that the runs are pending again.
 
+    If the file itself is damaged, it is replaced by one with its whole records first.
+
     Returns:
       Their number.
     """
+    store.repair()
     ended = store.ended()
     damaged = store.damaged(run.digest for run in runs if run.digest in ended)
     if damaged:

@@ -6,6 +6,7 @@ else. Every record has checksums, which are verified whenever it is read: a dama
 """
 
 import json
+import shutil
 import sqlite3
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -40,6 +41,8 @@ CREATE TABLE runs (
 -- So that asking for all statuses reads no records.
 CREATE INDEX statuses ON runs (digest, status);
 """
+_HEADER_SIZE: Final = 100  # bytes at the start of an SQLite file
+_HEADER_PLACES: Final = (60, 68)  # where they have the version and the application
 _SMALLEST_ROW: Final = 256  # bytes, fewer than any record has
 _HEAD: Final = "digest, specification, status, error, provenance, checksum"
 # What to do about an error of SQLite, by its code.
@@ -180,15 +183,35 @@ class Store:
         self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
         try:
             with self._input_errors():
-                if not self._read_only:
-                    self._create()
-                self._check()
+                try:
+                    if not self._read_only:
+                        self._create()
+                    self._check()
+                except sqlite3.DatabaseError as error:
+                    if (
+                        self._read_only
+                        or _code(error) != sqlite3.SQLITE_CORRUPT
+                        or not self._has_our_header()
+                    ):
+                        raise
+                    # SQLite refuses a file that is shorter than it should be, but not then.
+                    self._connection.execute("PRAGMA writable_schema = ON")
+                    self._inode = self._path.stat().st_ino
+                    self._salvage()
+                    return
                 if self._read_only:
                     self._connection.execute("PRAGMA query_only = ON")
             self._inode = self._path.stat().st_ino
         except BaseException:
             self._connection.close()
             raise
+
+    def _has_our_header(self) -> bool:
+        """Returns whether the file begins like a store of this version, whatever follows."""
+        with self._path.open("rb") as file:
+            header = file.read(_HEADER_SIZE)
+        version, application = (int.from_bytes(header[i : i + 4]) for i in _HEADER_PLACES)
+        return application == _APPLICATION_ID and version == _FORMAT
 
     def _create(self) -> None:
         """Creates the table, if the file is new."""
@@ -207,9 +230,11 @@ class Store:
         if application == _APPLICATION_ID and version == _WITHOUT_HEADS:
             self._connection.create_function("head", 6, lambda *columns: _head(*columns), deterministic=True)
             with self._transaction():
-                self._connection.execute("ALTER TABLE runs ADD COLUMN head INTEGER")
-                self._connection.execute(f"UPDATE runs SET head = head({_HEAD})")
-                self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
+                (version,) = self._connection.execute("PRAGMA user_version").fetchone()
+                if version == _WITHOUT_HEADS:  # else another process has done it meanwhile
+                    self._connection.execute("ALTER TABLE runs ADD COLUMN head INTEGER")
+                    self._connection.execute(f"UPDATE runs SET head = head({_HEAD})")
+                    self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
         elif application != _APPLICATION_ID or version != _FORMAT:
             raise InputError(
                 f"{self._path}: not a store of this version of the project; "
@@ -260,7 +285,7 @@ class Store:
             rows.append((*head, arrays, checksum, _head(*head, checksum)))
         self._do(lambda: self._add(rows))
 
-    def _add(self, rows: Sequence[tuple[Any, ...]]) -> None:
+    def _add(self, rows: Iterable[tuple[Any, ...]]) -> None:
         """Stores rows, all or none."""
         with self._transaction():
             for row in rows:
@@ -273,8 +298,7 @@ class Store:
         """Returns the records of these runs, in this order, with or without their arrays.
 
         Raises:
-          InputError: A record is damaged.
-          KeyError: One of them has no record.
+          InputError: A record is damaged or cannot be found.
         """
         return self._do(lambda: [self._get(digest, arrays=arrays) for digest in digests])
 
@@ -288,19 +312,23 @@ class Store:
         """Returns what is stored of a run, after its digest: without checksums, which are verified."""
         columns = "checksum, head, specification, status, error, provenance" + ", arrays" * arrays
         row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
+        stored: list[Any] = []
         if row is None:
-            raise KeyError(digest)
-        stored: list[Any]
+            raise self._damaged_record(digest)
         checksum, head, *stored = row
         specification, status, error, provenance, *packed = stored
         # The digest is that asked for: in a damaged index it may lead to the record of another run.
         is_whole = _head(digest, specification, status, error, provenance, checksum) == head
         if not is_whole or (packed and not _is_whole(packed[0], checksum)):
-            raise InputError(
-                f"{self._path}: the record of run {digest[:12]} is damaged; run its experiment again, which "
-                "repeats it."
-            )
+            raise self._damaged_record(digest)
         return stored
+
+    def _damaged_record(self, digest: str) -> InputError:
+        """Returns the error that the record of a run is damaged, or cannot be found."""
+        return InputError(
+            f"{self._path}: the record of run {digest[:12]} is damaged; run its experiment again, which "
+            "repeats it."
+        )
 
     def damaged(self, digests: Iterable[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
@@ -311,7 +339,7 @@ class Store:
         """Returns whether the record of a run is damaged or cannot be found."""
         try:
             self._whole_row(digest, arrays=True)
-        except (InputError, KeyError):
+        except InputError:
             return True
         return False
 
@@ -332,8 +360,16 @@ class Store:
             try:
                 (found,) = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
             except sqlite3.DatabaseError as error:
+                if _code(error) != sqlite3.SQLITE_CORRUPT:
+                    raise
                 found = str(error)
         return "" if found == "ok" else " ".join(str(found).split())
+
+    def repair(self) -> None:
+        """Replaces the file by one with its whole records if its structure is damaged; `salvaged` says so."""
+        if self.problem():
+            with self._input_errors():
+                self._salvage()
 
     def _do(self, action: Callable[[], _T]) -> _T:
         """Returns what an action on the database returns; if the file is damaged, saves what is whole first.
@@ -348,9 +384,15 @@ class Store:
             try:
                 return action()
             except sqlite3.DatabaseError as error:
-                if self._read_only or _code(error) != sqlite3.SQLITE_CORRUPT:
+                if self._read_only:
                     raise
-            self._salvage()
+                if not self._is_same_file():  # another driver has replaced it meanwhile
+                    self._connection.close()
+                    self._connect()
+                elif _code(error) == sqlite3.SQLITE_CORRUPT:
+                    self._salvage()
+                else:
+                    raise
             return action()
 
     def _is_same_file(self) -> bool:
@@ -366,14 +408,15 @@ class Store:
         if self._is_same_file():  # else one of them has done it meanwhile
             kept = self._path.with_name(f"{self._path.name}.damaged")
             fresh = self._path.with_name(f"{self._path.name}.salvaged")
-            for path in (kept, fresh):
-                path.unlink(missing_ok=True)
-            n_records = 0
+            fresh.unlink(missing_ok=True)
             with Store(fresh) as store:
-                for row in self._whole_rows():
-                    store._add([row])
-                    n_records += 1
-            kept.hardlink_to(self._path)
+                store._add(self._whole_rows())
+                n_records = len(store.statuses())
+            kept.unlink(missing_ok=True)
+            try:
+                kept.hardlink_to(self._path)
+            except OSError:  # where a file has but one name
+                shutil.copyfile(self._path, kept)
             fresh.replace(self._path)
             self.salvaged = (
                 f"{self._path} was damaged: its {n_records} intact records have been saved; the damaged "
@@ -421,9 +464,10 @@ class Store:
             yield
         except sqlite3.Error as error:
             code = _code(error)
-            if code not in _ADVICE or (code == sqlite3.SQLITE_CORRUPT and self._inode is None):
+            if code == sqlite3.SQLITE_CORRUPT and self._inode is None and not self._has_our_header():
                 code = sqlite3.SQLITE_NOTADB  # damaged where the file says what it holds
-            text = f"{' '.join(str(error).split())}; {_ADVICE[code]}"
+            advice = _ADVICE.get(code, "try again, or choose another folder with --results")
+            text = f"{' '.join(str(error).split())}; {advice}"
             raise InputError(f"{self._path}: cannot be used as the store of runs: {text}.") from error
 
 

@@ -34,7 +34,7 @@ def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
             assert first.arrays[name].dtype == values.dtype
             assert np.array_equal(first.arrays[name], values)
             assert first.arrays[name].shape == values.shape
-        with pytest.raises(KeyError):
+        with pytest.raises(InputError, match="the record of run z is damaged; run its experiment again"):
             store.get(["z"])
 
 
@@ -120,7 +120,7 @@ def test_foreign_and_broken_stores_are_refused_and_left_alone(tmp_path: Path) ->
         assert path.read_bytes() == before
     with pytest.raises(InputError, match="cannot be used as the store"):
         Store(tmp_path)  # a folder
-    with pytest.raises(InputError, match="cannot be made"):
+    with pytest.raises(InputError, match="cannot be created"):
         Store(text / "runs.db")
 
 
@@ -150,6 +150,91 @@ def test_whole_records_of_a_damaged_file_are_saved(tmp_path: Path) -> None:
         assert store.statuses().keys() == {*saved, "new"}
         for digest in saved:
             assert store.get([digest])[0].arrays["a"].tolist() == records[digest].arrays["a"].tolist()
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
+def test_whole_records_of_a_truncated_file_are_saved(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "runs.db"
+    records = {f"{i:064x}": record(f"{i:064x}", arrays={"a": np.arange(5000.0) * i}) for i in range(50)}
+    with Store(path) as store:
+        store.add(records.values())
+    content = path.read_bytes()[: int(share * path.stat().st_size)]
+    path.write_bytes(content)
+    with (
+        pytest.raises(
+            InputError, match=r"'run EXPERIMENT' saves the intact records|run its experiment again"
+        ),
+        Store(path, read_only=True) as store,
+    ):
+        store.get(list(records))
+    assert path.read_bytes() == content
+    with Store(path) as store:
+        store.repair()
+        assert "was damaged" in store.salvaged
+        assert store.problem() == ""
+        saved = store.ended()
+        assert len(saved) > 50 * share / 2
+        for digest in saved:
+            assert content_of(store.get([digest])[0]) == content_of(records[digest])
+
+
+def damaged_in_the_middle(path: Path) -> bytes:
+    """Makes a store of 30 runs, some of which are damaged, and returns its content."""
+    with Store(path) as store:
+        store.add([record(f"{i:064x}", arrays={"a": np.arange(500.0) + i}) for i in range(30)])
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2 : -len(content) // 4] = b"\x5a" * len(
+        content[len(content) // 2 : -len(content) // 4]
+    )
+    path.write_bytes(content)
+    return bytes(content)
+
+
+def test_damaged_file_is_kept_where_files_have_but_one_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    content = damaged_in_the_middle(tmp_path / "runs.db")
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    with Store(tmp_path / "runs.db") as store:
+        store.repair()
+        assert "was damaged" in store.salvaged
+    assert (tmp_path / "runs.db.damaged").read_bytes() == content
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["runs.db", "runs.db.damaged"]
+
+
+def test_file_is_replaced_while_another_driver_waits_to_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    damaged_in_the_middle(tmp_path / "runs.db")
+    with Store(tmp_path / "runs.db") as first, Store(tmp_path / "runs.db") as second:
+        add = second._add
+
+        def wait_and_add(rows: Any) -> None:
+            first.repair()
+            add(rows)
+
+        monkeypatch.setattr(second, "_add", wait_and_add)
+        second.add([record("new")])
+        assert "new" in first.ended()
+
+
+def test_damaged_index_is_repaired(tmp_path: Path) -> None:
+    """A failed run that the index takes for another is not taken for one that is done."""
+    path = tmp_path / "runs.db"
+    with Store(path) as store:
+        store.add([record("0123456789", "failed"), record("other")])
+    content = path.read_bytes()
+    index = content.index(b"0123456789failed", content.index(b"0123456789failed") - 10)
+    assert content.count(b"0123456789failed") == 1  # the table has other columns in between
+    path.write_bytes(content[: index + 15] + b"e" + content[index + 16 :])
+    with Store(path) as store:
+        assert "row" in store.problem()
+        store.repair()
+        assert store.statuses() == {"0123456789": "failed", "other": "done"}
+        assert store.problem() == ""
 
 
 def content_of(record: Record) -> tuple[object, ...]:
@@ -341,7 +426,7 @@ def test_unreadable_files_and_folders_are_named(tmp_path: Path) -> None:
         assert len(messages()) == 2
         tmp_path.chmod(0o700)
         made, read = messages()
-        assert f"{tmp_path}: cannot be made: Permission denied; choose another" in made
+        assert f"{tmp_path}: cannot be created: Permission denied; choose another" in made
         assert f"{tmp_path}: cannot be read: Permission denied; choose another" in read
     finally:
         for parent, mode in modes.items():
