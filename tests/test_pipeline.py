@@ -137,6 +137,7 @@ def test_report_of_fewer_seeds(results: Path, tmp_path: Path) -> None:
 
 def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "reproduce_smoke" / "notes.txt").write_text("a reader's own")
     verify = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
     assert main([*verify, "--runs", "40"]) == 0
     assert capsys.readouterr().out.splitlines() == [
@@ -173,6 +174,7 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     assert "reproduce_smoke: repeating runs whose records are damaged: 1." in repeated.err
     assert "1 runs done, 155 were done already" in repeated.out
     assert main(["report", "reproduce_smoke", "--results", str(tmp_path)]) == 0
+    (tmp_path / "reproduce_smoke" / "notes.txt").unlink()
     made = contents(tmp_path / "reproduce_smoke")
     assert made == contents(results / "reproduce_smoke")
 
@@ -251,7 +253,7 @@ def test_unwritable_results_are_refused_before_any_work(
 ) -> None:
     assert main([*arguments, "--results", str(unwritable(tmp_path))]) == 2
     stderr = capsys.readouterr().err
-    assert re.fullmatch(r"error: .*file/results.*: cannot be (made|written): .*--results\.\n", stderr)
+    assert re.fullmatch(r"error: .*file/results.*: cannot be (created|written): .*--results\.\n", stderr)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")

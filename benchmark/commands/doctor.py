@@ -316,7 +316,7 @@ def _content(store: Store, path: Path) -> Iterator[Finding]:
         damaged += len(store.damaged(some))
         n_checked += len(some)
     if damaged:
-        text = f"{damaged} of {n_checked:,} checked records are damaged; 'run EXPERIMENT' repeats them"
+        text = f"{damaged} of {n_checked:,} checked records are damaged; 'verify' says what to do"
         yield Finding("problem", "checksums", text)
     elif n_checked == len(digests):
         yield Finding("ok", "checksums", f"correct in all {n_checked:,} records")
@@ -359,8 +359,7 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
             yield Finding("ok", "runs", f"all {len(runs):,} are done")
             return
         print(f"estimating the cost, for at most {LIMIT_S:.0f} s ...", file=sys.stderr)
-        jobs = min(options.jobs, usable_cores())
-        estimated = estimate(missing, store, jobs)
+        estimated = estimate(missing, store, options.jobs, cores=usable_cores())
     text = f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs"
     yield Finding("ok", "runs", text)
     for failure in estimated.failures:

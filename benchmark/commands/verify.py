@@ -52,9 +52,10 @@ def _problems(
     experiments: list[Experiment], store: Store, options: argparse.Namespace, scratch: Path
 ) -> Iterator[str]:
     """Yields what is wrong, a sentence each; prints what is right."""
+    path = options.results / "runs.db"
     if structure := store.problem():
         advice = "'run EXPERIMENT' saves the intact records and repeats the others"
-        yield f"{options.results / 'runs.db'} is damaged: {structure}; {advice}."
+        yield f"{path} is damaged: {structure}; {advice}."
     ended = store.ended()
     runs = {
         experiment.name: [run for run in all_specifications(experiment) if run.digest in ended]
@@ -64,9 +65,15 @@ def _problems(
     every = sorted(store.statuses() if options.experiment is None else stored, key=str)
     damaged = store.damaged(every)
     if damaged:
+        advice = "run their experiments again, which repeats them"
+        if unlisted := [digest for digest in damaged if digest not in stored]:
+            advice += (
+                f" ({len(unlisted)} of them are of none that 'list' shows; to remove them: "
+                f"sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{unlisted[0][:12]}%'\" for each)"
+            )
         yield (
             f"checksums: {len(damaged)} of {len(every)} records are damaged (the first: {damaged[0][:12]}); "
-            "run their experiments again, which repeats them."
+            f"{advice}."
         )
         ended -= {*damaged}
     else:
@@ -113,8 +120,10 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path, 
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
     draw.draw(experiment, store, made, jobs=jobs)
     report = load_report(experiment.report, experiment.argument)
-    measured = measured_files(load_items(report, experiment.items, experiment.argument))
-    found = certificate.compare_folders(made, folder, experiment.name, measured)
+    items = load_items(report, experiment.items, experiment.argument)
+    found = certificate.compare_folders(
+        made, folder, experiment.name, measured_files(items), draw.was_made(folder, items)
+    )
     assert found is not None  # there is a manifest
     if found.is_identical:
         print(found)

@@ -23,9 +23,11 @@ _LONG: Final = r"""\footnotesize
 \setlength{\LTleft}{0pt plus 1fill minus 1fill}
 \setlength{\LTright}{\LTleft}
 """
-# What a spreadsheet computes, or takes for the end of a cell. An apostrophe before it makes it text, and one
-# more before such an apostrophe lets `read_csv` tell them apart.
-_FORMULA: Final = re.compile(r"'*(\s*[=+\-@＝＋－＠]|[\t\r\n])")
+# What a spreadsheet computes, or takes for the end of a cell, at the start of a cell. In some countries
+# semicolons separate cells. An apostrophe before it makes it text, and one more before such an apostrophe
+# lets `read_csv` tell them apart.
+_FORMULA: Final = re.compile(r"(^|;)(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))")
+_TEXT: Final = re.compile(r"(^|;)'(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))")
 # In Markdown: HTML, entities, escapes, formulas, and links that lead neither to a web page nor to a file.
 _ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
 # What starts a heading, quotation, list, rule, block of code or definition of a link.
@@ -189,15 +191,15 @@ def _column_texts(column: pd.Series) -> list[str]:
 def _uncomputed(text: str) -> str:
     """Returns a text that no spreadsheet computes.
 
-    >>> [_uncomputed(text) for text in ("=1+1", "-", "'=", "'tis", "a=b", "")]
-    ["'=1+1", "'-", "''=", "'tis", 'a=b', '']
+    >>> [_uncomputed(text) for text in ("=1+1", "-", "'=", "'tis", "a=b", "a;=b", "")]
+    ["'=1+1", "'-", "''=", "'tis", 'a=b', "a;'=b", '']
     """
-    return f"'{text}" if _FORMULA.match(text) else text
+    return _FORMULA.sub(r"\1'", text)
 
 
 def _computed(text: object) -> object:
     """Returns what `_uncomputed` was given."""
-    return text[1:] if isinstance(text, str) and text[:1] == "'" and _FORMULA.match(text) else text
+    return _TEXT.sub(r"\1", text) if isinstance(text, str) else text
 
 
 def _float_text(value: float) -> str:

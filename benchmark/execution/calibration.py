@@ -134,6 +134,7 @@ def estimate(
     store: Store | None,
     jobs: int,
     limit_s: float = LIMIT_S,
+    cores: int = 2**10,
     executor: ExecutorFactory = Processes,
 ) -> Estimate:
     """Returns what it costs to execute runs that are missing in the store.
@@ -141,7 +142,8 @@ def estimate(
     Args:
       runs: The missing runs.
       store: Where others are stored; None if nowhere.
-      jobs: How many jobs are executed at a time, no more than there are cores.
+      jobs: How many jobs are under way at a time.
+      cores: How many of them are faster than one.
       limit_s: How long to execute small jobs, at most.
       executor: Makes the worker that executes them.
     """
@@ -166,7 +168,8 @@ def estimate(
     for job in todo:
         if job[0].population not in costs and (cost := _similar(job[0], climbs, sizes)):
             costs[job[0].population] = cost
-    return _total(planned, costs, jobs, start_s, [climb.error for climb in climbs if climb.error])
+    failures = [climb.error for climb in climbs if climb.error]
+    return _total(planned, costs, jobs, min(jobs, cores), start_s, failures)
 
 
 def stored_costs(populations: Mapping[str, Job], store: Store) -> dict[str, Cost]:
@@ -381,22 +384,29 @@ def _similar(run: RunSpecification, climbs: Sequence[Climb], sizes: Mapping[str,
 
 
 def _total(
-    planned: Sequence[Job], costs: Mapping[str, Cost], jobs: int, start_s: float, failures: Sequence[str]
+    planned: Sequence[Job],
+    costs: Mapping[str, Cost],
+    jobs: int,
+    places: int,
+    start_s: float,
+    failures: Sequence[str],
 ) -> Estimate:
-    """Adds up what jobs cost."""
+    """Adds up what jobs cost, if so many are under way, which take as long as with so many places."""
     known = [(job, costs[job[0].population]) for job in planned if job[0].population in costs]
     populations = {job[0].population: job[0] for job in planned}
 
     def seconds(doubt: Callable[[Cost], float], start_doubt: float) -> float:
         # First the command starts and imports, then its workers do.
-        return makespan([cost.seconds(job) * doubt(cost) for job, cost in known], jobs) + (
+        return makespan([cost.seconds(job) * doubt(cost) for job, cost in known], places) + (
             2 * start_s * start_doubt
         )
 
     peaks: dict[str, float] = {"thread": 0.0, "process": 0.0}
+    n_processes = 0
     for job, cost in known:
         placement = load_algorithm(job[0].algorithm).placement
         peaks[placement] = max(peaks[placement], cost.peak_memory_mb or 0.0)
+        n_processes += placement == "process"
     sources: dict[str, int] = {}
     for population in populations.keys() & costs.keys():
         sources[costs[population].source] = sources.get(costs[population].source, 0) + 1
@@ -407,7 +417,7 @@ def _total(
             seconds(lambda cost: DOUBT[cost.source], DOUBT["calibrated"]),
         ),
         # Threads share the memory of this process, and every worker process has its own.
-        peak_memory=2**20 * (peaks["thread"] + jobs * peaks["process"]) or None,
+        peak_memory=2**20 * (peaks["thread"] + min(jobs, n_processes) * peaks["process"]) or None,
         size=sum(cost.run_size * len(job) for job, cost in known),
         sources=sources,
         unknown=[run for population, run in populations.items() if population not in costs],

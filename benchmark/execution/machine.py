@@ -1,4 +1,7 @@
-"""What of this machine the process may use: cores and memory, under the limits of its control groups."""
+"""What of this machine the process may use: cores and memory, under the limits of its control groups.
+
+Of control groups, version 2 is read.
+"""
 
 import os
 from collections.abc import Iterator
@@ -25,9 +28,12 @@ def free_memory() -> int | None:
         return None
     amounts = dict(line.split(":") for line in lines)
     free = [int(amounts["MemAvailable"].split()[0]) * 1024]
-    for most, used in zip(_control_files("memory.max"), _control_files("memory.current"), strict=False):
+    names = ("memory.max", "memory.current", "memory.stat")
+    for most, used, details in zip(*map(_control_files, names), strict=False):
         if most != "max":
-            free.append(int(most) - int(used))
+            counts = dict(line.split() for line in details.splitlines())
+            # What files have been read into gives way to programs.
+            free.append(int(most) - int(used) + int(counts.get("inactive_file", 0)))
     return max(0, min(free))
 
 

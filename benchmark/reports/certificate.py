@@ -100,10 +100,19 @@ def compare(
 
 
 def compare_folders(
-    folder: Path, published: Path, name: str, measured: Collection[str]
+    folder: Path, published: Path, name: str, measured: Collection[str], was_made: Callable[[str], bool]
 ) -> Certificate | None:
-    """Compares a folder with another one, which counts as published; see `compare`."""
-    found = _compare(folder, name, measured, _ids(published), lambda file: (published / file).read_bytes())
+    """Compares a folder with another one, which counts as published; see `compare`.
+
+    Args:
+      folder: What was made.
+      published: The other one.
+      name: The experiment's name.
+      measured: Names of files that hold measured times, as patterns.
+      was_made: Whether a file of this name in the other folder is one of the results.
+    """
+    ids = {file: blob for file, blob in _ids(published).items() if (folder / file).exists() or was_made(file)}
+    found = _compare(folder, name, measured, ids, lambda file: (published / file).read_bytes())
     return found and replace(found, other=f"the files in {published}")
 
 

@@ -83,7 +83,7 @@ def draw(
     if stamp.is_up_to_date(directory / STAMP, inputs):
         compared = certificate.compare(directory, experiment.name, measured) if is_as_declared else None
         return Made(is_new=False, certificate=compared)
-    with files.alone(directory.parent), files.replaced(directory, _was_made(directory, items)) as aside:
+    with files.alone(directory.parent), files.replaced(directory, was_made(directory, items)) as aside:
         try:
             with Drawing(jobs) as drawing:
                 check_scores(every)
@@ -108,7 +108,7 @@ def draw(
     return Made(is_new=True, certificate=compared)
 
 
-def _was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
+def was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
     """Returns whether a file of this name was made before, or may have been; no other is removed."""
     patterns = [*stamp.files(directory / STAMP), *(pattern for item in items for pattern in item.patterns())]
     return lambda name: any(fnmatchcase(name, pattern) for pattern in patterns)

@@ -11,7 +11,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Final
 
@@ -35,6 +35,24 @@ def alone(folder: Path) -> Iterator[None]:
     """
     with _input_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
+    with _locked(folder):
+        with _input_errors(folder):
+            for path in folder.glob(f".*{_BEFORE}"):
+                target = folder / path.name[1 : -len(_BEFORE)]
+                _remove(path) if target.exists() else path.rename(target)
+            for path in [*folder.glob(f".*{_MAKING}"), *folder.glob(f"*/.*{_MAKING}")]:
+                _remove(path)
+        yield
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Waits until no other process has locked a folder, and locks it.
+
+    Raises:
+      InputError: It cannot be locked.
+    """
+    with _input_errors(folder):
         descriptor = os.open(folder, os.O_RDONLY)
     try:
         with _input_errors(folder):
@@ -43,11 +61,6 @@ def alone(folder: Path) -> Iterator[None]:
             except BlockingIOError:
                 print(f"{folder}: waiting for another command that writes there ...", file=sys.stderr)
                 fcntl.flock(descriptor, fcntl.LOCK_EX)
-            for path in folder.glob(f".*{_BEFORE}"):
-                target = folder / path.name[1 : -len(_BEFORE)]
-                _remove(path) if target.exists() else path.rename(target)
-            for path in [*folder.glob(f".*{_MAKING}"), *folder.glob(f"*/.*{_MAKING}")]:
-                _remove(path)
         yield
     finally:
         os.close(descriptor)
@@ -67,17 +80,22 @@ def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
     Raises:
       InputError: A folder has the name of a file that is made, or something cannot be written.
     """
+    around = folder.parent.resolve()
     folder = folder.resolve()
     made = folder.with_name(f".{folder.name}{_MAKING}")
-    try:
+    is_elsewhere = folder.parent != around  # where a link leads, nobody is alone yet
+    with _locked(folder.parent) if is_elsewhere else nullcontext():
+        if is_elsewhere:
+            _remove(made)
         with _input_errors(folder):
             made.mkdir()
-        yield made
-        with _input_errors(folder):
-            _take_over(folder, made, is_stale)
-            _exchange(made, folder)
-    finally:
-        _remove(made)
+        try:
+            yield made
+            with _input_errors(folder):
+                _take_over(folder, made, is_stale)
+                _exchange(made, folder)
+        finally:
+            _remove(made)
 
 
 @contextmanager
@@ -139,9 +157,9 @@ def _exchange(made: Path, folder: Path) -> None:
         made.rename(folder)
         return
     if sys.platform == "linux":
-        rename = ctypes.CDLL(None, use_errno=True).renameat2
+        rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)  # older C libraries have none
         paths = _AT_FDCWD, os.fsencode(made), _AT_FDCWD, os.fsencode(folder)
-        if rename(*paths, _RENAME_EXCHANGE) == 0:
+        if rename is not None and rename(*paths, _RENAME_EXCHANGE) == 0:
             return
     before = folder.with_name(f".{folder.name}{_BEFORE}")
     folder.rename(before)

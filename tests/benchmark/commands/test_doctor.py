@@ -126,7 +126,8 @@ def test_cores_and_memory_are_those_of_the_control_groups(monkeypatch: pytest.Mo
     files = {
         "cpu.max": ["max 100000", "150000 100000"],
         "memory.max": ["1000000"],
-        "memory.current": ["400000"],
+        "memory.current": ["450000"],
+        "memory.stat": ["anon 1\ninactive_file 50000"],
     }
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
     monkeypatch.setattr(machine, "_control_files", lambda name: iter(files[name]))
@@ -192,16 +193,14 @@ def test_runs_are_counted_and_verified(tmp_path: Path, examine: Examine) -> None
     connection.close()
     code, lines = examine()
     assert code == 1
-    assert about("checksums", lines)[0].startswith(
-        "problem 1 of 4 checked records are damaged; 'run EXPERIMENT'"
-    )
+    assert about("checksums", lines)[0].startswith("problem 1 of 4 checked records are damaged; 'verify'")
 
 
 def test_sample_is_said_to_be_one(tmp_path: Path, examine: Examine, monkeypatch: pytest.MonkeyPatch) -> None:
     stored(tmp_path)
     monkeypatch.setattr(doctor, "_CHECK_S", 0.0)
     assert about("checksums", examine()[1])[0].startswith(
-        "ok right in 0 of 4 records, drawn at random; 'verify'"
+        "ok correct in 0 of 4 records, drawn at random; 'verify'"
     )
 
 
@@ -243,7 +242,7 @@ def test_write_in_progress_is_reported(tmp_path: Path, examine: Examine) -> None
     connection.rollback()
     connection.close()
     assert about("store", lines)[-1].startswith(
-        f"note another process is writing to {tmp_path}/runs.db; wait"
+        f"note another process is writing to {tmp_path}/runs.db; run doctor again"
     )
 
 
@@ -297,7 +296,7 @@ def test_time_that_is_up_is_a_note(monkeypatch: pytest.MonkeyPatch, examine: Exa
     code, lines = examine("reproduce_smoke")
     assert code == 0
     assert about("time", lines)[0].startswith(
-        "note unknown for 23 populations (q_learning): 20 s were not enough"
+        "note unknown for 23 populations (q_learning): 20 s was not enough"
     )
 
 

@@ -123,6 +123,10 @@ def test_stored_runs_of_such_a_machine_are_believed(tmp_path: Path) -> None:
         _, size = store.contents()[runs[0].digest]
     assert estimated.seconds == pytest.approx((75 / DOUBT["stored"], 75 * DOUBT["stored"]))
     assert estimated.peak_memory == 2 * 500 * 2**20  # each job in a process of its own
+    with Store(tmp_path / "runs.db") as store:
+        estimated = estimate(runs[50:], store, jobs=64, cores=2)
+    assert estimated.seconds == pytest.approx((75 / DOUBT["stored"], 75 * DOUBT["stored"]))
+    assert estimated.peak_memory == 2 * 500 * 2**20  # there are only two jobs
     assert estimated.size == pytest.approx(50 * (size + len(runs[0].content)), rel=0.01)
     assert estimated.sources == {"stored": 1}
 
