@@ -167,7 +167,6 @@ class _Stacked(Mapping[str, NDArray[Any]]):
         return len(self.agents[0])
 
 
-@lru_cache(maxsize=64)
 def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, float]]:
     """Computes the exact returns of the random and of the optimal policy.
 
@@ -180,18 +179,19 @@ def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, fl
       (random, optimal) for `"grid_return"`, the grid's rewards alone, and `"scenario_return"`, with the
       issuer's.
     """
+    return {
+        "grid_return": _anchors(model, horizon, start, issuer_rewards=False),
+        "scenario_return": _anchors(model, horizon, start, issuer_rewards=True),
+    }
+
+
+@lru_cache(maxsize=128)
+def _anchors(model: Model, horizon: int, start: str, *, issuer_rewards: bool) -> tuple[float, float]:
+    """Returns the returns of the random and of the optimal policy, with or without the issuer's rewards."""
     starts = every_cell(model) if start == "every_cell" else from_starts(model)
     random = evaluate(model, uniform_policy(model), horizon, starts)
-    return {
-        name: (
-            float(value),
-            float(starts @ solve(model, 1.0, horizon, issuer_rewards=has_issuer).value),
-        )
-        for name, value, has_issuer in (
-            ("grid_return", random.grid_return, False),
-            ("scenario_return", random.scenario_return, True),
-        )
-    }
+    optimal = starts @ solve(model, 1.0, horizon, issuer_rewards=issuer_rewards).value
+    return float(random.scenario_return if issuer_rewards else random.grid_return), float(optimal)
 
 
 def check_anchors(model: Model, horizon: int, start: str) -> None:
@@ -200,7 +200,7 @@ def check_anchors(model: Model, horizon: int, start: str) -> None:
     Raises:
       InputError: It does not.
     """
-    random, optimal = anchors(model, horizon, start)["grid_return"]
+    random, optimal = _anchors(model, horizon, start, issuer_rewards=False)
     if optimal - random <= OPTIMUM_TOLERANCE:
         raise InputError(
             f"{model.scenario.name}: within {horizon} steps the random policy earns as much as the optimal "

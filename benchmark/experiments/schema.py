@@ -127,7 +127,7 @@ class Experiment(Table):
     note: str = ""  # for readers of the results, for example how settings were chosen
     stream: Name = ""  # experiments with the same stream share runs; by default, the experiment's name
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
-    horizon: Annotated[int, Field(ge=1, le=100_000)]
+    horizon: Annotated[int, Field(ge=1, le=10_000)]
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
     map_every: Annotated[int, Field(ge=1, le=10**9)]  # a multiple of `evaluation_every`
     # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
