@@ -61,6 +61,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (f"{'.'.join('a' * 3000)} = 1", "nested too deeply"),
         (f"horizon = {'9' * 5000}", "a number has too many digits; accepted: at most 4,300"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
+        (EXPERIMENT.replace("= 200", "= 10_001"), "horizon = 10001: "),
         (
             EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"),
             "horizon: too many digits; accepted: at most 4,300",
