@@ -348,7 +348,7 @@ def test_clusters_without_workers_are_refused(
     monkeypatch.setattr(cluster, "_WORKER_S", 0.5)
     assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", alone.address]) == 2
     waiting, error = capsys.readouterr().err.splitlines()
-    assert waiting == f"waiting 0.5 s for a worker of {alone.address}"
+    assert waiting == f"waiting up to 0.5 s for a worker at {alone.address}"
     assert error.startswith(f"error: --cluster {alone.address}: there is no worker; dask worker tcp://")
 
 
