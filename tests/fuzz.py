@@ -31,6 +31,7 @@ import numpy as np
 from rich.progress import track
 
 from benchmark.__main__ import main as benchmark
+from benchmark.commands import watch
 from benchmark.execution import driver
 from benchmark.execution.provenance import peak_memory_mb
 from envs.inputs import read_toml
@@ -308,7 +309,7 @@ def _nothing_trained() -> Iterator[None]:
     def begin(*_: object, **__: object) -> list[str]:
         raise AcceptedError
 
-    with mock.patch.object(driver, "run", begin), mock.patch("benchmark.commands.watch.run", begin):
+    with mock.patch.object(driver, "run", begin), mock.patch.object(watch, "run", begin):
         yield
 
 
