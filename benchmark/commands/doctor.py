@@ -359,7 +359,7 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
             yield Finding("ok", "runs", f"all {len(runs):,} are done")
             return
         print(f"estimating the cost, for at most {LIMIT_S:.0f} s ...", file=sys.stderr)
-        estimated = estimate(missing, store, options.jobs, cores=usable_cores())
+        estimated = estimate(missing, store, options.jobs, usable_cores())
     text = f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs"
     yield Finding("ok", "runs", text)
     for failure in estimated.failures:

@@ -26,8 +26,9 @@ _LONG: Final = r"""\footnotesize
 # What a spreadsheet computes, or takes for the end of a cell, at the start of a cell. In some countries
 # semicolons separate cells. An apostrophe before it makes it text, and one more before such an apostrophe
 # lets `read_csv` tell them apart.
-_FORMULA: Final = re.compile(r"(^|;)(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))")
-_TEXT: Final = re.compile(r"(^|;)'(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))")
+_START: Final = r"(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))"
+_FORMULA: Final = re.compile(rf"(^|;){_START}")
+_TEXT: Final = re.compile(rf"(^|;)'{_START}")
 # In Markdown: HTML, entities, escapes, formulas, and links that lead neither to a web page nor to a file.
 _ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
 # What starts a heading, quotation, list, rule, block of code or definition of a link.

@@ -133,8 +133,8 @@ def estimate(
     runs: Sequence[RunSpecification],
     store: Store | None,
     jobs: int,
+    cores: int,
     limit_s: float = LIMIT_S,
-    cores: int = 2**10,
     executor: ExecutorFactory = Processes,
 ) -> Estimate:
     """Returns what it costs to execute runs that are missing in the store.

@@ -53,8 +53,7 @@ readings = {{ default = {{ question = "How is the paper read?", answer = "as by 
 class Sizes(NamedTuple):
     """How much is measured."""
 
-    agents: Sequence[int]  # tables
-    stored: Sequence[int]  # of these, those whose stores the commands are run on
+    agents: Sequence[int]  # tables, on whose stores the commands are run
     nets: Sequence[int]
     grids: Sequence[tuple[int, int]]  # rows and columns
     workers: Sequence[int]
@@ -67,7 +66,6 @@ class Sizes(NamedTuple):
 
 _FULL: Final = Sizes(
     agents=(100, 300, 1000, 3000, 10_000, 30_000, 100_000),
-    stored=(100, 300, 1000, 3000, 10_000, 30_000, 100_000),
     nets=(1, 3, 10, 30, 100, 300, 1000),
     grids=((10, 12), (15, 20), (25, 40), (50, 60), (100, 100), (150, 200), (250, 400)),
     workers=(1, 2),
@@ -79,7 +77,6 @@ _FULL: Final = Sizes(
 )
 _SMOKE: Final = Sizes(
     agents=(100,),
-    stored=(100,),
     nets=(1,),
     grids=((10, 12),),
     workers=(1,),
@@ -126,7 +123,7 @@ def _points(sizes: Sizes, scratch: Path) -> Iterator[_Point]:
     """Yields all points; those of stored runs come after those that store them."""
     for n in sizes.agents:
         yield _Point("agents_tables", n, 3 + 9e-4 * n, partial(_tables, scratch, n))
-    for n in sizes.stored:
+    for n in sizes.agents:
         path, results = _experiment(scratch, n), _folder(scratch, n)
         at = ("--results", str(results))
         yield _Point("runs_list", n, 2 + 2e-6 * n, partial(command, "list", *at))

@@ -85,7 +85,7 @@ def test_one_expensive_job_leaves_time_for_other_populations() -> None:
 def test_estimate_adds_up_jobs_over_places() -> None:
     worker = Planted(lambda job: 1.0 * len(job))  # whatever the budget, so the whole budget costs no more
     runs = tables() + specifications(load_experiment("compare_deep"), "default", "S2", "q_learning", "index")
-    estimated = estimate(runs, None, jobs=2, limit_s=1e6, executor=lambda _: worker)
+    estimated = estimate(runs, None, jobs=2, cores=2, limit_s=1e6, executor=lambda _: worker)
     low, high = estimated.seconds
     assert low == pytest.approx(100 / DOUBT["calibrated"], abs=5)  # eight jobs of 25 runs, two at a time
     assert high == pytest.approx(100 * DOUBT["calibrated"], abs=5)
@@ -107,7 +107,7 @@ def test_other_settings_of_an_algorithm_are_similar() -> None:
 
     workers = [OnlyTuned(lambda _: 0.1)]
     chosen.sort(key=lambda run: run.arm, reverse=True)
-    estimated = estimate(chosen, None, 1, 3.0, executor=lambda _: workers[0])
+    estimated = estimate(chosen, None, 1, 1, 3.0, executor=lambda _: workers[0])
     assert estimated.sources == {"calibrated": 1, "similar": 1}
     low, high = estimated.seconds
     assert high > 0.1 * 4 * (DOUBT["calibrated"] + DOUBT["similar"]) > low
@@ -119,7 +119,7 @@ def test_stored_runs_of_such_a_machine_are_believed(tmp_path: Path) -> None:
         store.add(record(run, 3.0, 450.0) for run in runs[:25])
         store.add([record(runs[25], 1e6, 450.0, "another machine")])
         store.add([record(runs[26].with_seed(7), 3.0, 500.0)])  # a seed that is not declared
-        estimated = estimate(runs[50:], store, jobs=2, executor=lambda _: pytest.fail("nothing is executed"))
+        estimated = estimate(runs[50:], store, 2, 2, executor=lambda _: pytest.fail("nothing is executed"))
         _, size = store.contents()[runs[0].digest]
     assert estimated.seconds == pytest.approx((75 / DOUBT["stored"], 75 * DOUBT["stored"]))
     assert estimated.peak_memory == 2 * 500 * 2**20  # each job in a process of its own
@@ -138,7 +138,7 @@ def test_time_is_up_whatever_is_running() -> None:
             return Future()
 
     worker = Stuck(lambda _: 1.0)
-    estimated = estimate(dqn(), None, 2, limit_s=2.0, executor=lambda _: worker)
+    estimated = estimate(dqn(), None, 2, 2, limit_s=2.0, executor=lambda _: worker)
     assert worker.is_cancelled
     assert (len(worker.jobs), len(estimated.unknown)) == (1, 1)
 
@@ -152,7 +152,7 @@ def test_failing_jobs_are_reported() -> None:
             future.set_result(failed)
             return future
 
-    estimated = estimate(dqn(), None, 2, executor=lambda _: Failing(lambda _: 1.0))
+    estimated = estimate(dqn(), None, 2, 2, executor=lambda _: Failing(lambda _: 1.0))
     assert estimated.failures == ["S1, dqn, one_hot: ValueError: planted"]
 
 
