@@ -1,6 +1,7 @@
 """Shows scenarios, algorithms and experiments, and how many runs are done."""
 
 import argparse
+from contextlib import ExitStack, suppress
 
 from agents import ALGORITHMS
 from benchmark.execution.store import NoRunsError, Store
@@ -20,18 +21,17 @@ def main(options: argparse.Namespace) -> int:
     for name, module in ALGORITHMS.items():
         print(f"  {name:24} {module}")
     print("experiments")
-    try:
-        with Store(options.results / "runs.db", read_only=True) as store:
-            ended = store.ended()
-    except NoRunsError:
-        ended = set()
-    for name in experiment_names():
-        try:
-            experiment = load_experiment(name)
-        except InputError as error:
-            print(f"  {name:24} not usable: {error}")
-            continue
-        runs = all_specifications(experiment)
-        done = sum(run.digest in ended for run in runs)
-        print(f"  {name:24} {done} of {len(runs)} runs done. {experiment.description}")
+    with ExitStack() as stack:
+        store = None
+        with suppress(NoRunsError):
+            store = stack.enter_context(Store(options.results / "runs.db", read_only=True))
+        for name in experiment_names():
+            try:
+                experiment = load_experiment(name)
+            except InputError as error:
+                print(f"  {name:24} not usable: {error}")
+                continue
+            runs = all_specifications(experiment)
+            n_done = 0 if store is None else len(store.ended(run.digest for run in runs))
+            print(f"  {name:24} {n_done} of {len(runs)} runs done. {experiment.description}")
     return 0

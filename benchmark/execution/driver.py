@@ -113,8 +113,7 @@ def discard_damaged(runs: Sequence[RunSpecification], store: Store) -> int:
       Their number.
     """
     store.repair()
-    ended = store.ended()
-    damaged = store.damaged(run.digest for run in runs if run.digest in ended)
+    damaged = store.damaged(store.ended(run.digest for run in runs))
     if damaged:
         store.remove(damaged)
     return len(damaged)
@@ -122,7 +121,7 @@ def discard_damaged(runs: Sequence[RunSpecification], store: Store) -> int:
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:
     """Returns the runs that have no valid record."""
-    ended = store.ended()
+    ended = store.ended(run.digest for run in runs)
     return [run for run in runs if run.digest not in ended]
 
 

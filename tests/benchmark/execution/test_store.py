@@ -28,6 +28,8 @@ def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
         store.add([record("x", arrays=arrays)])
     with Store(tmp_path / "deep" / "runs.db") as store:
         assert store.statuses() == {"x": "done", "y": "done"}
+        assert store.ended() == {"x", "y"}
+        assert store.ended(["y", "z", "it's"]) == {"y"}
         second, first = store.get(["y", "x"])
         assert (second.arrays, first.status) == ({}, "done")
         for name, values in arrays.items():
@@ -511,3 +513,5 @@ def test_interrupt_around_a_transaction_leaves_the_store_usable(
         store.add([record("y")])
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert store.statuses() == {"x": "done", "y": "done"}
+        assert store.ended() == {"x", "y"}
+        assert store.ended(["y", "z", "it's"]) == {"y"}
