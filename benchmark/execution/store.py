@@ -385,15 +385,12 @@ class Store:
           InputError: SQLite cannot do it.
         """
         with self._input_errors():
-            if not self._read_only and not self._is_same_file():  # it was replaced, or removed
-                self._connection.close()
-                self._connect()
             try:
                 return action()
             except sqlite3.DatabaseError as error:
                 if self._read_only:
                     raise
-                if not self._is_same_file():  # another driver has replaced it meanwhile
+                if not self._is_same_file():  # it was replaced or removed: SQLite does not write to it
                     self._connection.close()
                     self._connect()
                 elif _code(error) == sqlite3.SQLITE_CORRUPT:

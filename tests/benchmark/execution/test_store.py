@@ -223,6 +223,26 @@ def test_file_is_replaced_while_another_driver_waits_to_write(
         assert "new" in first.ended()
 
 
+def test_record_is_not_written_to_a_file_that_is_moved_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "runs.db"
+    with Store(path) as store:
+        add = store._add
+
+        def replace_and_add(rows: Any) -> None:
+            monkeypatch.undo()
+            path.rename(tmp_path / "moved.db")
+            add(rows)
+
+        monkeypatch.setattr(store, "_add", replace_and_add)
+        store.add([record("x")])
+        store.add([record("y")])
+        assert store.statuses() == {"x": "done", "y": "done"}
+    with Store(path, read_only=True) as store:
+        assert store.statuses() == {"x": "done", "y": "done"}
+
+
 def test_damaged_index_is_repaired(tmp_path: Path) -> None:
     """A failed run that the index takes for another is not taken for one that is done."""
     path = tmp_path / "runs.db"
@@ -513,5 +533,3 @@ def test_interrupt_around_a_transaction_leaves_the_store_usable(
         store.add([record("y")])
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert store.statuses() == {"x": "done", "y": "done"}
-        assert store.ended() == {"x", "y"}
-        assert store.ended(["y", "z", "it's"]) == {"y"}
