@@ -1,6 +1,6 @@
 """Kills drivers and workers, fills disks, and checks that no run is lost, repeated or different.
 
-`make chaos` runs it at full length; `tests/test_chaos.py` runs a short version.
+`make chaos` runs it at full length; `tests/test_make.py` runs a short version.
 """
 
 import argparse
@@ -229,15 +229,18 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     total: Counter[str] = Counter()
     with tempfile.TemporaryDirectory(prefix="chaos-") as folder, ExitStack() as stack:
-        for name, text, share in (("tables", TABLES, 0.7), ("nets", NETS, 0.2), ("cluster", TABLES, 0.1)):
-            n_kills = round(share * options.kills)
+        n_nets, n_cluster = options.kills // 5, options.kills // 10
+        n_tables = options.kills - n_nets - n_cluster
+        for name, text, n_kills in (
+            ("tables", TABLES, n_tables), ("nets", NETS, n_nets), ("cluster", TABLES, n_cluster),
+        ):  # fmt: skip
             if not n_kills:
                 continue
             (Path(folder) / name).mkdir()
             chaos = Chaos(Path(folder) / name, text, options.seed)
             ways = local_ways(chaos)
             if name == "nets":
-                ways += [chaos.worker_killed] * 3
+                ways = [chaos.worker_killed] * 3 + ways
             elif name == "cluster":
                 ways = [partial(chaos.cluster_worker_killed, stack.enter_context(cluster(Path(folder))))]
             disturb(chaos, ways, n_kills)
@@ -251,11 +254,11 @@ def main(arguments: list[str] | None = None) -> int:
 def local_ways(chaos: Chaos) -> list[Callable[[], int]]:
     """Returns what can happen to drivers of an experiment on this machine."""
     return [
-        chaos.driver_killed,
+        chaos.disk_full,
         chaos.driver_killed,
         partial(chaos.driver_killed, signal.SIGINT),
         chaos.one_of_two_drivers_killed,
-        chaos.disk_full,
+        chaos.driver_killed,
     ]
 
 
@@ -276,16 +279,17 @@ def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> No
 
     Args:
       chaos: The experiment.
-      ways: What can happen; each returns how many processes were killed.
+      ways: What can happen, first in this order and then at random; each returns how many were killed.
       n_kills: How many.
 
     Raises:
       Broken: Something was lost, repeated or different.
     """
+    todo = list(ways)
     for _ in track(range(n_kills), f"killing processes ({len(chaos.expected)} runs)"):
         killed = 0
         while not killed:
-            way = ways[int(chaos.rng.integers(len(ways)))]
+            way = todo.pop(0) if todo else ways[int(chaos.rng.integers(len(ways)))]
             killed = way()
             is_interrupt = isinstance(way, partial) and way.args == (signal.SIGINT,)
             name = way.func.__name__ if isinstance(way, partial) else way.__name__

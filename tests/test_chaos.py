@@ -1,25 +1,17 @@
-"""A little chaos: what is killed, interrupted or out of disk loses, repeats and changes no run."""
+"""What chaos says: that nothing is lost or different, only if nothing is. `tests/test_make.py` runs it."""
 
-import sys
+import re
 
 import pytest
 
-from tests.chaos import TABLES, Broken, Chaos, disturb, local_ways
-
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+from tests.chaos import TABLES, Broken, Chaos
 
 
 @pytest.fixture(scope="module")
 def chaos(tmp_path_factory: pytest.TempPathFactory) -> Chaos:
-    """An experiment of tables alone; that with nets is disturbed in `tests/benchmark/execution`."""
-    return Chaos(tmp_path_factory.mktemp("chaos"), TABLES, seed=1)
-
-
-def test_nothing_is_lost_repeated_or_different(chaos: Chaos) -> None:
-    disturb(chaos, local_ways(chaos), n_kills=3)
-    chaos.disk_full()
-    chaos.finish()
-    assert chaos.happened["killed"] >= 3
+    """A few tables, executed undisturbed."""
+    few = re.sub(r"seeds = \d+", "seeds = 2", TABLES)
+    return Chaos(tmp_path_factory.mktemp("chaos"), few, seed=1)
 
 
 def test_losses_and_changes_are_seen(chaos: Chaos, monkeypatch: pytest.MonkeyPatch) -> None:

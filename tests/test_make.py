@@ -34,7 +34,7 @@ def run_make(target: str, tmp_path: Path) -> str:
             "report": [f"RESULTS={tmp_path}"],
             "test": ["TESTS=tests/test_layering.py"],
             "check": ["CHECKED=envs/inputs.py"],
-            "chaos": ["CHAOS=--kills 1"],
+            "chaos": ["CHAOS=--kills 3"],
             "fuzz": ["FUZZ=--inputs 40"],
             "speed": ["SPEED=--smoke", f"RESULTS={tmp_path}"],
             "growth": ["GROWTH=--smoke", f"RESULTS={tmp_path}"],
@@ -75,6 +75,9 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
         }  # fmt: skip
         assert list(workers["workers"]) == ["1 processes", "1 dask"]
         assert overhead["share"].between(0, 1).all()
+    if target == "chaos":
+        assert "disk full" in output
+        assert "processes killed or interrupted: 3; runs lost, repeated or different: 0" in output
     if target == "report":
         assert {path.name for path in tmp_path.iterdir()} == {"README.md", "index.html", "reproduce"}
 

@@ -25,7 +25,7 @@ from rich.text import Text
 from benchmark.commands import parse_jobs, parse_seeds
 from benchmark.execution import provenance
 from benchmark.execution.machine import free_memory, usable_cores
-from benchmark.execution.store import NoRunsError, Store
+from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from envs import InputError
 from envs.inputs import EXTRAS, missing_package, needed_by, shortened
 
@@ -293,8 +293,7 @@ def _content(store: Store, path: Path) -> Iterator[Finding]:
     """Yields whether an open store is sound."""
     structure = store.problem()
     if structure:
-        advice = "'run EXPERIMENT' saves the intact records and repeats the others"
-        yield Finding("problem", "store", f"{path} is damaged: {structure}; {advice}")
+        yield Finding("problem", "store", f"{path} is damaged: {structure}; {REPAIR_ADVICE}")
         return
     counts = Counter(store.statuses().values())
     size, free = store.size()

@@ -45,13 +45,12 @@ def main(options: argparse.Namespace) -> int:
     diverged: list[str] = []
     with Store(options.results / "runs.db") as store:
         n_damaged = driver.discard_damaged(runs, store)
-        if store.salvaged:
-            print(store.salvaged, file=sys.stderr)
         if n_damaged:
             print(
                 f"{experiment.name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr
             )
-        todo = driver.pending(runs, store)
+        ended = store.ended(run.digest for run in runs)
+        todo = [run for run in runs if run.digest not in ended]
         if options.tensorboard is not None and len(todo) < len(runs):
             done = f"{len(runs) - len(todo)} of {len(runs)} runs are done already"
             print(f"{experiment.name}: {done}; they are not trained again for --tensorboard.")
@@ -64,7 +63,7 @@ def main(options: argparse.Namespace) -> int:
                 stack.callback(cluster.cancel)
                 # A worker finds its next job waiting.
                 jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
-            display = stack.enter_context(Display(experiment, seeds, store.ended(), plan(todo)))
+            display = stack.enter_context(Display(experiment, seeds, ended, plan(todo)))
 
             def advance(records: list[Record]) -> None:
                 display.advance(records)
@@ -79,9 +78,16 @@ def main(options: argparse.Namespace) -> int:
                 logs=options.tensorboard,
                 executor=executor,
             )
+        n_lost = 0 if errors else len(driver.pending(runs, store))
     if errors:
         print(
             f"error: {len(errors)} runs failed; the same command tries them again. First error: {errors[0]}",
+            file=sys.stderr,
+        )
+        return 1
+    if n_lost:
+        print(
+            f"error: runs that were stored but are no longer there: {n_lost}; the same command repeats them.",
             file=sys.stderr,
         )
         return 1

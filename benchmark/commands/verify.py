@@ -11,7 +11,7 @@ from rich.progress import Progress
 
 from benchmark.commands import parse_jobs
 from benchmark.commands.report import check, folder_name
-from benchmark.execution.store import Record, Store
+from benchmark.execution.store import REPAIR_ADVICE, Record, Store
 from benchmark.execution.verification import repeat, sample
 from benchmark.experiments import (
     Experiment,
@@ -54,19 +54,16 @@ def _problems(
     """Yields what is wrong, a sentence each; prints what is right."""
     path = options.results / "runs.db"
     if structure := store.problem():
-        advice = "'run EXPERIMENT' saves the intact records and repeats the others"
-        yield f"{path} is damaged: {structure}; {advice}."
+        yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
     ended = store.ended()
-    runs = {
-        experiment.name: [run for run in all_specifications(experiment) if run.digest in ended]
-        for experiment in experiments
-    }
-    stored = {run.digest: run for of_experiment in runs.values() for run in of_experiment}
+    runs = {experiment.name: all_specifications(experiment) for experiment in experiments}
+    wanted = {run.digest: run for of_experiment in runs.values() for run in of_experiment}
+    stored = {digest: run for digest, run in wanted.items() if digest in ended}
     every = sorted(store.statuses() if options.experiment is None else stored, key=str)
     damaged = store.damaged(every)
     if damaged:
         advice = "run their experiments again, which repeats them"
-        if unlisted := [digest for digest in damaged if digest not in stored]:
+        if unlisted := [digest for digest in damaged if digest not in wanted]:
             advice += (
                 f" ({len(unlisted)} of them are of none that 'list' shows; to remove them: "
                 f"sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{unlisted[0][:12]}%'\" for each)"
@@ -82,9 +79,9 @@ def _problems(
     for experiment in experiments:
         folder = options.results / folder_name(experiment, None, partial=False)
         is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
-        if is_published and all(run.digest in ended for run in all_specifications(experiment)):
+        if is_published and all(run.digest in ended for run in runs[experiment.name]):
             yield from _redrawn(experiment, store, folder, scratch, options.jobs)
-        elif is_published or runs[experiment.name]:
+        elif is_published or any(run.digest in stored for run in runs[experiment.name]):
             what = "runs are missing" if is_published else "there is no report"
             print(f"{experiment.name}: not drawn again, since {what}.")
 

@@ -114,9 +114,7 @@ def discard_damaged(runs: Sequence[RunSpecification], store: Store) -> int:
     """
     store.repair()
     damaged = store.damaged(store.ended(run.digest for run in runs))
-    if damaged:
-        store.remove(damaged)
-    return len(damaged)
+    return store.remove_damaged(damaged) if damaged else 0
 
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:

@@ -6,8 +6,10 @@ else. Every record has checksums, which are verified whenever it is read: a dama
 """
 
 import json
+import os
 import shutil
 import sqlite3
+import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from envs import InputError
 
 VALUE_DECIMALS: Final = 3  # of the values of a record
+REPAIR_ADVICE: Final = "'run EXPERIMENT' saves the intact records and repeats the others"
 _APPLICATION_ID: Final = 0x50524F58  # "PROX"
 _FORMAT: Final = 4
 _WITHOUT_HEADS: Final = 3  # the format before: records had no column `head`
@@ -44,6 +47,7 @@ CREATE INDEX statuses ON runs (digest, status);
 _HEADER_SIZE: Final = 100  # bytes at the start of an SQLite file
 _HEADER_PLACES: Final = (60, 68)  # where they have the version and the application
 _SMALLEST_ROW: Final = 256  # bytes, fewer than any record has
+_LAST_ROW: Final = 10_000_000  # no file has more; a damaged one may say so
 _HEAD: Final = "digest, specification, status, error, provenance, checksum"
 # What to do about an error of SQLite, by its code.
 _ADVICE: Final = {
@@ -52,7 +56,7 @@ _ADVICE: Final = {
     sqlite3.SQLITE_IOERR: "check the disk and its free space; the same command continues",
     sqlite3.SQLITE_READONLY: "make the file and its folder writable",
     sqlite3.SQLITE_CANTOPEN: "make the file and its folder readable and writable",
-    sqlite3.SQLITE_CORRUPT: "it is damaged; 'run EXPERIMENT' saves the intact records and repeats the others",
+    sqlite3.SQLITE_CORRUPT: f"it is damaged; {REPAIR_ADVICE}",
     sqlite3.SQLITE_NOTADB: "move it away, or choose another folder with --results",
 }
 _T = TypeVar("_T")
@@ -137,7 +141,7 @@ class Store:
     """An open `runs.db`, used as a context manager.
 
     A file that turns out to be damaged is replaced by one with its whole records if it may be written; the
-    damaged one is kept beside it. `salvaged` says so.
+    damaged one is kept beside it, which is said on stderr and by `salvaged`.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
@@ -147,11 +151,13 @@ class Store:
           NoRunsError: There is nothing to read.
           InputError: It cannot be opened, is not an SQLite file, or holds something else.
         """
-        self._path = path
+        self._path = path  # where the file is, not a link to it
         self._read_only = read_only
         self._inode: int | None = None  # of the file, once it is open
         self.salvaged = ""  # what was saved from a damaged file, in words
         try:
+            if path.is_symlink():
+                self._path = path = Path(os.path.realpath(path))
             if not read_only:
                 path.parent.mkdir(parents=True, exist_ok=True)
             is_there, is_file = path.exists(), path.is_file()
@@ -177,8 +183,9 @@ class Store:
         mode = "rw" if self._read_only else "rwc"
         with self._input_errors():
             self._connection = sqlite3.connect(
-                f"{self._path.resolve().as_uri()}?mode={mode}", uri=True, timeout=60.0, isolation_level=None
+                f"{self._path.absolute().as_uri()}?mode={mode}", uri=True, timeout=60.0, isolation_level=None
             )
+        inode = self._inode_now()  # before it waits for another driver, which may replace the file
         # Text that is no UTF-8 any more is found by its checksum.
         self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
         try:
@@ -196,12 +203,12 @@ class Store:
                         raise
                     # SQLite refuses a file that is shorter than it should be, but not then.
                     self._connection.execute("PRAGMA writable_schema = ON")
-                    self._inode = self._path.stat().st_ino
+                    self._inode = inode
                     self._salvage()
                     return
                 if self._read_only:
                     self._connection.execute("PRAGMA query_only = ON")
-            self._inode = self._path.stat().st_ino
+            self._inode = inode
         except BaseException:
             self._connection.close()
             raise
@@ -346,20 +353,25 @@ class Store:
         """Returns whether the record of a run is damaged or cannot be found."""
         try:
             self._whole_row(digest, arrays=True)
-        except InputError:
+        except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
             return True
         return False
 
-    def remove(self, digests: Iterable[str]) -> None:
-        """Removes the records of these runs, all or none."""
-        rows = [(digest,) for digest in digests]
+    def remove_damaged(self, digests: Iterable[str]) -> int:
+        """Removes the records of these runs that are damaged, all or none; returns how many are.
 
-        def delete() -> None:
+        They are looked at again, since another driver may have replaced some by whole ones.
+        """
+        wanted = list(digests)
+
+        def remove() -> int:
             with self._transaction():
                 self._connection.execute("REINDEX")  # an index may be what is damaged
+                rows = [(digest,) for digest in wanted if self._is_damaged(digest)]
                 self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
+            return len(rows)
 
-        self._do(delete)
+        return self._do(remove)
 
     def problem(self) -> str:
         """Returns what is wrong with the file's structure; empty if nothing."""
@@ -379,7 +391,10 @@ class Store:
                 self._salvage()
 
     def _do(self, action: Callable[[], _T]) -> _T:
-        """Returns what an action on the database returns; if the file is damaged, saves what is whole first.
+        """Returns what an action on the database returns.
+
+        If the file is damaged, what is whole is saved first; if it was replaced or removed, the one that is
+        there now is opened, or a new one.
 
         Raises:
           InputError: SQLite cannot do it.
@@ -392,6 +407,8 @@ class Store:
                     raise
                 if not self._is_same_file():  # it was replaced or removed: SQLite does not write to it
                     self._connection.close()
+                    with suppress(OSError):  # SQLite says what is wrong
+                        self._path.parent.mkdir(parents=True, exist_ok=True)
                     self._connect()
                 elif _code(error) == sqlite3.SQLITE_CORRUPT:
                     self._salvage()
@@ -401,10 +418,14 @@ class Store:
 
     def _is_same_file(self) -> bool:
         """Returns whether the open file is still the one at its path."""
+        return self._inode_now() == self._inode
+
+    def _inode_now(self) -> int:
+        """Returns the inode of the file that is at the path now; -1 if there is none."""
         try:
-            return self._path.stat().st_ino == self._inode
+            return self._path.stat().st_ino
         except OSError:
-            return False
+            return -1
 
     def _salvage(self) -> None:
         """Replaces a damaged file by one with its whole records, and keeps it beside."""
@@ -426,6 +447,7 @@ class Store:
                 f"{self._path} was damaged: its {n_records} intact records have been saved; the damaged "
                 f"file is kept as {kept}."
             )
+            print(self.salvaged, file=sys.stderr)
         self._connection.close()
         self._connect()
 
@@ -433,8 +455,9 @@ class Store:
         """Yields the rows of a damaged file that are whole."""
         last = self._path.stat().st_size // _SMALLEST_ROW
         with suppress(sqlite3.DatabaseError):
-            (last,) = self._connection.execute("SELECT max(rowid) FROM runs NOT INDEXED").fetchone()
-        for row_id in range(1, (last or 0) + 1):
+            (found,) = self._connection.execute("SELECT max(rowid) FROM runs NOT INDEXED").fetchone()
+            last = min(max(found or 0, last), _LAST_ROW)
+        for row_id in range(1, last + 1):
             try:
                 row = self._connection.execute(
                     f"SELECT {_HEAD}, arrays, head FROM runs NOT INDEXED WHERE rowid = ?", (row_id,)

@@ -1,11 +1,13 @@
 """The command `run`."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.execution.store import Store
+from benchmark.execution import driver
+from benchmark.execution.store import Record, Store
 
 LOGGED = """
 description = "A table, and two nets that write logs."
@@ -44,6 +46,36 @@ def test_logs_come_from_worker_processes_and_change_nothing(tmp_path: Path) -> N
         assert digests == sorted(plain.ended())
         for x, y in zip(logged.get(digests), plain.get(digests), strict=True):
             assert all(x.arrays[name].tobytes() == y.arrays[name].tobytes() for name in x.arrays)
+
+
+def test_runs_that_are_lost_meanwhile_are_not_said_to_be_done(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment = tmp_path / "tables.toml"
+    text = "\n".join(
+        line for line in LOGGED.splitlines() if not line.startswith(("algorithms.d", "algorithms.p"))
+    )
+    experiment.write_text(text.replace('["S2"]', '["S1", "S2", "S3"]'), encoding="utf-8")
+    arguments = ["run", str(experiment), "--jobs", "1", "--results", str(tmp_path / "results")]
+    run = driver.run
+
+    def run_and_remove(runs: Any, store: Store, jobs: int, on_progress: Any, **options: Any) -> list[str]:
+        def remove(records: list[Record]) -> None:
+            if not removed:
+                (tmp_path / "results" / "runs.db").unlink()
+            removed.append(True)
+            on_progress(records)
+
+        removed: list[bool] = []
+        return run(runs, store, jobs, remove, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(driver, "run", run_and_remove)
+        assert main(arguments) == 1
+    lost = "error: runs that were stored but are no longer there: 1; the same command repeats them.\n"
+    assert capsys.readouterr().err.endswith(lost)
+    assert main(arguments) == 0
+    assert "tables: 1 runs done, 2 were done already." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

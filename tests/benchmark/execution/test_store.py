@@ -1,6 +1,7 @@
 """The store gives back what was put into it, whole, or says what is wrong with it."""
 
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmark.execution import store as stores
 from benchmark.execution.store import NoRunsError, Record, Store
 from envs import InputError
 
@@ -243,6 +245,90 @@ def test_record_is_not_written_to_a_file_that_is_moved_meanwhile(
         assert store.statuses() == {"x": "done", "y": "done"}
 
 
+def test_file_is_replaced_while_another_driver_waits_to_open_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = damaged_in_the_middle(tmp_path / "runs.db")
+    create = Store._create
+    with Store(tmp_path / "runs.db") as first:
+
+        def wait_and_create(store: Store) -> None:
+            monkeypatch.undo()
+            first.repair()
+            first.add([record("new")])
+            create(store)
+
+        monkeypatch.setattr(Store, "_create", wait_and_create)
+        with Store(tmp_path / "runs.db") as second:
+            second.repair()
+            assert second.salvaged == ""
+            assert "new" in second.ended()
+        assert capsys.readouterr().err == f"{first.salvaged}\n"
+    assert (tmp_path / "runs.db.damaged").read_bytes() == content
+
+
+def test_record_that_another_driver_has_mended_is_not_removed(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x"), record("y"), record("z")])
+        connection = sqlite3.connect(tmp_path / "runs.db")
+        with connection:
+            connection.execute("UPDATE runs SET provenance = 'a' WHERE digest != 'z'")
+        connection.close()
+        damaged = store.damaged(["x", "y", "z"])
+        assert damaged == ["x", "y"]
+        with Store(tmp_path / "runs.db") as other:
+            other.add([record("x")])
+        assert store.remove_damaged(damaged) == 1
+        assert store.ended() == {"x", "z"}
+
+
+def test_digest_that_is_no_text_any_more_is_damaged(tmp_path: Path) -> None:
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x"), record("y")])
+        connection = sqlite3.connect(tmp_path / "runs.db")
+        with connection:
+            connection.execute("UPDATE runs SET digest = CAST(X'FF61' AS TEXT) WHERE digest = 'x'")
+        connection.close()
+        assert store.damaged(sorted(store.statuses())) == ["\udcffa"]
+
+
+def test_links_to_a_store_stay_links(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    damaged_in_the_middle(tmp_path / "disk" / "runs.db")
+    (tmp_path / "runs.db").symlink_to(tmp_path / "disk" / "runs.db")
+    with Store(tmp_path / "runs.db") as linked, Store(tmp_path / "disk" / "runs.db") as other:
+        linked.repair()
+        assert linked.salvaged
+        other.add([record("new")])
+        assert "new" in linked.ended()
+    assert (tmp_path / "runs.db").is_symlink()
+    assert (tmp_path / "disk" / "runs.db.damaged").exists()
+
+
+@pytest.mark.parametrize("last", [0, -1, 2**62])
+def test_last_row_of_a_damaged_page_is_not_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: int
+) -> None:
+    monkeypatch.setattr(stores, "_LAST_ROW", 1000)
+    with Store(tmp_path / "runs.db") as store:
+        store.add([record("x"), record("y")])
+        monkeypatch.setattr(store, "_connection", LastRow(store._connection, last))
+        assert [row[0] for row in store._whole_rows()] == ["x", "y"]
+        monkeypatch.undo()
+
+
+class LastRow:
+    """A connection to a file whose last page says another last row."""
+
+    def __init__(self, connection: sqlite3.Connection, last: int) -> None:
+        self._connection, self._last = connection, last
+
+    def execute(self, statement: str, parameters: tuple[Any, ...] = ()) -> sqlite3.Cursor:
+        if "max(rowid)" in statement:
+            return self._connection.execute(f"SELECT {self._last}")
+        return self._connection.execute(statement, parameters)
+
+
 def test_damaged_index_is_repaired(tmp_path: Path) -> None:
     """A failed run that the index takes for another is not taken for one that is done."""
     path = tmp_path / "runs.db"
@@ -286,7 +372,7 @@ def test_no_flipped_bit_is_used_silently(tmp_path: Path) -> None:
         try:
             with Store(path) as store:
                 damaged = store.damaged(expected)
-                store.remove(damaged)
+                store.remove_damaged(damaged)
                 digests = store.ended() & expected.keys()
                 for read in store.get(sorted(digests)):
                     assert content_of(read) == expected[read.digest], bit
@@ -326,7 +412,7 @@ def test_damaged_records_are_reported_in_one_sentence(tmp_path: Path, damage: st
         store.get(["0123456789abcdef"])
     with Store(tmp_path / "runs.db") as store:
         assert store.damaged(["0123456789abcdef"]) == ["0123456789abcdef"]
-        store.remove(["0123456789abcdef"])
+        assert store.remove_damaged(["0123456789abcdef"]) == 1
         assert store.statuses() == {}
 
 
@@ -455,12 +541,14 @@ def test_unreadable_files_and_folders_are_named(tmp_path: Path) -> None:
             parent.chmod(mode)
 
 
-def test_runs_are_stored_although_the_file_was_removed_meanwhile(tmp_path: Path) -> None:
-    with Store(tmp_path / "runs.db") as store:
+@pytest.mark.parametrize("removed", ["file", "folder"])
+def test_runs_are_stored_although_the_file_was_removed_meanwhile(tmp_path: Path, removed: str) -> None:
+    path = tmp_path / "results" / "runs.db"
+    with Store(path) as store:
         store.add([record("x")])
-        (tmp_path / "runs.db").unlink()
+        path.unlink() if removed == "file" else shutil.rmtree(path.parent)
         store.add([record("y")])
-    with Store(tmp_path / "runs.db", read_only=True) as store:
+    with Store(path, read_only=True) as store:
         assert store.statuses() == {"y": "done"}
 
 
