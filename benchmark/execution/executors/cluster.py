@@ -22,6 +22,7 @@ from envs import InputError
 
 _ANSWER_S: Final = 10  # how long to wait for the scheduler: at the start, and when the connection is lost
 _WORKER_S: Final = 60  # how long to wait for the first worker
+_ATTEMPTS: Final = 3  # to find one that answers
 
 
 class Cluster:
@@ -54,8 +55,7 @@ class Cluster:
                 "'dask scheduler' starts one."
             ) from error
         try:
-            self._wait_for_a_worker()
-            answers = self._client.run(refusal, here, on_error="return")
+            answers = self._answers(here)
             for worker, answer in answers.items():
                 if isinstance(answer, Exception):
                     raise InputError(
@@ -96,6 +96,19 @@ class Cluster:
                 f"--cluster {self._address}: there is no worker; dask worker {self._address} --nthreads 1 "
                 "starts one."
             ) from None
+
+    def _answers(self, here: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+        """Returns what `refusal` says on each worker, or the exception that it raises there."""
+        for _ in range(_ATTEMPTS):
+            self._wait_for_a_worker()
+            answers = self._client.run(refusal, here, on_error="return")
+            # A worker whose connection breaks has died meanwhile.
+            if alive := {worker: each for worker, each in answers.items() if not isinstance(each, OSError)}:
+                return alive
+        raise InputError(
+            f"--cluster {self._address}: its workers do not answer, or die when they are asked; look at what "
+            "they have written."
+        )
 
     async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
         name = job[0].algorithm

@@ -72,6 +72,11 @@ import os, signal
 from benchmark.execution.executors import cluster
 cluster.execute_job = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 """
+DIES_WHEN_ASKED = """
+import os, signal
+from benchmark.execution.executors import cluster
+cluster.refusal = lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)
+"""
 
 
 class Machines:
@@ -350,6 +355,23 @@ def test_clusters_without_workers_are_refused(
     waiting, error = capsys.readouterr().err.splitlines()
     assert waiting == f"waiting up to 0.5 s for a worker at {alone.address}"
     assert error.startswith(f"error: --cluster {alone.address}: there is no worker; dask worker tcp://")
+
+
+def test_worker_that_dies_while_it_is_asked_is_left_out(pair: Machines) -> None:
+    pair.add("dying", preload=DIES_WHEN_ASKED)
+    pair.addresses("a", "b", "dying")
+    executor = Cluster(pair.address, {"q_learning"})
+    executor.cancel()
+    assert executor.workers == 2
+
+
+def test_workers_that_all_die_while_they_are_asked_are_refused(
+    alone: Machines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "_ATTEMPTS", 1)
+    alone.add("dying", preload=DIES_WHEN_ASKED)
+    with pytest.raises(InputError, match="its workers do not answer, or die when they are asked"):
+        Cluster(alone.address, {"q_learning"})
 
 
 @pytest.mark.parametrize(
