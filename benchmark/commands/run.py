@@ -49,8 +49,7 @@ def main(options: argparse.Namespace) -> int:
             print(
                 f"{experiment.name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr
             )
-        ended = store.ended(run.digest for run in runs)
-        todo = [run for run in runs if run.digest not in ended]
+        todo = driver.pending(runs, store)
         if options.tensorboard is not None and len(todo) < len(runs):
             done = f"{len(runs) - len(todo)} of {len(runs)} runs are done already"
             print(f"{experiment.name}: {done}; they are not trained again for --tensorboard.")
@@ -63,6 +62,7 @@ def main(options: argparse.Namespace) -> int:
                 stack.callback(cluster.cancel)
                 # A worker finds its next job waiting.
                 jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
+            ended = store.ended(run.digest for run in runs)
             display = stack.enter_context(Display(experiment, seeds, ended, plan(todo)))
 
             def advance(records: list[Record]) -> None:

@@ -106,8 +106,8 @@ class Cluster:
             if alive := {worker: each for worker, each in answers.items() if not isinstance(each, OSError)}:
                 return alive
         raise InputError(
-            f"--cluster {self._address}: its workers do not answer, or die when they are asked; look at what "
-            "they have written."
+            f"--cluster {self._address}: its workers do not answer, or die when they are asked; their "
+            "output may say why."
         )
 
     async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
