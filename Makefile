@@ -51,7 +51,7 @@ check: $(DEV) ## format, lint, types, spelling
 speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
 	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
 
-growth: $(DEV) ## time and memory against agents, cells, stored runs and workers, in results/growth/ (about 25 minutes)
+growth: $(DEV) ## time and memory against agents, cells, stored runs and workers, in results/growth/ (about half an hour)
 	$(PY) -m benchmark growth --results $(RESULTS) $(GROWTH)
 
 chaos: $(DEV) ## kill drivers and workers 200 times, fill disks, and compare every run (CHAOS="--kills 20": 20 times)
