@@ -31,8 +31,8 @@ __all__ = [
     "load_algorithm",
 ]
 
-# torch's library for matrix products sums in another order for another number of rows, unless it is told which
-# instructions to use; torch itself takes wider ones where there are any. Both look when they are first used.
+# torch's library for matrix products sums in another order for another number of rows, unless it is told
+# which instructions to use; torch itself takes wider ones where there are any. Both look at first use.
 os.environ.setdefault("MKL_CBWR", "AVX2")
 os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")
 

@@ -1,11 +1,13 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
 numba itself believes its files: a damaged one ends in an exception or a crash, or computes something else.
+And it looks only at the file of a function, not at those of what the function calls; here all files count.
 """
 
 import hashlib
 import pickle
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,6 +16,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _DIGEST_SIZE = 32
+_ROOT = Path(__file__).parents[1]
 
 
 def compiled(*, nogil: bool = False) -> Callable[[_Function], _Function]:
@@ -59,8 +62,15 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
     def _digest(self, path: Path, content: bytes) -> bytes:
-        made_for = repr((self._version, self._source_stamp, path.name))
+        made_for = repr((self._version, self._source_stamp, _digest_of_sources(), path.name))
         return hashlib.sha256(made_for.encode() + b"\0" + content).digest()
+
+
+@cache
+def _digest_of_sources() -> str:
+    """Returns the digest of all modules that have compiled code, or what compiled code calls."""
+    paths = [*sorted((_ROOT / "agents").rglob("*.py")), _ROOT / "envs" / "model.py"]
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in paths)).hexdigest()
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]

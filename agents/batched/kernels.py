@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
-from agents.tabular.kernel import draw_word
+from agents.process import draw_word
 from envs import Model
 from envs.model import ACTIONS, draw_issuer_reward
 

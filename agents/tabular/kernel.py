@@ -30,11 +30,17 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
+from agents.process import (
+    N_ACTIONS,
+    Process,
+    U,
+    draw_outcome,
+    draw_reward,
+    draw_start,
+    draw_word,
+)
 from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
-from envs.model import ACTIONS, draw_issuer_reward
 
-U = np.uint64
-N_ACTIONS: Final = len(ACTIONS)
 PLACES: Final = 60
 LEAST_TRACE: Final = 1e-3  # below this weight a trace is dropped
 
@@ -44,33 +50,6 @@ CHOICES: Final = np.zeros((ALL_ACTIONS + 1, PLACES), dtype=np.uint8)
 for _mask in range(1, ALL_ACTIONS + 1):
     _members = np.flatnonzero(contains(np.array(_mask, dtype=np.uint8)))
     CHOICES[_mask] = _members[np.arange(PLACES) * len(_members) // PLACES]
-
-Stream = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
-
-
-# What follows an action, side by side in memory: with large tables, cache misses take most of the time.
-OUTCOME: Final = np.dtype(
-    [
-        ("reward", np.float64),  # mean
-        ("next_state", np.uint32),
-        ("next_observation", np.uint32),  # O where the episode terminates
-    ]
-)
-
-
-class Process(NamedTuple):
-    """A compiled scenario; state and action are one index, `state * A + action`."""
-
-    outcomes: NDArray[np.void]  # (S * A * K,) of type OUTCOME
-    probability_up_to: NDArray[
-        np.float64
-    ]  # (S * A * K,) sums over the outcomes up to each; infinite at the last
-    n_outcomes: int  # K
-    noise: NDArray[np.float64]  # (S * A,) half-width of the uniform noise of the reward
-    is_wrong_ping: NDArray[np.bool_]  # (S * A,)
-    observation: NDArray[np.uint32]  # (S,)
-    starts: NDArray[np.uint32]  # (B,) states
-    is_noisy: bool
 
 
 class Decay(NamedTuple):
@@ -119,22 +98,6 @@ class Results(NamedTuple):
 
 
 @numba.njit
-def draw_word(stream: Stream) -> tuple[np.uint64, Stream]:
-    """Draws 64 random bits from xoshiro256++; returns them and the stream that follows."""
-    s0, s1, s2, s3 = stream
-    word = s0 + s3
-    word = ((word << U(23)) | (word >> U(41))) + s0
-    shifted = s1 << U(17)
-    s2 ^= s0
-    s3 ^= s1
-    s1 ^= s2
-    s0 ^= s3
-    s2 ^= shifted
-    s3 = (s3 << U(45)) | (s3 >> U(19))
-    return word, (s0, s1, s2, s3)
-
-
-@numba.njit
 def choose_action(
     word: np.uint64, explore_below: np.uint64, greedy: int, choices: NDArray[np.uint8]
 ) -> np.uint64:
@@ -142,39 +105,6 @@ def choose_action(
     place = ((word & U(0xFFFFFFFF)) * U(PLACES)) >> U(32)
     candidates = ALL_ACTIONS if (word >> U(32)) < explore_below else greedy
     return U(choices[U(candidates), place])
-
-
-_draw_issuer_reward = numba.njit(draw_issuer_reward)
-
-
-@numba.njit
-def _draw_reward(mean: float, noise: float, stream: Stream) -> tuple[float, Stream]:
-    """Returns a noisy reward and the stream that follows."""
-    word, stream = draw_word(stream)
-    return _draw_issuer_reward(mean, noise, (word >> U(11)) * 2.0**-53), stream
-
-
-@numba.njit
-def _draw_outcome(
-    first: np.uint64, probability_up_to: NDArray[np.float64], stream: Stream
-) -> tuple[np.uint64, Stream]:
-    """Returns the index of an outcome, given that of the action's first, and the stream that follows."""
-    word, stream = draw_word(stream)
-    uniform = (word >> U(11)) * 2.0**-53
-    i = first
-    while uniform >= probability_up_to[i]:
-        i += U(1)
-    return i, stream
-
-
-@numba.njit
-def _draw_start(starts: NDArray[np.uint32], stream: Stream) -> tuple[np.uint64, Stream]:
-    """Returns a state to start in and the stream that follows."""
-    place = U(0)
-    if len(starts) > 1:
-        word, stream = draw_word(stream)
-        place = U((word >> U(11)) * 2.0**-53 * len(starts))
-    return U(starts[place]), stream
 
 
 @numba.njit
@@ -315,7 +245,7 @@ def _train(
         trace_rates = np.empty(len(traced))
         learning_rate, epsilon = _at(rates, 0), _at(epsilons, 0)
         explore_below = U(round(epsilon * 2**32))
-        state, stream = _draw_start(starts, stream)
+        state, stream = draw_start(starts, stream)
         o = U(observation[state])
         a = a_next = learned = best = U(0)
         begins = True
@@ -344,9 +274,9 @@ def _train(
                 i = taken * U(n_outcomes) if _DRAWS_OUTCOMES else taken
                 reward = outcomes[i].reward
                 if is_noisy and noise[taken] > 0.0:
-                    reward, stream = _draw_reward(reward, noise[taken], stream)
+                    reward, stream = draw_reward(reward, noise[taken], stream)
                 if _DRAWS_OUTCOMES:
-                    i, stream = _draw_outcome(i, probability_up_to, stream)
+                    i, stream = draw_outcome(i, probability_up_to, stream)
                 outcome = outcomes[i]
                 o_next = U(outcome.next_observation)
                 terminates = o_next == U(n_observations)
@@ -403,7 +333,7 @@ def _train(
                 episode_steps += 1
                 begins = terminates or episode_steps == time_limit
                 if begins:
-                    state, stream = _draw_start(starts, stream)
+                    state, stream = draw_start(starts, stream)
                     o = U(observation[state])
                     episodes += 1
                     episode_steps = 0
@@ -430,10 +360,8 @@ def compile_kernel(
 ) -> Callable[[Process, Constants, Plan, Any, Results], None]:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    The kernel is a copy of `_train` whose globals hold the rule. numba caches compiled code on disk by the
-    name of the function, and compiles again when the function's file has changed. It does not look at what
-    the function calls from other files: the rule and `draw_issuer_reward`. So the copy's name contains a
-    digest of these.
+    The kernel is a copy of `_train` whose globals hold the rule. Compiled code is kept on disk by the name of
+    the function, and the rule may come from elsewhere. So the copy's name contains a digest of the rule.
 
     Args:
       update: The rule.
@@ -449,7 +377,7 @@ def compile_kernel(
     }
     rule = flags | {"_bootstrap": numba.njit(update.bootstrap)}
     kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)
-    parts = [flags, *_identity(update.bootstrap), *_identity(draw_issuer_reward)]
+    parts = [flags, *_identity(update.bootstrap)]
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
     return compiled(nogil=True)(kernel)

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from agents.contract import LearnerSettings, Schedule, Training, check_request
+from agents.process import process_of
 from agents.tabular import updates
-from agents.tabular.kernel import CHOICES, OUTCOME, Constants, Decay, Plan, Process, Results, compile_kernel
+from agents.tabular.kernel import CHOICES, Constants, Decay, Plan, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
 from envs.model import ACTIONS, Model
 
@@ -174,7 +175,7 @@ def train(
     kernel = compile_kernel(
         update, draws_outcomes=model.n_outcomes > 1, counts_visits=settings.visit_exponent is not None
     )
-    process = _process(model)
+    process = process_of(model)
     constants = Constants(
         learning_rate=settings.learning_rates,
         visit_exponent=settings.visit_exponent or 0.0,
@@ -216,29 +217,6 @@ def train(
             raise
     result.updates[:] = result.steps_taken
     return result
-
-
-def _process(model: Model) -> Process:
-    """Returns a model as the kernel reads it."""
-    following = np.where(
-        model.terminated[..., None], model.n_observations, model.observation[model.next_state]
-    )
-    outcomes = np.empty(model.next_state.shape, dtype=OUTCOME)
-    outcomes["reward"] = (model.grid_reward + model.issuer_reward)[..., None]
-    outcomes["next_state"] = model.next_state
-    outcomes["next_observation"] = following
-    probability_up_to = model.probability.cumsum(axis=-1)
-    probability_up_to[..., -1] = np.inf  # whatever rounding does to the sum
-    return Process(
-        outcomes=outcomes.ravel(),
-        probability_up_to=probability_up_to.ravel(),
-        n_outcomes=model.n_outcomes,
-        noise=model.issuer_noise.ravel(),
-        is_wrong_ping=model.is_wrong_ping.ravel(),
-        observation=model.observation.astype(np.uint32),
-        starts=model.starts.astype(np.uint32),
-        is_noisy=model.is_noisy,
-    )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from agents import Schedule
 from agents.dynamic_programming import solve
 from agents.policy import contains, greedy_masks
-from agents.tabular.kernel import CHOICES, choose_action, draw_word
+from agents.process import draw_word
+from agents.tabular.kernel import CHOICES, choose_action
 from agents.tabular.learner import Settings, TabularTraining, train
 from envs import ACTIONS, InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.inputs import parse
