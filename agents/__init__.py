@@ -38,8 +38,8 @@ os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")
 
 ALGORITHMS: Final = {
     "a2c": "agents.sb3.algorithms:A2C",
-    "batched_dqn": "agents.batched.algorithms:DQN",
-    "batched_ppo": "agents.batched.algorithms:PPO",
+    "compiled_dqn": "agents.nets.learner:DQN",
+    "compiled_ppo": "agents.nets.learner:PPO",
     "double_q_learning": "agents.tabular.double_q_learning:DOUBLE_Q_LEARNING",
     "dqn": "agents.sb3.algorithms:DQN",
     "expected_sarsa": "agents.tabular.expected_sarsa:EXPECTED_SARSA",

@@ -70,7 +70,7 @@ settings = { learning_rate = 0.2, final_epsilon = 0.01, epsilon_fraction = 0.5, 
 settings = 3
 seeds = 2
 [algorithms.dqn]
-algorithm = "batched_dqn"
+algorithm = "compiled_dqn"
 observations = ["one_hot", "coordinates"]
 seeds = 10
 settings = { gamma = 0.9 }

@@ -122,7 +122,7 @@ def test_one_hot_observations_of_many_cells(tmp_path: Path, capsys: pytest.Captu
         env.reset(seed=0)
         env.close()
     assert scenario.n_observations == 100_000
-    text = EXPERIMENT.replace('"index"', '"coordinates", "one_hot"').replace('"q_learning"', '"batched_dqn"')
+    text = EXPERIMENT.replace('"index"', '"coordinates", "one_hot"').replace('"q_learning"', '"compiled_dqn"')
     changes = "\n[readings.default]\nquestion = '?'\nanswer = '!'\n"
     changes += 'scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }\n'
     (tmp_path / "mine.toml").write_text(text + changes)

@@ -107,7 +107,7 @@ def measure(directory: Path, *, smoke: bool) -> None:
     Raises:
       InputError: A package is missing, the folder cannot be written, or something that is measured fails.
     """
-    check_packages(["q_learning", "batched_dqn", "batched_ppo"])
+    check_packages(["q_learning", "compiled_dqn", "compiled_ppo"])
     if find_spec("distributed") is None:
         raise missing_package("benchmark growth", "distributed")
     sizes = _SMOKE if smoke else _FULL

@@ -134,7 +134,7 @@ settings = { budget = 400, time_limit = 200 }
 
 [algorithms]
 q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 8 }
-dqn = { algorithm = "batched_dqn", observations = ["one_hot"], seeds = 2 }
+dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 2 }
 dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 3 }
 ppo_sb3 = { algorithm = "ppo", observations = ["coordinates"], seeds = 3, settings.n_steps = 200 }
 """

@@ -144,7 +144,7 @@ def test_ablation_changes_two_settings_alone_and_together() -> None:
     assert (list(target), list(rate)) == (["target_update_interval"], ["learning_rate"])
     dqn = load_experiment("compare_deep").algorithms["dqn"].settings  # where both values come from
     assert {key: dqn[key] for key in (*target, *rate)} == target | rate
-    assert {arm.algorithm for arm in arms.values()} == {"batched_dqn"}
+    assert {arm.algorithm for arm in arms.values()} == {"compiled_dqn"}
 
 
 # Identity and random streams
@@ -310,7 +310,7 @@ def test_mistakes_in_a_replication_get_one_sentence(
     [
         ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
         ('algorithm = "ppo"', 'algorithm = "pqo"', "unknown algorithm pqo (did you mean ppo?); accepted"),
-        ('"coordinates"]', '"one_hat"]', "observation for batched_dqn one_hat (did you mean one_hot?)"),
+        ('"coordinates"]', '"one_hat"]', "observation for compiled_dqn one_hat (did you mean one_hot?)"),
         (
             "[algorithms.ppo_sb3]",
             "[algorithms.PPO]",

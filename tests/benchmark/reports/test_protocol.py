@@ -19,7 +19,7 @@ map_every = 100
 settings = { budget = 200 }
 algorithms.other = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
 algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
-algorithms.net = { algorithm = "batched_dqn", observations = ["one_hot", "coordinates"], seeds = 2 }
+algorithms.net = { algorithm = "compiled_dqn", observations = ["one_hot", "coordinates"], seeds = 2 }
 algorithms.net_sb3 = { check_of = "net", algorithm = "dqn", seeds = 2 }
 """
 TABLE, NET = Learner("table", "index"), Learner("net", "one_hot")

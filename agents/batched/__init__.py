@@ -1,1 +1,0 @@
-"""DQN and PPO as Stable-Baselines3 has them, for many agents at once."""

@@ -1,0 +1,1 @@
+"""DQN and PPO as Stable-Baselines3 has them, compiled, one agent at a time."""

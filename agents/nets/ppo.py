@@ -1,0 +1,395 @@
+"""PPO (Schulman et al. 2017) as in Stable-Baselines3: the whole loop of an agent, compiled.
+
+Observations are few and come again. So what actor and critic say of one is kept until the next update, and a
+mini-batch in which an observation occurs several times has one row for it. That changes no result but the
+order of sums.
+
+An agent draws where its first episodes start. Then each step of each env takes a number for the action, what
+`agents.process.step` draws, and a number for the next start if the episode ends. Permutations of rollouts take
+numbers of another stream.
+
+Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch, T evaluation
+steps.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from agents.compiled import compiled
+from agents.nets import net
+from agents.nets.arithmetic import Numbers, exp, inlined, like, log
+from agents.nets.net import (
+    Inputs,
+    Layers,
+    Merged,
+    Parameters,
+    Scratch,
+    backward,
+    forward,
+    learn,
+    merge,
+)
+from agents.nets.walk import Walk, count, draw, take, walk_of
+from agents.process import N_ACTIONS, Process, process_of
+from agents.sb3.settings import PpoSettings
+from envs import Model
+
+_EPSILON = 1e-5  # Adam's in Stable-Baselines3
+_GAIN = math.sqrt(2)  # of the first weights of hidden layers, in Stable-Baselines3
+_GAINS = 0.01, 1.0  # of the last layer of actor and critic
+
+
+class Constants(NamedTuple):
+    """How an agent learns, see `agents.sb3.settings.PpoSettings`."""
+
+    n_steps: int  # L
+    batch_size: int
+    n_epochs: int
+    gamma: float
+    gae_lambda: float
+    clip_range: float
+    clip_range_vf: float  # infinite: not clipped
+    normalize_advantage: bool
+    ent_coef: float
+    vf_coef: float
+    target_kl: float  # infinite: epochs are not cut short
+    learning_rate: float
+    max_grad_norm: float
+
+
+class Net(NamedTuple):
+    """The actor or the critic."""
+
+    layers: Layers
+    scratch: Scratch
+
+
+class Known(NamedTuple):
+    """What actor and critic say of observations since the last update."""
+
+    probability: Numbers  # (O, A)
+    log_probability: Numbers  # (O, A)
+    value: Numbers  # (O,)
+    policy_of: NDArray[np.int64]  # (O,) of which rollout the probabilities are
+    value_of: NDArray[np.int64]  # (O,) of which rollout the value is
+    n_rollouts: NDArray[np.int64]  # (1,)
+
+
+class Rollout(NamedTuple):
+    """A rollout, as Stable-Baselines3 flattens it, env after env, (E * L,) each."""
+
+    observed: NDArray[np.int32]
+    action: NDArray[np.int8]
+    reward: NDArray[np.float32]
+    next_observed: NDArray[np.int32]  # O where the episode terminates
+    truncated: NDArray[np.bool_]  # by the time limit alone
+    old_log_probability: Numbers
+    advantage: Numbers
+    value_target: Numbers  # Stable-Baselines3's `returns`
+    order: NDArray[np.int64]  # a permutation
+
+
+class Batch(NamedTuple):
+    """Room for a mini-batch."""
+
+    observed: NDArray[np.int32]  # (B,)
+    merged: Merged
+    probability: Numbers  # (B, A) of distinct observations
+    log_probability: Numbers  # (B, A)
+
+
+class Ppo(NamedTuple):
+    """All that the compiled loop reads and changes."""
+
+    process: Process
+    constants: Constants
+    inputs: Inputs
+    actor: Net
+    critic: Net
+    parameters: Parameters
+    known: Known
+    rollout: Rollout
+    batch: Batch
+    walk: Walk
+    stream: NDArray[np.uint64]  # (4,) of the permutations
+
+
+class PpoAgent:
+    """An agent that learns action probabilities, see `agents.nets.learner.Agent`."""
+
+    is_value = False
+
+    def __init__(
+        self,
+        model: Model,
+        settings: PpoSettings,
+        observation: str,
+        points: NDArray[np.int64],
+        seed: SeedSequence,
+        kind: type[np.floating[Any]],
+    ) -> None:
+        """Makes an agent that has drawn its first weights and starts."""
+        n_observations, n_rows, first = model.n_observations, settings.batch_size, 0
+        process = process_of(model)
+        inputs, n_inputs = net.inputs_of(model, observation, kind)
+        self._nets: list[Net] = []
+        for n_outputs in (N_ACTIONS, 1):
+            hidden = settings.policy_kwargs.net_arch
+            layers = net.layers_of(n_inputs, hidden, n_outputs, first, is_relu=False)
+            self._nets.append(Net(layers, net.scratch_of(layers, n_rows, kind)))
+            first = net.end_of(layers)
+        self.parameters = net.parameters_of(first, kind)
+        acting, learning, drawing = seed.generate_state(12, np.uint64).reshape(3, 4)
+        for each, gain in zip(self._nets, _GAINS, strict=True):
+            net.draw_orthogonal(each.layers, self.parameters.values, drawing, (_GAIN, gain))
+        self.walk = walk_of(process, model, settings, acting, points)
+        same = {name: getattr(settings, name) for name in Constants._fields}
+        endless = {name: same[name] or math.inf for name in ("clip_range_vf", "target_kl")}
+        table, rollout = (n_observations, N_ACTIONS), ("i4", "i1", "f4", "i4", "?", kind, kind, kind, "i8")
+        self._agent = Ppo(
+            process=process,
+            constants=Constants(**same | endless),
+            inputs=inputs,
+            actor=self._nets[0],
+            critic=self._nets[1],
+            parameters=self.parameters,
+            known=Known(
+                probability=np.zeros(table, kind),
+                log_probability=np.zeros(table, kind),
+                value=np.zeros(n_observations, kind),
+                policy_of=np.full(n_observations, -1),
+                value_of=np.full(n_observations, -1),
+                n_rollouts=np.zeros(1, np.int64),
+            ),
+            rollout=Rollout(*(np.zeros(settings.rollout, dtype) for dtype in rollout)),
+            batch=Batch(
+                observed=np.zeros(n_rows, np.int32),
+                merged=net.merged_of(n_observations, n_rows),
+                probability=np.zeros((n_rows, N_ACTIONS), kind),
+                log_probability=np.zeros((n_rows, N_ACTIONS), kind),
+            ),
+            walk=self.walk,
+            stream=learning,
+        )
+
+    def advance(self, until: int) -> None:
+        """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
+        _advance(self._agent, until)
+
+    def table(self) -> Numbers:
+        """Returns the action probabilities for all observations, (O, A)."""
+        actor, table = self._nets[0], np.empty_like(self._agent.known.probability)
+        net.read(actor.layers, self._agent.inputs, self.parameters.values, actor.scratch, table)
+        _softmax(table)
+        return table
+
+    def weights(self) -> list[Numbers]:
+        """Returns weights (inputs, outputs) and biases (outputs,) of each layer, actor first."""
+        return [part for each in self._nets for part in net.unpadded(each.layers, self.parameters.values)]
+
+
+@inlined
+def _to_probabilities(logits: Numbers, at: int, log_probability: Numbers, probability: Numbers) -> bool:
+    """Writes the probabilities (A,) whose logits begin at a place; returns whether they are finite."""
+    largest = logits[at]
+    for a in range(1, N_ACTIONS):
+        largest = max(largest, logits[at + a])
+    total = 0.0
+    for a in range(N_ACTIONS):
+        total += exp(logits[at + a] - largest)
+    total = log(total)
+    is_finite = True
+    for a in range(N_ACTIONS):
+        log_probability[a] = logits[at + a] - largest - total
+        probability[a] = exp(log_probability[a])
+        is_finite &= math.isfinite(probability[a])
+    return is_finite
+
+
+@compiled(nogil=True)
+def _softmax(logits: Numbers) -> None:
+    """Replaces logits (O, A) by probabilities."""
+    for row in logits:
+        _to_probabilities(row, 0, row.copy(), row)
+
+
+@compiled(nogil=True)
+def _advance(agent: Ppo, until: int) -> None:
+    """Trains an agent until so many steps are done."""
+    while agent.walk.taken[0] < until:
+        agent.known.n_rollouts[0] += 1
+        if not _roll_out(agent):
+            return
+        _value(agent, agent.rollout.observed)
+        _value(agent, agent.rollout.next_observed)
+        _estimate_advantages(agent)
+        _learn(agent)
+
+
+@inlined
+def _roll_out(agent: Ppo) -> bool:
+    """Makes a rollout; returns whether all probabilities were finite. If not, it ends there."""
+    known, rollout, walk, n_steps = agent.known, agent.rollout, agent.walk, agent.constants.n_steps
+    for t in range(n_steps):
+        for e in range(len(walk.state)):
+            o, i = agent.process.observation[walk.state[e]], e * n_steps + t
+            probability, log_probability = known.probability[o], known.log_probability[o]
+            if known.policy_of[o] != known.n_rollouts[0]:
+                known.policy_of[o] = known.n_rollouts[0]
+                agent.batch.observed[0] = o
+                layers, scratch, values = agent.actor.layers, agent.actor.scratch, agent.parameters.values
+                at = forward(layers, agent.inputs, values, agent.batch.observed, 1, scratch)
+                if not _to_probabilities(scratch.hidden, at, log_probability, probability):
+                    return False
+            uniform = draw(walk.stream)
+            action, cumulated = 0, probability[0]
+            while action < N_ACTIONS - 1 and uniform >= cumulated:
+                action += 1
+                cumulated += probability[action]
+            rollout.observed[i] = o
+            rollout.action[i] = action
+            rollout.old_log_probability[i] = log_probability[action]
+            reward, following, truncates = take(agent.process, walk, e, action)
+            rollout.reward[i] = reward
+            rollout.next_observed[i] = following
+            rollout.truncated[i] = truncates
+        count(walk)
+    return True
+
+
+@inlined
+def _value(agent: Ppo, observed: NDArray[np.int32]) -> None:
+    """Has the critic value the observations of a rollout that are not valued yet."""
+    known, unknown, n_unknown = agent.known, agent.batch.observed, 0
+    scratch = agent.critic.scratch
+    for i in range(len(observed) + 1):
+        if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
+            values = agent.parameters.values
+            at = forward(agent.critic.layers, agent.inputs, values, unknown, n_unknown, scratch)
+            for r in range(n_unknown):
+                known.value[unknown[r]] = scratch.hidden[at + r * scratch.stride]
+            n_unknown = 0
+        if i < len(observed):
+            o = observed[i]
+            if o != agent.walk.n_observations and known.value_of[o] != known.n_rollouts[0]:
+                known.value_of[o] = known.n_rollouts[0]
+                unknown[n_unknown] = o
+                n_unknown += 1
+
+
+@inlined
+def _estimate_advantages(agent: Ppo) -> None:
+    """Estimates advantages by GAE (Schulman et al. 2016), as Stable-Baselines3 does."""
+    rollout, value, n_steps = agent.rollout, agent.known.value, agent.constants.n_steps
+    zero, gamma = like(value, 0), like(value, agent.constants.gamma)
+    decay = like(value, agent.constants.gamma * agent.constants.gae_lambda)
+    for e in range(len(agent.walk.state)):
+        last = (e + 1) * n_steps - 1
+        advantage = following = zero
+        for i in range(last, last - n_steps, -1):
+            reward, o = like(value, rollout.reward[i]), rollout.next_observed[i]
+            if rollout.truncated[i]:
+                reward += gamma * value[o]
+            if rollout.truncated[i] or o == agent.walk.n_observations:
+                following = advantage = zero
+            elif i == last:
+                following = value[o]
+            old = value[rollout.observed[i]]
+            advantage = reward + gamma * following - old + decay * advantage
+            rollout.advantage[i] = advantage
+            rollout.value_target[i] = advantage + old
+            following = old
+
+
+@inlined
+def _learn(agent: Ppo) -> None:
+    """Makes the gradient steps on a rollout."""
+    rollout, batch, constants, order = agent.rollout, agent.batch, agent.constants, agent.rollout.order
+    for _ in range(constants.n_epochs):
+        for i in range(len(order)):
+            order[i] = i
+        for i in range(len(order) - 1, 0, -1):
+            j = int(draw(agent.stream) * (i + 1))
+            order[i], order[j] = order[j], order[i]
+        for start in range(0, len(order), constants.batch_size):
+            chosen = order[start : start + constants.batch_size]
+            for b in range(len(chosen)):
+                batch.observed[b] = rollout.observed[chosen[b]]
+            n_distinct = merge(batch.observed[: len(chosen)], batch.merged)
+            if not _slope_of_actor(agent, chosen, n_distinct):
+                return
+            _slope_of_critic(agent, chosen, n_distinct)
+            for each in (agent.actor, agent.critic):
+                distinct = batch.merged.distinct
+                backward(each.layers, agent.inputs, agent.parameters, distinct, n_distinct, each.scratch)
+            learn(agent.parameters, constants.learning_rate, _EPSILON, constants.max_grad_norm)
+
+
+@inlined
+def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> bool:
+    """Computes the slopes of the clipped surrogate and the entropy by the actor's outputs.
+
+    Returns:
+      Whether the policy has changed by so little that learning goes on.
+    """
+    rollout, batch, constants, scratch = agent.rollout, agent.batch, agent.constants, agent.actor.scratch
+    slopes, n_rows, values = scratch.slopes, len(chosen), agent.parameters.values
+    at = forward(agent.actor.layers, agent.inputs, values, batch.merged.distinct, n_distinct, scratch)
+    slopes[at : at + n_distinct * scratch.stride] = like(slopes, 0)
+    for r in range(n_distinct):
+        row = at + r * scratch.stride
+        _to_probabilities(scratch.hidden, row, batch.log_probability[r], batch.probability[r])
+    mean, deviation = 0.0, 1.0
+    if constants.normalize_advantage and n_rows > 1:
+        for i in chosen:
+            mean += rollout.advantage[i] / n_rows
+        square = 0.0
+        for i in chosen:
+            square += (rollout.advantage[i] - mean) ** 2
+        deviation = math.sqrt(square / (n_rows - 1)) + 1e-8
+    divergence = 0.0
+    for i in chosen:
+        r, action = batch.merged.place[rollout.observed[i]], rollout.action[i]
+        log_ratio = float(batch.log_probability[r, action] - rollout.old_log_probability[i])
+        ratio = exp(log_ratio)
+        divergence += (ratio - 1.0 - log_ratio) / n_rows
+        advantage = (rollout.advantage[i] - mean) / deviation
+        clipped = min(max(ratio, 1.0 - constants.clip_range), 1.0 + constants.clip_range)
+        slope = advantage * ratio if advantage * ratio <= advantage * clipped else 0.0
+        entropy = 0.0
+        for a in range(N_ACTIONS):
+            entropy -= batch.probability[r, a] * batch.log_probability[r, a]
+        for a in range(N_ACTIONS):
+            probability = float(batch.probability[r, a])
+            # By the log-probability of the action taken, and by those of all actions through the softmax.
+            total = slope * (probability - (1.0 if a == action else 0.0))
+            total += constants.ent_coef * probability * (batch.log_probability[r, a] + entropy)
+            slopes[at + r * scratch.stride + a] += total / n_rows
+    return not divergence > 1.5 * constants.target_kl
+
+
+@inlined
+def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> None:
+    """Computes the slopes of the squared error by the critic's outputs."""
+    rollout, merged, constants, scratch = (
+        agent.rollout,
+        agent.batch.merged,
+        agent.constants,
+        agent.critic.scratch,
+    )
+    slopes, values = scratch.slopes, agent.parameters.values
+    at = forward(agent.critic.layers, agent.inputs, values, merged.distinct, n_distinct, scratch)
+    slopes[at : at + n_distinct * scratch.stride] = like(slopes, 0)
+    for i in chosen:
+        row, old = (
+            at + merged.place[rollout.observed[i]] * scratch.stride,
+            agent.known.value[rollout.observed[i]],
+        )
+        change = float(scratch.hidden[row] - old)
+        if abs(change) <= constants.clip_range_vf:
+            error = old + change - rollout.value_target[i]
+            slopes[row] += 2.0 * constants.vf_coef * error / len(chosen)

@@ -1,0 +1,112 @@
+"""How an agent walks through its envs, in compiled code: what DQN and PPO share.
+
+Axis letters: E envs of the agent, O observations, T evaluation steps.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.compiled import compiled
+from agents.nets.arithmetic import inlined
+from agents.process import N_ACTIONS, Process, Stream, U, draw_start, draw_word, step, uniform
+from agents.sb3.settings import Sb3Settings
+from envs import Model
+
+
+class Walk(NamedTuple):
+    """Where an agent is, and what it has done; all arrays but `points` change."""
+
+    n_observations: int  # O
+    time_limit: int
+    stream: NDArray[np.uint64]  # (4,)
+    state: NDArray[np.int64]  # (E,)
+    steps: NDArray[np.int64]  # (E,) of the episode
+    taken: NDArray[np.int64]  # (1,) steps
+    disagreements: NDArray[np.int64]  # (1,) wrong PINGs
+    points: NDArray[np.int64]  # (T,) evaluation steps
+    counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them that is over
+
+
+@inlined
+def draw(stream: NDArray[np.uint64]) -> float:
+    """Draws a number from [0, 1) from a stream (4,), which changes."""
+    word, after = draw_word((stream[0], stream[1], stream[2], stream[3]))
+    stream[0], stream[1], stream[2], stream[3] = after
+    return uniform(word)
+
+
+def walk_of(
+    process: Process,
+    model: Model,
+    settings: Sb3Settings,
+    stream: NDArray[np.uint64],
+    points: NDArray[np.int64],
+) -> Walk:
+    """Returns the walk of an agent that has drawn where its first episodes start."""
+    n_envs = settings.n_envs
+    walk = Walk(
+        n_observations=model.n_observations,
+        time_limit=settings.time_limit or 2**62,
+        stream=stream,
+        state=np.zeros(n_envs, np.int64),
+        steps=np.zeros(n_envs, np.int64),
+        taken=np.zeros(1, np.int64),
+        disagreements=np.zeros(1, np.int64),
+        points=points,
+        counts=np.zeros(len(points), np.int64),
+    )
+    _start(process, walk)
+    return walk
+
+
+@compiled()
+def _start(process: Process, walk: Walk) -> None:
+    for e in range(len(walk.state)):
+        _restart(process, walk, e)
+
+
+@inlined
+def _stream(walk: Walk) -> Stream:
+    return walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3]
+
+
+@inlined
+def _restart(process: Process, walk: Walk, e: int) -> None:
+    """Starts an episode."""
+    walk.state[e], stream = draw_start(process.starts, _stream(walk))
+    walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
+    walk.steps[e] = 0
+
+
+@inlined
+def take(process: Process, walk: Walk, e: int, action: int) -> tuple[float, int, bool]:
+    """Takes a step in an env, and starts an episode if one ends.
+
+    Returns:
+      Reward; next observation before that start, O if the episode terminates; whether the time limit alone
+      truncates it.
+    """
+    state = U(walk.state[e])
+    walk.disagreements[0] += process.is_wrong_ping[state * U(N_ACTIONS) + U(action)]
+    reward, state, following, stream = step(process, state, action, _stream(walk))
+    walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
+    walk.state[e] = state
+    walk.steps[e] += 1
+    terminates = following == walk.n_observations
+    truncates = not terminates and walk.steps[e] >= walk.time_limit
+    if terminates or truncates:
+        _restart(process, walk, e)
+    return reward, following, truncates
+
+
+@inlined
+def count(walk: Walk) -> None:
+    """Counts a step in every env, and keeps the wrong PINGs if an evaluation step is over."""
+    before = walk.taken[0]
+    walk.taken[0] += len(walk.state)
+    for i in range(np.searchsorted(walk.points, before, side="right"), len(walk.points)):
+        if walk.points[i] > walk.taken[0]:
+            break
+        walk.counts[i] = walk.disagreements[0]
