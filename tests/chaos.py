@@ -30,7 +30,7 @@ from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_cluster import Machines
 from tests.support import ROOT
 
-# Tables, which are trained in the driver, batched nets, and nets of Stable-Baselines3.
+# Tables, which are trained in the driver, compiled nets, and nets of Stable-Baselines3.
 NETS: Final = """
 description = "Runs to be interrupted."
 scenarios = ["S1", "S2", "S3"]

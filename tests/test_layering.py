@@ -57,9 +57,8 @@ def test_only_the_deep_learners_load_torch() -> None:
         for path in (ROOT / layer).rglob("*.py")
         if imported(path) & {"torch", "stable_baselines3"}
     }
-    batched = {f"agents/batched/{name}.py" for name in ("dqn", "nets", "ppo", "training")}
     sb3 = {f"agents/sb3/{name}.py" for name in ("tables", "training", "vec_env")}
-    assert loading == batched | sb3 | {"benchmark/reports/speed.py"}
+    assert loading == sb3 | {"benchmark/reports/speed.py"}
 
 
 def test_torch_is_loaded_only_when_somebody_trains_a_net() -> None:

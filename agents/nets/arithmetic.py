@@ -29,8 +29,8 @@ _ARTANH: Final = tuple(1.0 / k for k in range(21, -1, -2))
 
 Numbers = NDArray[np.floating[Any]]
 
-# For functions that compiled code calls. In Python's model of errors, a loop that divides has an exit for zero,
-# and then numba uses no vector registers.
+# For functions that compiled code calls. In Python's model of errors, a loop that divides has an exit for
+# zero, and then numba uses no vector registers.
 inlined: Final = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
@@ -40,7 +40,7 @@ def _block(n_rows: int) -> Callable[..., None]:
     numba cannot say that a product and a sum are to be rounded once, so this is written for LLVM.
     """
 
-    @intrinsic  # type: ignore[misc]
+    @intrinsic
     def block(
         _: Any,
         start: Any,

@@ -1,8 +1,8 @@
 """DQN (Mnih et al. 2015) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-Observations are few and come again. So what the target net says of one is kept until the next synchronisation,
-and a mini-batch in which an observation occurs several times has one row for it. That changes no result but
-the order of sums.
+Observations are few and come again. So what the target net says of one is kept until the next
+synchronisation, and a mini-batch in which an observation occurs several times has one row for it. That
+changes no result but the order of sums.
 
 An agent draws where its first episodes start. Then each step of its envs takes a number that decides whether
 to explore, and for each env one for a random action, what `agents.process.step` draws, and one for the next
@@ -28,11 +28,12 @@ from agents.nets.net import (
     Parameters,
     Scratch,
     backward,
+    clear,
     forward,
     learn,
     merge,
 )
-from agents.nets.walk import Walk, count, draw, take, walk_of
+from agents.nets.walk import Walk, count, draw, streams_of, take, walk_of
 from agents.process import N_ACTIONS, Process, process_of
 from agents.sb3.settings import DqnSettings
 from envs import Model
@@ -126,7 +127,7 @@ class DqnAgent:
         hidden = settings.policy_kwargs.net_arch
         layers = net.layers_of(n_inputs, hidden, N_ACTIONS, 0, is_relu=True)
         self.parameters = net.parameters_of(net.end_of(layers), kind)
-        acting, learning, drawing = seed.generate_state(12, np.uint64).reshape(3, 4)
+        acting, learning, drawing = streams_of(seed)
         net.draw_uniform(layers, self.parameters.values, drawing)
         self.walk = walk_of(process, model, settings, acting, points)
         rows = max(settings.arguments["buffer_size"] // n_envs, 1), n_envs
@@ -135,6 +136,7 @@ class DqnAgent:
             "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
             "n_synchronised": max(settings.target_update_interval // n_envs, 1),
         }
+        batch = (np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4"))
         self._agent = Dqn(
             process=process,
             constants=Constants(**same | changed),
@@ -148,10 +150,7 @@ class DqnAgent:
                 n_synchronised=np.zeros(1, np.int64),
             ),
             replay=Replay(*(np.zeros(rows, dtype) for dtype in ("i4", "i1", "f4", "i4", "?"))),
-            batch=Batch(
-                *(np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4")),
-                merged=net.merged_of(n_observations, n_rows),
-            ),
+            batch=Batch(*batch, merged=net.merged_of(n_observations, n_rows)),  # type: ignore[arg-type,misc]
             scratch=net.scratch_of(layers, n_rows, kind),
             walk=self.walk,
             stream=learning,
@@ -210,7 +209,7 @@ def _act(agent: Dqn) -> None:
     As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several best actions
     is greedy.
     """
-    replay, walk, scratch, observed = agent.replay, agent.walk, agent.scratch, agent.batch.merged.distinct
+    replay, walk, scratch, observed = agent.replay, agent.walk, agent.scratch, agent.scratch.observed
     n_envs = len(walk.state)
     row = walk.taken[0] // n_envs % len(replay.reward)
     explores = draw(walk.stream) < exploration_rate(agent.constants, walk.taken[0])
@@ -283,7 +282,7 @@ def _draw_batch(agent: Dqn) -> None:
 def _add_next_values(agent: Dqn) -> None:
     """Adds what follows on the returns, by the target net, which is read for what is not known of it."""
     target, batch, scratch, n_unknown = agent.target, agent.batch, agent.scratch, 0
-    unknown, terminal = batch.merged.distinct, agent.walk.n_observations
+    unknown, terminal = scratch.observed, agent.walk.n_observations
     for o in batch.next_observed:
         if o != terminal and target.known_at[o] != target.n_synchronised[0]:
             target.known_at[o] = target.n_synchronised[0]
@@ -308,7 +307,7 @@ def _update(agent: Dqn) -> None:
     at = forward(layers, inputs, parameters.values, merged.distinct, n_distinct, scratch)
     one = like(batch.target, 1)
     share = like(batch.target, 1.0 / len(batch.observed))
-    scratch.slopes[at : at + n_distinct * scratch.stride] = like(batch.target, 0)
+    clear(scratch.slopes[at : at + n_distinct * scratch.stride])
     for b in range(len(batch.observed)):
         i = at + merged.place[batch.observed[b]] * scratch.stride + batch.action[b]
         error = scratch.hidden[i] - batch.target[b]

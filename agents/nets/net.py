@@ -48,6 +48,7 @@ class Inputs(NamedTuple):
 class Scratch(NamedTuple):
     """What `forward` leaves and `backward` reads; rows are W apart."""
 
+    observed: NDArray[np.int32]  # (B,)
     rows: Numbers  # (B * inputs,)
     hidden: Numbers  # (L * B * W,) outputs of each layer after activation
     slopes: Numbers  # (L * B * W,) of the loss by the outputs of each layer before activation
@@ -73,6 +74,7 @@ class Parameters(NamedTuple):
     gradient: Numbers  # (P,)
     first: Numbers  # (P,) moments
     second: Numbers  # (P,)
+    sums: Numbers  # (256,) room for a norm
     betas: NDArray[np.float64]  # (2,) powers of Adam's betas
     n_steps: NDArray[np.int64]  # (1,)
 
@@ -117,13 +119,16 @@ def scratch_of(layers: Layers, n_rows: int, kind: type[np.floating[Any]]) -> Scr
     outputs = len(layers.width) * n_rows * stride
     sizes = n_rows * layers.n_inputs, outputs, outputs, stride * stride, stride
     rows, hidden, slopes, transposed, zeros = (np.zeros(size, kind) for size in sizes)
-    return Scratch(rows, hidden, slopes, transposed, zeros, n_rows, stride)
+    observed = np.zeros(n_rows, np.int32)
+    return Scratch(observed, rows, hidden, slopes, transposed, zeros, n_rows, stride)
 
 
 def parameters_of(n_parameters: int, kind: type[np.floating[Any]]) -> Parameters:
     """Returns parameters that are zero."""
     values, gradient, first, second = (np.zeros(n_parameters, kind) for _ in range(4))
-    return Parameters(values, gradient, first, second, betas=np.ones(2), n_steps=np.zeros(1, np.int64))
+    return Parameters(
+        values, gradient, first, second, np.zeros(_SUMS, kind), np.ones(2), np.zeros(1, np.int64)
+    )
 
 
 def merged_of(n_observations: int, n_rows: int) -> Merged:
@@ -185,13 +190,13 @@ def forward(
         biases = values[biases_at : biases_at + width]
         for r in range(n_rows):
             total = hidden[r * stride : r * stride + width]
-            total[:] = biases
+            copy(total, biases)
             for part in range(inputs.places.shape[1]):
                 at = weights_at + inputs.places[observed[r], part] * width
                 _add(total, values[at : at + width])
     else:
         for r in range(n_rows):
-            scratch.rows[r * n_inputs : (r + 1) * n_inputs] = inputs.rows[observed[r]]
+            copy(scratch.rows[r * n_inputs : (r + 1) * n_inputs], inputs.rows[observed[r]])
         multiply(
             n_rows, width, n_inputs, values, biases_at, scratch.rows, 0, n_inputs, 1,
             values, weights_at, width, hidden, 0, stride,
@@ -205,7 +210,7 @@ def forward(
             n_rows, width, n_in, values, layers.biases_at[i], hidden, before, stride, 1,
             values, layers.weights_at[i], width, hidden, here, stride,
         )  # fmt: skip
-    return (len(layers.width) - 1) * size  # type: ignore[no-any-return]
+    return (len(layers.width) - 1) * size
 
 
 @inlined
@@ -252,7 +257,7 @@ def backward(
     weights_at, biases_at = layers.weights_at[0], layers.biases_at[0]
     _sum_rows(slopes, 0, stride, n_rows, gradient[biases_at : biases_at + width])
     if inputs.places.shape[1] > 0:
-        gradient[weights_at:biases_at] = like(gradient, 0)
+        clear(gradient[weights_at:biases_at])
         for r in range(n_rows):
             for part in range(inputs.places.shape[1]):
                 at = weights_at + inputs.places[observed[r], part] * width
@@ -267,11 +272,11 @@ def backward(
 @inlined
 def learn(parameters: Parameters, learning_rate: float, epsilon: float, max_norm: float) -> None:
     """Clips the gradient to a norm, and makes a step of Adam."""
-    values, gradient, first, second, betas, n_steps = parameters
+    values, gradient, first, second, sums, betas, n_steps = parameters
     n_steps[0] += 1
     betas[0] *= _BETAS[0]
     betas[1] *= _BETAS[1]
-    scale = like(values, min(max_norm / (_norm(gradient) + 1e-6), 1.0))
+    scale = like(values, min(max_norm / (_norm(gradient, sums) + 1e-6), 1.0))
     rate = like(values, learning_rate / (1.0 - betas[0]))
     correction = like(values, 1.0 / math.sqrt(1.0 - betas[1]))
     new, new_square = like(values, 1.0 - _BETAS[0]), like(values, 1.0 - _BETAS[1])
@@ -288,17 +293,32 @@ def learn(parameters: Parameters, learning_rate: float, epsilon: float, max_norm
 
 
 @inlined
-def _norm(numbers: Numbers) -> float:
-    """Returns the Euclidean norm, by as many partial sums as fill vector registers."""
-    sums = np.zeros(_SUMS, numbers.dtype)
-    for start in range(0, len(numbers), _SUMS):
-        some = numbers[start : start + _SUMS]
+def _norm(numbers: Numbers, sums: Numbers) -> float:
+    """Returns the Euclidean norm, by partial sums that fill vector registers."""
+    clear(sums)
+    for start in range(0, len(numbers), len(sums)):
+        some = numbers[start : start + len(sums)]
         for i in range(len(some)):
             sums[i] += some[i] * some[i]
     total = 0.0
-    for i in range(_SUMS):
+    for i in range(len(sums)):
         total += sums[i]
     return math.sqrt(total)
+
+
+@inlined
+def copy(target: Numbers, source: Numbers) -> None:
+    """Copies numbers; compiled far faster than by a slice."""
+    for i in range(len(target)):
+        target[i] = source[i]
+
+
+@inlined
+def clear(numbers: Numbers) -> None:
+    """Sets numbers to zero."""
+    zero = like(numbers, 0)
+    for i in range(len(numbers)):
+        numbers[i] = zero
 
 
 @inlined
@@ -309,7 +329,7 @@ def _add(total: Numbers, numbers: Numbers) -> None:
 
 @inlined
 def _sum_rows(rows: Numbers, first: int, stride: int, n_rows: int, total: Numbers) -> None:
-    total[:] = like(total, 0)
+    clear(total)
     for r in range(n_rows):
         _add(total, rows[first + r * stride : first + r * stride + len(total)])
 
@@ -340,15 +360,14 @@ def _slope_of_activation(slopes: Numbers, activated: Numbers, is_relu: bool) -> 
 def read(layers: Layers, inputs: Inputs, values: Numbers, scratch: Scratch, outputs: Numbers) -> None:
     """Computes the outputs for all observations, (O, outputs)."""
     n_observations, n_outputs = outputs.shape
-    observed = np.empty(scratch.n_rows, np.int32)
     for start in range(0, n_observations, scratch.n_rows):
         n_rows = min(scratch.n_rows, n_observations - start)
         for r in range(n_rows):
-            observed[r] = start + r
-        at = forward(layers, inputs, values, observed, n_rows, scratch)
+            scratch.observed[r] = start + r
+        at = forward(layers, inputs, values, scratch.observed, n_rows, scratch)
         for r in range(n_rows):
             row = at + r * scratch.stride
-            outputs[start + r] = scratch.hidden[row : row + n_outputs]
+            copy(outputs[start + r], scratch.hidden[row : row + n_outputs])
 
 
 @compiled()
@@ -365,7 +384,9 @@ def draw_uniform(layers: Layers, values: Numbers, stream: NDArray[np.uint64]) ->
 
 
 @compiled()
-def draw_orthogonal(layers: Layers, values: Numbers, stream: NDArray[np.uint64], gains: Any) -> None:
+def draw_orthogonal(
+    layers: Layers, values: Numbers, stream: NDArray[np.uint64], gains: Any, room: NDArray[np.float64]
+) -> None:
     """Draws orthogonal weights as PyTorch does, with the gains of hidden layers and the last; no biases.
 
     The rows or columns, whichever are fewer, are orthogonal and as long as the gain: normal numbers, made
@@ -374,7 +395,7 @@ def draw_orthogonal(layers: Layers, values: Numbers, stream: NDArray[np.uint64],
     n_in = layers.n_inputs
     for i in range(len(layers.width)):
         n_out, width, at = layers.n_outputs[i], layers.width[i], layers.weights_at[i]
-        vectors = np.empty((min(n_in, n_out), max(n_in, n_out)))
+        vectors = room[: min(n_in, n_out), : max(n_in, n_out)]
         for v in range(len(vectors)):
             vector = vectors[v]
             for j in range(len(vector)):
@@ -396,7 +417,7 @@ def _draw_normal(stream: NDArray[np.uint64]) -> float:
         x, y = 2.0 * draw(stream) - 1.0, 2.0 * draw(stream) - 1.0
         square = x * x + y * y
         if 0.0 < square < 1.0:
-            return x * math.sqrt(-2.0 * log(square) / square)
+            return float(x * math.sqrt(-2.0 * log(square) / square))
 
 
 @inlined

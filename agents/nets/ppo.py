@@ -5,8 +5,8 @@ mini-batch in which an observation occurs several times has one row for it. That
 order of sums.
 
 An agent draws where its first episodes start. Then each step of each env takes a number for the action, what
-`agents.process.step` draws, and a number for the next start if the episode ends. Permutations of rollouts take
-numbers of another stream.
+`agents.process.step` draws, and a number for the next start if the episode ends. Permutations of rollouts
+take numbers of another stream.
 
 Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch, T evaluation
 steps.
@@ -29,11 +29,12 @@ from agents.nets.net import (
     Parameters,
     Scratch,
     backward,
+    clear,
     forward,
     learn,
     merge,
 )
-from agents.nets.walk import Walk, count, draw, take, walk_of
+from agents.nets.walk import Walk, count, draw, streams_of, take, walk_of
 from agents.process import N_ACTIONS, Process, process_of
 from agents.sb3.settings import PpoSettings
 from envs import Model
@@ -143,9 +144,11 @@ class PpoAgent:
             self._nets.append(Net(layers, net.scratch_of(layers, n_rows, kind)))
             first = net.end_of(layers)
         self.parameters = net.parameters_of(first, kind)
-        acting, learning, drawing = seed.generate_state(12, np.uint64).reshape(3, 4)
+        acting, learning, drawing = streams_of(seed)
         for each, gain in zip(self._nets, _GAINS, strict=True):
-            net.draw_orthogonal(each.layers, self.parameters.values, drawing, (_GAIN, gain))
+            widest = each.scratch.stride
+            room = np.empty((widest, max(n_inputs, widest)))
+            net.draw_orthogonal(each.layers, self.parameters.values, drawing, (_GAIN, gain), room)
         self.walk = walk_of(process, model, settings, acting, points)
         same = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: same[name] or math.inf for name in ("clip_range_vf", "target_kl")}
@@ -184,7 +187,7 @@ class PpoAgent:
         """Returns the action probabilities for all observations, (O, A)."""
         actor, table = self._nets[0], np.empty_like(self._agent.known.probability)
         net.read(actor.layers, self._agent.inputs, self.parameters.values, actor.scratch, table)
-        _softmax(table)
+        _softmax(table, self._agent.batch.log_probability[0])
         return table
 
     def weights(self) -> list[Numbers]:
@@ -211,10 +214,10 @@ def _to_probabilities(logits: Numbers, at: int, log_probability: Numbers, probab
 
 
 @compiled(nogil=True)
-def _softmax(logits: Numbers) -> None:
-    """Replaces logits (O, A) by probabilities."""
-    for row in logits:
-        _to_probabilities(row, 0, row.copy(), row)
+def _softmax(logits: Numbers, room: Numbers) -> None:
+    """Replaces logits (O, A) by probabilities, given room (A,) for their logarithms."""
+    for o in range(len(logits)):
+        _to_probabilities(logits[o], 0, room, logits[o])
 
 
 @compiled(nogil=True)
@@ -339,7 +342,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
     rollout, batch, constants, scratch = agent.rollout, agent.batch, agent.constants, agent.actor.scratch
     slopes, n_rows, values = scratch.slopes, len(chosen), agent.parameters.values
     at = forward(agent.actor.layers, agent.inputs, values, batch.merged.distinct, n_distinct, scratch)
-    slopes[at : at + n_distinct * scratch.stride] = like(slopes, 0)
+    clear(slopes[at : at + n_distinct * scratch.stride])
     for r in range(n_distinct):
         row = at + r * scratch.stride
         _to_probabilities(scratch.hidden, row, batch.log_probability[r], batch.probability[r])
@@ -383,7 +386,7 @@ def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> 
     )
     slopes, values = scratch.slopes, agent.parameters.values
     at = forward(agent.critic.layers, agent.inputs, values, merged.distinct, n_distinct, scratch)
-    slopes[at : at + n_distinct * scratch.stride] = like(slopes, 0)
+    clear(slopes[at : at + n_distinct * scratch.stride])
     for i in chosen:
         row, old = (
             at + merged.place[rollout.observed[i]] * scratch.stride,

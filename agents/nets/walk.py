@@ -6,6 +6,7 @@ Axis letters: E envs of the agent, O observations, T evaluation steps.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
@@ -34,7 +35,12 @@ def draw(stream: NDArray[np.uint64]) -> float:
     """Draws a number from [0, 1) from a stream (4,), which changes."""
     word, after = draw_word((stream[0], stream[1], stream[2], stream[3]))
     stream[0], stream[1], stream[2], stream[3] = after
-    return uniform(word)
+    return float(uniform(word))
+
+
+def streams_of(seed: SeedSequence) -> NDArray[np.uint64]:
+    """Returns the streams of an agent, (3, 4): of its acting, its learning, and its first weights."""
+    return np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
 
 
 def walk_of(

@@ -12,10 +12,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+import llvmlite.binding
+import numpy as np
+
 from agents import load_algorithm
 from envs.inputs import missing_package
 
 _PACKAGES: Final = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
+_FEATURES: Final = ("avx", "avx2", "fma", "avx512f")
 _ROOT: Final = Path(__file__).parents[2]
 _SOURCES: Final = (".py", ".toml", ".html", ".css", ".js", ".md", ".jinja")
 _SHOWN: Final = 12  # digits of a digest in a message
@@ -37,6 +41,7 @@ def provenance(algorithm: str) -> dict[str, Any]:
     return {
         "commit": commit(Path(__file__)),
         "machine": machine(),
+        "processor": processor(),
         "versions": versions(algorithm),
     }
 
@@ -44,6 +49,21 @@ def provenance(algorithm: str) -> dict[str, Any]:
 def machine() -> str:
     """Returns what kind of machine this is."""
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+
+
+def processor() -> str:
+    """Returns what the bits of some libraries depend on: processor, its instructions, and NumPy's BLAS."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        model = text.split("model name")[1].split("\n")[0].strip("\t :")
+    except (OSError, IndexError):
+        model = platform.processor()
+    available = llvmlite.binding.get_host_cpu_features()
+    features = " ".join(name for name in _FEATURES if available.get(name))
+    build: Any = np.show_config(mode="dicts")
+    blas = build["Build Dependencies"]["blas"]
+    kind = llvmlite.binding.get_host_cpu_name()
+    return f"{model} ({kind}: {features}); BLAS {blas['name']} {blas['version']}"
 
 
 def versions(algorithm: str) -> dict[str, str]:

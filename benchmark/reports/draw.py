@@ -195,7 +195,9 @@ def _manifest(
     chosen = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
 
     def every(key: str) -> list[object]:
-        return [json.loads(text) for text in sorted({json.dumps(p[key], sort_keys=True) for p in provenance})]
+        # Records that were made before the processor was noted do not have it.
+        texts = {json.dumps(p[key], sort_keys=True) for p in provenance if key in p}
+        return [json.loads(text) for text in sorted(texts)]
 
     return {
         "experiment": experiment.name,
@@ -212,7 +214,6 @@ def _manifest(
                 "algorithm": run.algorithm,
                 "family": load_algorithm(run.algorithm).family,
                 "packages": load_algorithm(run.algorithm).packages,
-                "batch_size": load_algorithm(run.algorithm).batch_size,
                 "check_of": experiment.algorithms[run.arm].check_of,
                 "policy": experiment.algorithms[run.arm].policy,
                 "tuning": _tuning(experiment.algorithms[run.arm]),
@@ -229,6 +230,7 @@ def _manifest(
         "digest": digest_of([run.digest for run in runs]),
         "commits": every("commit"),
         "machines": every("machine"),
+        "processors": every("processor"),
         "versions": every("versions"),
         "first_started_at": min(p["started_at"] for p in provenance),
         "last_started_at": max(p["started_at"] for p in provenance),

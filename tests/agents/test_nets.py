@@ -154,7 +154,9 @@ class Chance:
             if ends and len(self.model.starts) > 1:
                 start.append(next(self.acting))
         noise = [0.5 if np.isnan(number) else number for number in noise]
-        drawn = [noise] * self.model.is_noisy + [outcome] * (self.model.n_outcomes > 1) + [start] * bool(start)
+        drawn = (
+            [noise] * self.model.is_noisy + [outcome] * (self.model.n_outcomes > 1) + [start] * bool(start)
+        )
         self.queue.extend(drawn)
         return np.array(actions)
 
@@ -196,18 +198,18 @@ def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: 
     return stock, chance
 
 
-def linear_layers(*nets: torch.nn.Module) -> list[torch.nn.Parameter]:
+def linear_layers(*nets: torch.nn.Module) -> list[torch.Tensor]:
     """Returns weights and biases of all linear layers, as ours list them but transposed."""
     layers = [layer for net in nets for layer in net.modules() if isinstance(layer, torch.nn.Linear)]
     return [part for layer in layers for part in (layer.weight, layer.bias)]
 
 
-def set_weights(parts: list[torch.nn.Parameter], values: list[NDArray[Any]]) -> None:
+def set_weights(parts: list[torch.Tensor], values: list[NDArray[Any]]) -> None:
     for part, value in zip(parts, values, strict=True):
         part.data.copy_(torch.from_numpy(value.T.copy()))
 
 
-def check_weights(parts: list[torch.nn.Parameter], values: list[NDArray[Any]]) -> None:
+def check_weights(parts: list[torch.Tensor], values: list[NDArray[Any]]) -> None:
     for part, value in zip(parts, values, strict=True):
         theirs = part.detach().numpy()
         assert np.linalg.norm(value.T - theirs) <= 1e-8 * np.linalg.norm(theirs)
@@ -257,7 +259,14 @@ DQN_CHANGES: list[dict[str, Any]] = [
         *(("S1", changes) for changes in DQN_CHANGES),
         (
             "moods",
-            {"n_envs": 2, "n_steps": 3, "gamma": 0.5, "time_limit": 11, "buffer_size": 90, "gradient_steps": 2},
+            {
+                "n_envs": 2,
+                "n_steps": 3,
+                "gamma": 0.5,
+                "time_limit": 11,
+                "buffer_size": 90,
+                "gradient_steps": 2,
+            },
         ),
         ("noisy moods", {"n_envs": 3, "gradient_steps": 3, "batch_size": 17}),
         ("anywhere", {"tau": 0.3, "target_update_interval": 7}),

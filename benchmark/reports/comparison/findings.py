@@ -277,10 +277,9 @@ class Findings:
         parts = []
         for learner in [*self._compared, *self._checks_of(*self._compared)]:
             row = self._row("cost", learner)
-            batches = self._batches(learner)
             time = _duration(row["cpu_time_s"])
             parts.append(
-                f"`{learner}`{f' ({batches})' if batches else ''} {link(time, 'cost', row)} and "
+                f"`{learner}` {link(time, 'cost', row)} and "
                 f"{link(f'{row.updates:,.0f}', 'cost', row)} updates of "
                 f"{link(f'{row.parameters:,.0f}', 'cost', row)} parameters"
             )
@@ -434,11 +433,6 @@ class Findings:
         """Returns what the manifest says of a learner's arm."""
         arm: Mapping[str, Any] = self._published.manifest["algorithms"][learner.algorithm]
         return arm
-
-    def _batches(self, net: Learner) -> str:
-        """Returns how a net is trained, if not alone."""
-        size = self._arm(net).get("batch_size", 1)
-        return f"in batches of up to {size}" if size > 1 and self._family(net) == "deep" else ""
 
     def _budget(self, learner: Learner) -> str:
         """Returns how long a learner trains."""

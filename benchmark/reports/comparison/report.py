@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import pandas as pd
 
-from agents import ALGORITHMS
 from benchmark.analysis.population import GOOD_SCORE, Population
 from benchmark.analysis.snapshots import Shown, typical_agent
 from benchmark.drawing import tables
@@ -18,7 +17,7 @@ from benchmark.reports.comparison.protocol import Learner, protocol_of
 from benchmark.reports.explorer import explorer_items
 from benchmark.reports.item import Frames, Item, Report, Section, whole
 from benchmark.reports.published import Published
-from benchmark.reports.view import Columns, Table
+from benchmark.reports.view import Columns
 from envs import InputError
 
 if TYPE_CHECKING:
@@ -300,24 +299,6 @@ _COST: Final = Columns(
 )
 
 
-def _view_cost(published: Published) -> Table:
-    """Shows what runs cost, and says what the numbers of nets trained in batches mean."""
-    table, sizes = _COST(published), _batch_sizes(published)
-    if not sizes:
-        return table
-    batch = (
-        f"; for a net trained in a batch of up to {max(sizes)}, CPU time is its share of the batch's, and "
-        "memory is the whole batch's"
-    )
-    return replace(table, caption=table.caption + batch)
-
-
-def _batch_sizes(published: Published) -> set[int]:
-    """Returns how many nets are trained at once, where they are several."""
-    arms = published.manifest["algorithms"].values()
-    return {arm["batch_size"] for arm in arms if arm.get("family") == "deep" and arm.get("batch_size", 1) > 1}
-
-
 ITEMS: Final = (
     Item(
         name="aggregate",
@@ -500,7 +481,7 @@ ITEMS: Final = (
         section="cost",
         compute=_cost,
         display=whole,
-        view=_view_cost,
+        view=_COST,
         is_measured=True,
     ),
     Item(
@@ -556,7 +537,7 @@ def words(published: Published) -> Sequence[tuple[str, str]]:
             "or likeliest action, `stochastic` draws by the learned probabilities.",
         ),
         ("every_cell", "episodes start in a random cell (any but the issuer's) instead of the start cell."),
-        *_words_of_checks_and_batches(published),
+        *_words_of_checks(published),
         ("settings tried", "in the search for a learner's settings, which used other runs; 0: no search."),
         (
             "values PING",
@@ -636,9 +617,8 @@ def _checks(published: Published) -> dict[str, Mapping[str, Any]]:
     return {name: arm for name, arm in published.manifest["algorithms"].items() if arm.get("check_of")}
 
 
-def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, str]]:
-    """Explains checks and batches, if there are any."""
-    arms: Mapping[str, Any] = published.manifest["algorithms"]
+def _words_of_checks(published: Published) -> Iterator[tuple[str, str]]:
+    """Explains checks, if there are any."""
     if checks := _checks(published):
         pairs = ", ".join(f"`{name}` checks `{arm['check_of']}`" for name, arm in checks.items())
         deep = [arm for arm in checks.values() if arm.get("family") == "deep"]
@@ -653,15 +633,6 @@ def _words_of_checks_and_batches(published: Published) -> Iterator[tuple[str, st
             f"{pairs}. {sb3 if is_sb3 else ''}Figures show it hollow, beside the learner that it checks. "
             "No verdict rests on it.",
         )
-    sizes, algorithms = _batch_sizes(published), {arm["algorithm"] for arm in arms.values()}
-    if sizes:
-        text = f"up to {max(sizes)} nets trained at once, each with its own random numbers."
-        if any(ALGORITHMS.get(name, "").startswith("agents.batched.") for name in algorithms):
-            text += (
-                " `agents/batched` takes the arguments and defaults of Stable-Baselines3's DQN and PPO and "
-                "implements the same updates."
-            )
-        yield "batch", text
 
 
 VERDICTS_TEXT: Final = (

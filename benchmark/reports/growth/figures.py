@@ -13,7 +13,7 @@ from benchmark.drawing.style import arm_style, figure_of
 
 # What is counted to the curves against it, and what these are called.
 PANELS: Final[Mapping[str, Mapping[str, str]]] = {
-    "agents": {"agents_tables": "tables", "agents_nets": "batched nets"},
+    "agents": {"agents_tables": "tables", "agents_nets": "nets"},
     "cells": {
         "cells_compile": "compile",
         "cells_solve": "solve",

@@ -20,13 +20,14 @@ from typing import Any, Final
 
 from numpy.random import SeedSequence
 
-from agents import Schedule, load_algorithm
+from agents import Schedule
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
 from agents.tabular import learner
 from benchmark.execution import driver
-from benchmark.execution.executors import EXECUTORS, Executor, load_executor
+from benchmark.execution.executors import Executor
 from benchmark.execution.executors.processes import Processes, end_with_the_driver, interrupts_blocked
+from benchmark.execution.executors.threads import Threads
 from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import peak_memory_mb
 from benchmark.execution.store import Record, Store
@@ -112,25 +113,18 @@ def _answer(connection: Connection, function: Callable[..., Values], arguments: 
 def agents(experiment: Experiment, results: Path) -> Values:
     """Trains and stores all runs of an experiment by the real runner, one job at a time.
 
-    Compiling and importing come before. Memory is that of the driver and, if there is one, of its worker.
+    Compiling and importing come before.
     """
-    algorithm = load_algorithm(next(iter(experiment.algorithms.values())).algorithm)
-    executor = load_executor(EXECUTORS[algorithm.placement])(1)
+    executor, peaks = Threads(1), [_peak()]
     _warm(executor, all_specifications(experiment, [0]), 1)
-    has_worker = algorithm.placement == "process"
-    peaks, worker_peaks = [_peak()], [0.0]
 
     def start(_: Job) -> None:
-        peaks.append(_peak())  # a job in a thread begins by measuring the peak anew
-
-    def end(records: list[Record]) -> None:
-        if has_worker:
-            worker_peaks.extend(record.provenance["peak_memory_mb"] or math.nan for record in records)
+        peaks.append(_peak())  # a job begins by measuring the peak anew
 
     started = time.perf_counter()
-    _run(all_specifications(experiment), results, 1, executor, end, start)
+    _run(all_specifications(experiment), results, 1, executor, on_start=start)
     seconds = time.perf_counter() - started
-    return {"seconds": seconds, "peak_memory_mb": max(*peaks, _peak()) + max(worker_peaks)}
+    return {"seconds": seconds, "peak_memory_mb": max(*peaks, _peak())}
 
 
 def compiling(rows: int, columns: int) -> Values:
@@ -175,26 +169,22 @@ def dask(n_workers: int, runs: Sequence[RunSpecification], results: Path) -> Val
 
 
 def overhead(experiment: Experiment, results: Path) -> Values:
-    """Trains an experiment's batched runs in one worker.
+    """Trains an experiment's nets in one thread.
 
     Returns:
-      Beside the seconds, the number of jobs, the seconds of the jobs themselves, and the driver's CPU time.
+      Beside the seconds, the number of jobs and the seconds of the jobs themselves.
     """
-    runs, executor = all_specifications(experiment), Processes(1)
+    runs, executor = all_specifications(experiment), Threads(1)
     _warm(executor, runs[:1], 1)
     own: list[float] = []
 
     def end(records: list[Record]) -> None:
         own.extend(record.provenance["wall_time_s"] for record in records)
 
-    started, cpu_started = time.perf_counter(), time.process_time()
+    started = time.perf_counter()
     _run(runs, results, 1, executor, end)
-    return {
-        "seconds": time.perf_counter() - started,
-        "jobs": len(plan(runs)),
-        "own_seconds": sum(own),
-        "driver_cpu_seconds": time.process_time() - cpu_started,
-    }
+    seconds = time.perf_counter() - started
+    return {"seconds": seconds, "jobs": len(plan(runs)), "own_seconds": sum(own)}
 
 
 def _work(

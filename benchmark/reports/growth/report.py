@@ -59,8 +59,8 @@ class Sizes(NamedTuple):
     workers: Sequence[int]
     populations: int  # of `compare_deep_smoke`, for the workers; each is one job
     seeds: int  # of each population
-    batched: int  # agents of which the overhead is measured
-    batched_budget: int  # their steps
+    overhead: int  # agents of which the overhead is measured
+    overhead_budget: int  # their steps
     rounds: int
 
 
@@ -71,8 +71,8 @@ _FULL: Final = Sizes(
     workers=(1, 2),
     populations=18,
     seeds=25,
-    batched=25,
-    batched_budget=10_000,
+    overhead=25,
+    overhead_budget=10_000,
     rounds=2,
 )
 _SMOKE: Final = Sizes(
@@ -82,8 +82,8 @@ _SMOKE: Final = Sizes(
     workers=(1,),
     populations=1,
     seeds=1,
-    batched=2,
-    batched_budget=200,
+    overhead=2,
+    overhead_budget=200,
     rounds=1,
 )
 
@@ -142,16 +142,17 @@ def _points(sizes: Sizes, scratch: Path) -> Iterator[_Point]:
             n = rows * columns
             yield _Point(f"cells_{name}", n, 2 + 1e-5 * n, partial(fresh, function, rows, columns))
     small = load_experiment("compare_deep_smoke")
-    runs = [run for run in all_specifications(small, range(sizes.seeds)) if "batched" in run.algorithm]
+    runs = all_specifications(small, range(sizes.seeds))
+    runs = [run for run in runs if run.algorithm.startswith("compiled_")]
     populations = list(dict.fromkeys(run.population for run in runs))[: sizes.populations]
     nets = [run for run in runs if run.population in populations]
     for n in sizes.workers:
         for kind in (points.processes, points.dask):
             once = partial(_in_new_store, scratch, kind, n, nets)
             yield _Point(f"workers_{kind.__name__}", n, 7 + 0.6 * sizes.seeds / n, once)
-    batched = _nets(sizes.batched, sizes.batched_budget)
-    once = partial(_in_new_store, scratch, points.overhead, batched)
-    yield _Point("overhead", sizes.batched, 8 + 1.6e-4 * sizes.batched * sizes.batched_budget, once)
+    changed = _nets(sizes.overhead, sizes.overhead_budget)
+    once = partial(_in_new_store, scratch, points.overhead, changed)
+    yield _Point("overhead", sizes.overhead, 8 + 4e-5 * sizes.overhead * sizes.overhead_budget, once)
 
 
 def _folder(scratch: Path, size: int) -> Path:
@@ -335,7 +336,7 @@ def _workers(turns: Turns) -> pd.DataFrame:
 
 
 def _overhead(turns: Turns) -> pd.DataFrame:
-    """Returns what a batched job costs on top of training and evaluation: a row per round."""
+    """Returns what a job costs on top of training and evaluation: a row per round."""
     rows = []
     for (curve, n_agents), taken in turns.items():
         for values in taken if curve == "overhead" else ():
@@ -346,9 +347,7 @@ def _overhead(turns: Turns) -> pd.DataFrame:
                     "agents": n_agents,
                     "seconds_per_job": values["seconds"] / jobs,
                     "own_seconds_per_job": values["own_seconds"] / jobs,
-                    "driver_cpu_seconds_per_job": values["driver_cpu_seconds"] / jobs,
                     "share": 1 - values["own_seconds"] / values["seconds"],
-                    "driver_cpu_share": values["driver_cpu_seconds"] / values["seconds"],
                 }
             )
     return pd.DataFrame(rows)
@@ -377,9 +376,9 @@ is that of the fastest round (in the figure a thin line leads to the slowest), i
 [growth.csv](growth.csv) has all numbers.
 
 - **Agents.** The real runner trains, evaluates and stores runs in S1 in an empty store, one job at a time.
-  *Tables*: the paper's Q-learning, but with {_BUDGET:,} steps. *Batched nets*: `dqn` of `compare_deep` from
-  one-hot observations, but with {_NET_BUDGET} steps, in one worker process. Compiling and importing come
-  before and are not counted. Memory is the sum of the peaks of the driver and, for nets, of its worker.
+  *Tables*: the paper's Q-learning, but with {_BUDGET:,} steps. *Nets*: `dqn` of `compare_deep` from
+  one-hot observations, but with {_NET_BUDGET} steps. Compiling and importing come before and are not
+  counted.
 - **Cells.** S1 on larger grids, in which the first wrong PING ends the episode, so that there are as many
   states as cells: read, check and *compile* the scenario; *solve* it with the paper's discount (larger grids
   take more sweeps of value iteration, until the discount bounds their number); *evaluate* the random policy
@@ -407,10 +406,9 @@ kind (target for two of Dask: 1.8).
 {tables.to_markdown(workers)}
 ## Overhead
 
-Batched DQN in S1 with the settings of `compare_deep`, in one worker process that has trained before; a row
+DQN in S1 with the settings of `compare_deep`, in one thread of a process that has trained before; a row
 per round. `own_seconds_per_job` is the time that jobs measure themselves: training, evaluating, and rounding
-what is recorded. `share` is the rest of the time (target: below 0.03): planning, moving arrays between
-processes, compressing and storing, as far as the worker waits for it. `driver_cpu_share` is the CPU time of
-the driver, part of which passes while the worker trains.
+what is recorded. `share` is the rest of the time (target: below 0.03): planning, compressing and
+storing, as far as the next job waits for it.
 
 {tables.to_markdown(overhead)}"""

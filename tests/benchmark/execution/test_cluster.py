@@ -32,7 +32,7 @@ from tests.support import ROOT, command
 PATIENCE_S = 180  # on a loaded machine; nothing waits that long elsewhere
 RUNS = 14
 MIXED = """
-description = "Tables, batched nets, and nets of Stable-Baselines3."
+description = "Tables, compiled nets, and nets of Stable-Baselines3."
 scenarios = ["S1"]
 horizon = 200
 evaluation_every = 100

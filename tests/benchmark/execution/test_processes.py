@@ -142,7 +142,7 @@ ppo_sb3 = { algorithm = "ppo", observations = ["coordinates"], seeds = 3, settin
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight tables, which are trained in this process, two batched nets, and six single nets."""
+    """Eight tables, which are trained in this process, two compiled nets, and six single nets."""
     path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
     path.write_text(EXPERIMENT, encoding="utf-8")
     return path

@@ -198,7 +198,7 @@ def test_a_check_takes_settings_observations_and_group_from_the_arm_that_it_chec
         assert (check.settings, check.group) == (checked.settings, checked.group)
         assert check.policy == checked.policy
         assert check.observations == checked.observations
-        assert check.algorithm in (checked.algorithm.removeprefix("batched_"), "q_learning_plain")
+        assert check.algorithm in (checked.algorithm.removeprefix("compiled_"), "q_learning_plain")
 
 
 def test_a_check_does_not_take_the_device(tmp_path: Path) -> None:

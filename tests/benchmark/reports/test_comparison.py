@@ -108,7 +108,6 @@ def test_checks_have_rows_but_no_maps_and_no_agents(miniature: Path) -> None:
         assert "hollow" not in svg
         assert "_sb3" not in svg
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert "up to 25, CPU time is its share of the batch's, and memory is the whole batch's" in readme
     assert "`dqn_sb3` checks `dqn`, `dqn_linear_sb3` checks `dqn_linear`" in readme
 
 

@@ -37,7 +37,6 @@ class Made(NamedTuple):
     success: Sequence[float]  # by scenario
     n: int = 100  # runs in each scenario
     check_of: str = ""
-    batch_size: int = 1
     packages: tuple[str, ...] = ("torch",)
 
 
@@ -89,7 +88,6 @@ def published(folder: Path, data: Data, learners: Mapping[str, Made]) -> Publish
             "packages": made.packages,
             "settings": {"budget": 1000},
             "check_of": made.check_of,
-            "batch_size": made.batch_size,
         }
         for name, made in learners.items()
     }
