@@ -133,13 +133,12 @@ def test_help_needs_only_the_core(core: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "what", "package", "extra"),
     [
-        ("run compare_deep", "compiled_dqn", "torch", "deep"),
+        ("run compare_deep", "dqn", "stable_baselines3", "deep"),
         ("run compare_deep --report", "compare_deep: its report", "rliable", "deep"),
         ("run compare_deep --tensorboard logs", "--tensorboard", "tensorboard", "tensorboard"),
-        ("watch --algorithm dqn", "compiled_dqn", "torch", "deep"),
         ("assess --observation index --model a.zip --algorithm a:B", "a.zip: a saved model", r"\w+", "deep"),
         ("speed", "benchmark speed", "torch", "deep"),
-        ("growth", "compiled_dqn", "torch", "deep"),
+        ("growth", "benchmark growth", "distributed", "cluster"),
     ],
 )
 def test_commands_that_need_more_name_its_extra(
@@ -153,7 +152,7 @@ def test_commands_that_need_more_name_its_extra(
 
 def test_doctor_says_what_an_experiment_lacks(reproduce: Path, tmp_path: Path) -> None:
     done = python(reproduce, "-m", "benchmark", "doctor", "compare_deep", cwd=tmp_path)
-    needed = needs("compiled_dqn", "torch", "deep", r"\.deep").removesuffix(r"\.\n")
+    needed = needs("dqn", "stable_baselines3", "deep", r"\.deep").removesuffix(r"\.\n")
     assert re.search(rf"^problem +runs +{needed}$", done.stdout, re.MULTILINE), done.stderr
     assert re.search(r"^note +packages +the extra deep needs", done.stdout, re.MULTILINE)
     assert re.search(r"^ok +packages +complete extras: reproduce$", done.stdout, re.MULTILINE)

@@ -1,10 +1,11 @@
 """Measures speed: each row compares this project with a common alternative, in the same run.
 
 Machines are noisy, so all rows take turns for many rounds, and within a row its two sides do. The best round
-of each side counts. Training whole runs takes too long for that: in rows named `batched_`, the two sides
-train in turns, and rates are the steps of all turns per second of CPU time.
+of each side counts. Training whole runs takes too long for that: in rows named `net_`, the two sides train in
+turns, and rates are the steps of all turns per second of CPU time.
 """
 
+import math
 import os
 import platform
 import random
@@ -12,11 +13,12 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import count, islice
+from itertools import count, islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium
+import numba
 import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence
@@ -25,7 +27,10 @@ from rich.progress import track
 
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
+from agents.nets import arithmetic
 from agents.policy import uniform_policy
+from agents.process import N_ACTIONS
+from agents.sb3.settings import DqnSettings
 from agents.tabular import learner
 from benchmark.drawing import tables
 from benchmark.execution.executors.processes import Processes
@@ -42,6 +47,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
 
 _ENV = "envs:Proxemic/S1-v0"
+_NETS = ("dqn", "dqn_linear", "ppo")  # arms of `compare_deep`
 
 
 class Row(NamedTuple):
@@ -52,6 +58,7 @@ class Row(NamedTuple):
     ours: Callable[[], float]
     stock: Callable[[], float]
     against: str
+    products: float = 0.0  # multiplications and additions in products of matrices, per unit
 
 
 def measure(directory: Path, *, smoke: bool) -> None:
@@ -78,9 +85,10 @@ def measure(directory: Path, *, smoke: bool) -> None:
         rates = _compare(compared, rounds=1 if smoke else 15)
     finally:
         workers.cancel()
-    trained = _batched_rows(smoke)
+    trained = [_products_row(smoke), *_net_rows(smoke)]
     compared += trained
     rates += _take_turns(trained, turns=1 if smoke else 4)
+    limit = max(rates[compared.index(trained[0])])  # of products of matrices
     for row, (ours, stock) in zip(compared, rates, strict=True):
         rows.append(
             {
@@ -88,6 +96,7 @@ def measure(directory: Path, *, smoke: bool) -> None:
                 "per_second": ours,
                 "baseline": stock,
                 "ratio": ours / stock,
+                "of_limit": ours * row.products / limit or None,
                 "unit": row.unit,
                 "against": row.against,
             }
@@ -101,15 +110,18 @@ def measure(directory: Path, *, smoke: bool) -> None:
 
 def _readme(frame: pd.DataFrame) -> str:
     """Returns the README of the folder."""
-    arms = load_experiment("compare_deep").algorithms.values()
-    batch_size = max(load_algorithm(arm.algorithm).batch_size for arm in arms if "batched" in arm.algorithm)
     return f"""# speed
 
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
 project's rate, `baseline` that of the alternative. Most rates are the best of many rounds in the same run,
-in which rows take turns. In rows named `batched_`, both sides train whole runs with the settings of
-`compare_deep`, in turns; this project trains {batch_size} agents at a time, Stable-Baselines3 one. These
-rates are totals per second of CPU time. Machines differ and are noisy; `ratio` is less so.
+in which rows take turns. In rows named `net_`, both sides train whole runs with the settings of
+`compare_deep`, in turns. These rates are totals per second of CPU time. Machines differ and are noisy;
+`ratio` is less so.
+
+`of_limit` is the time that a core would need for the products of matrices in training alone, at the better
+rate of the row `matrix_products`, as a share of the time that training takes. Products are counted as in
+Stable-Baselines3, but without the zeros of one-hot observations and without the target net. It can be above
+1: where an observation occurs several times in a mini-batch, this project computes its row once.
 
 {tables.to_markdown(frame)}"""
 
@@ -143,18 +155,44 @@ def _take_turns(rows: list[Row], turns: int) -> list[tuple[float, float]]:
     return rates
 
 
-def _batched_rows(smoke: bool) -> list[Row]:
-    """Returns the rows of batched training, with the settings of `compare_deep`, on S1."""
+def _products_row(smoke: bool) -> Row:
+    """Returns the row of the products of matrices that nets consist of."""
+    shape, times = (64, 128, 128), 10 if smoke else 4000
+    a, b = np.ones(shape[:2], np.float32), np.ones(shape[1:], np.float32)
+    c, zeros = np.empty((64, 128), np.float32), np.zeros(128, np.float32)
+
+    def multiply(a: Any, b: Any, c: Any, zeros: Any, times: int) -> None:
+        for _ in range(times):
+            arithmetic.multiply(64, 128, 128, zeros, 0, a, 0, 128, 1, b, 0, 128, c, 0, 128)
+
+    compiled = numba.njit(multiply)
+
+    def ours() -> float:
+        compiled(a.ravel(), b.ravel(), c.ravel(), zeros, times)
+        return 2.0 * np.prod(shape) * times
+
+    def stock() -> float:
+        for _ in range(times):
+            np.dot(a, b, out=c)
+        return 2.0 * np.prod(shape) * times
+
+    ours()
+    return Row("matrix_products", "operations", ours, stock, "NumPy's BLAS, 64 × 128 by 128 × 128, float32")
+
+
+def _net_rows(smoke: bool) -> list[Row]:
+    """Returns the rows of training nets, with the settings of `compare_deep`, on S1."""
     declared = load_experiment("compare_deep")
     shortest = 200  # steps
 
     def train(arm: str, observation: str, seeds: Iterator[int], budget: int) -> float:
         changed = declared.model_copy(update={"settings": declared.settings | {"budget": budget}})
         algorithm = load_algorithm(declared.algorithms[arm].algorithm)
-        chosen = list(islice(seeds, algorithm.batch_size))
+        # A run of ours takes well below a second.
+        chosen = list(islice(seeds, 25 if arm in _NETS and budget > shortest else 1))
         runs = specifications(changed, DEFAULT_CONDITION, "S1", arm, observation, chosen)
         model, streams = compile_scenario(runs[0].scenario), [run.seed_sequence for run in runs]
-        algorithm.train(model, runs[0].settings, observation, streams, runs[0].schedule)
+        algorithm.train(model, runs[0].settings, observation, streams, Schedule(budget))
         return float(len(runs) * budget)
 
     def row(arm: str, observation: str, name: str) -> Row:
@@ -163,8 +201,9 @@ def _batched_rows(smoke: bool) -> list[Row]:
         for trained in arms:  # compile and import first
             train(trained, observation, iter([0]), shortest)
         ours, stock = (partial(train, trained, observation, count(), budget) for trained in arms)
+        (run,) = specifications(declared, DEFAULT_CONDITION, "S1", arm, observation, [0])
         against = "Stable-Baselines3, trained as in compare_deep, by CPU time"
-        return Row(f"batched_{name}", "steps", ours, stock, against)
+        return Row(f"net_{name}", "steps", ours, stock, against, _products(run.settings, observation))
 
     return [
         row("dqn", "one_hot", "dqn_one_hot"),
@@ -173,6 +212,21 @@ def _batched_rows(smoke: bool) -> list[Row]:
         row("ppo", "one_hot", "ppo_one_hot"),
         row("ppo", "coordinates", "ppo_coordinates"),
     ]
+
+
+def _products(settings: Any, observation: str) -> float:
+    """Returns the multiplications and additions in products of matrices per step of training a net in S1."""
+    n_inputs = 0 if observation == "one_hot" else 2  # a one-hot observation is the choice of a row
+    total = 0.0
+    for n_outputs in (N_ACTIONS,) if isinstance(settings, DqnSettings) else (N_ACTIONS, 1):
+        first, *others = pairwise([n_inputs, *settings.policy_kwargs.net_arch, n_outputs])
+        # Outputs and slopes of weights; behind the first layer also slopes of inputs.
+        total += 4 * math.prod(first) + 6 * sum(map(math.prod, others))
+    if isinstance(settings, DqnSettings):
+        total *= settings.batch_size * settings.gradient_steps / settings.rollout
+    else:
+        total *= settings.n_epochs
+    return total
 
 
 def _rows(smoke: bool) -> list[Row]:

@@ -5,12 +5,13 @@ import os
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
 import numpy as np
 import pytest
@@ -120,8 +121,8 @@ def agent_of(name: str, observation: str, model: Model, kind: Any, seed: int = 0
 
 
 # Equal to Stable-Baselines3. An agent of its own makes the same run with the random numbers of ours: first
-# weights, exploration, what happens in the scenario, and mini-batches. All else it does by itself, in float64,
-# in which both round so little that the final weights must agree to eight digits.
+# weights, exploration, what happens in the scenario, mini-batches. All else it does by itself, in float64, in
+# which both round so little that the final weights agree to eight digits on any processor.
 
 
 class Chance:
@@ -393,3 +394,381 @@ def test_ppo_is_stable_baselines3s(
     rounded.advance(400)
     for part, exact, start in zip(rounded.weights(), ours.weights(), first, strict=True):
         assert np.linalg.norm(part - exact) <= 0.05 * np.linalg.norm(exact - start)
+
+
+# First weights
+
+
+def first_weights(name: str, observation: str) -> list[list[NDArray[Any]]]:
+    """Returns the first weights and biases of every layer of three agents."""
+    net = {"policy_kwargs": {"net_arch": (64, 48)}}
+    return [agent_of(name, observation, S1, np.float32, seed, **net).weights() for seed in range(N_AGENTS)]
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_first_weights_of_dqn_are_those_of_linear_layers(observation: str) -> None:
+    layers = list(zip(*first_weights("compiled_dqn", observation), strict=True))
+    for weights, biases in zip(layers[::2], layers[1::2], strict=True):
+        bound = 1 / np.sqrt(len(weights[0]))
+        values = np.concatenate([part.ravel() for part in (*weights, *biases)])
+        assert kstest(values, "uniform", (-bound, 2 * bound)).pvalue > 1e-3
+        assert not np.array_equal(weights[0], weights[1])
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_first_weights_of_ppo_are_orthogonal(observation: str) -> None:
+    gains = [np.sqrt(2), np.sqrt(2), 0.01, np.sqrt(2), np.sqrt(2), 1.0]
+    for parts in first_weights("compiled_ppo", observation):
+        assert not any(biases.any() for biases in parts[1::2])
+        for matrix, gain in zip(parts[::2], gains, strict=True):
+            short = matrix if len(matrix) <= len(matrix.T) else matrix.T
+            assert short @ short.T == pytest.approx(gain**2 * np.eye(len(short)), abs=1e-5)
+    # Of a random direction, each coordinate is nearly normal.
+    matrices = [parts[0] for parts in first_weights("compiled_ppo", "one_hot")]
+    scaled = np.concatenate([matrix.ravel() for matrix in matrices]) * np.sqrt(120 / 2)
+    assert kstest(scaled, "norm").pvalue > 1e-3
+
+
+# The same bits
+
+
+def equal(one: DeepTraining, other: DeepTraining, rows: Any = slice(None)) -> bool:
+    """Returns whether all results are equal, bit for bit; times aside."""
+    return all(
+        np.array_equal(getattr(one, field.name)[rows], getattr(other, field.name), equal_nan=True)
+        for field in fields(one)
+        if field.name != "cpu_time_s"
+    )
+
+
+CASES: dict[str, list[dict[str, Any]]] = {
+    "compiled_dqn": [
+        {"policy_kwargs": {"net_arch": (128, 128)}, "batch_size": 64},
+        {"policy_kwargs": {"net_arch": ()}, "n_steps": 3, "batch_size": 128},
+        {"policy_kwargs": {"net_arch": (33,)}, "tau": 0.3, "n_envs": 2, "batch_size": 17},
+    ],
+    "compiled_ppo": [
+        {"policy_kwargs": {"net_arch": (128, 128)}, "n_steps": 50, "batch_size": 100},
+        {"policy_kwargs": {"net_arch": ()}, "batch_size": 17, "ent_coef": 0.1},
+        {"policy_kwargs": {"net_arch": (33,)}, "batch_size": 13, "clip_range_vf": 0.1, "target_kl": 0.004},
+    ],
+}
+
+
+@pytest.mark.parametrize(("name", "scene"), [(name, scene) for name in CASES for scene in ("S1", "moods")])
+def test_bits_of_an_agent_do_not_depend_on_how_work_is_split(name: str, scene: str) -> None:
+    """Seeds in one call, one by one, in unequal parts, and in two threads at a time."""
+    changes, model = {"budget": 200} | CASES[name][0], SCENES[scene]
+    points = (0, 100, 200)
+
+    def some(seeds: list[int]) -> DeepTraining:
+        return trained(name, "one_hot", seeds, model, points, **changes)
+
+    together = some([*range(8)])
+    with ThreadPoolExecutor(2) as pool:
+        for parts in ([[seed] for seed in range(8)], [[5, 4, 3, 2, 1], [7], [0, 6]]):
+            for of in (map, pool.map):
+                for seeds, part in zip(parts, of(some, parts), strict=True):
+                    assert equal(together, part, seeds)
+    assert len(np.unique(together.weights, axis=0)) == 8
+
+
+def digest_of_all() -> str:
+    """Returns the digest of what agents of every case learn, with both forms of observation."""
+    digest = hashlib.sha256()
+    for name, cases in CASES.items():
+        for changes in cases:
+            for observation, model in zip(OBSERVATIONS, (NOISY_MOODS, S1), strict=True):
+                training = trained(name, observation, [0], model, (0, 100, 200), budget=200, **changes)
+                for field in fields(training):
+                    if field.name != "cpu_time_s":
+                        digest.update(np.ascontiguousarray(getattr(training, field.name)).tobytes())
+    return digest.hexdigest()
+
+
+# Of every processor. A change that is meant to alter it has to raise `agents.nets.learner.VERSION`.
+DIGEST = "629c2a22d93c1c0009cc0efce4332729e92112cac3e74afd47a193902bf8c256"
+AVX_512 = "avx512f" in llvmlite.binding.get_host_cpu_features().flatten()
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "this one",
+        "nehalem",  # of 2008: neither AVX nor fused multiplication and addition
+        pytest.param("haswell", marks=pytest.mark.skipif(not AVX_512, reason="no newer than this one")),
+    ],
+)
+def test_bits_are_the_same_on_every_processor(kind: str) -> None:
+    """As compiled for this processor and for older ones, whose code it can execute, too."""
+    if kind == "this one":
+        assert digest_of_all() == DIGEST
+        return
+    code = "from tests.agents import test_nets; print(test_nets.digest_of_all())"
+    features = {"nehalem": "", "haswell": "+avx2,+fma"}[kind]
+    target = {"NUMBA_CPU_NAME": kind, "NUMBA_CPU_FEATURES": features, "OPENBLAS_CORETYPE": kind.title()}
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, env=os.environ | target, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == DIGEST, done.stderr
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize(("n_rows", "n_columns", "n_inner"), [(1, 16, 1), (7, 48, 5), (64, 128, 120)])
+def test_products_are_those_of_matrices_row_by_row(
+    kind: Any, n_rows: int, n_columns: int, n_inner: int
+) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(n_inner, n_rows)).astype(kind), rng.normal(size=(n_inner, n_columns)).astype(kind)
+    start = rng.normal(size=n_columns).astype(kind)
+
+    def product(first: int, last: int) -> NDArray[Any]:
+        c = np.full((last - first, n_columns), np.nan, kind)
+        multiply(start, a.ravel(), first, b.ravel(), c.ravel(), *c.shape, n_inner)
+        return c
+
+    whole = product(0, n_rows)
+    exact = start + a.T.astype(np.longdouble) @ b.astype(np.longdouble)
+    assert np.abs(whole - exact).max() <= 2 * n_inner * np.finfo(kind).eps * np.abs(exact).max()
+    for r in range(n_rows):
+        assert np.array_equal(product(r, r + 1)[0], whole[r])
+
+
+def _multiply(
+    start: Any, a: Any, first: int, b: Any, c: Any, n_rows: int, n_columns: int, n_inner: int
+) -> None:
+    """Multiplies some columns of a, from the first on, by b."""
+    width = len(a) // n_inner
+    arithmetic.multiply(
+        n_rows, n_columns, n_inner, start, 0, a, first, 1, width, b, 0, n_columns, c, 0, n_columns
+    )
+
+
+def _each(numbers: Any, of: Any) -> Any:
+    """Returns a function of every number."""
+    result = np.empty_like(numbers)
+    for i in range(len(numbers)):
+        result[i] = of(numbers[i])
+    return result
+
+
+def _tanh(numbers: Any) -> None:
+    arithmetic.tanh(numbers)
+
+
+multiply, each, tanh = (numba.njit(function) for function in (_multiply, _each, _tanh))
+
+
+def test_functions_are_those_of_analysis() -> None:
+    x = np.concatenate([np.linspace(-708, 708, 100_001), np.linspace(-1, 1, 100_001)])
+    exact = np.exp(x.astype(np.longdouble))
+    assert np.abs(each(x, arithmetic.exp) / exact - 1).max() < 3e-16
+    limits = np.array([-np.inf, -800.0, 0.0, 800.0, np.inf, np.nan])
+    assert np.array_equal(each(limits, arithmetic.exp), [0, 0, 1, np.inf, np.inf, np.nan], equal_nan=True)
+    x = np.concatenate([np.exp(np.linspace(-700, 700, 100_001)), np.linspace(0.5, 2, 100_001)])
+    exact = np.log(x.astype(np.longdouble))
+    assert (np.abs(each(x, arithmetic.log) - exact) <= 3e-16 * np.abs(exact) + 1e-16).all()
+    x = np.linspace(-12, 12, 100_001).astype(np.float32)
+    y = x.copy()
+    tanh(y)
+    assert np.abs(y - np.tanh(x.astype(np.float64))).max() < 4e-7
+    assert np.abs(y).max() <= 1
+    odd = np.array([np.nan, -np.inf, np.inf], np.float32)
+    tanh(odd)
+    assert odd.tolist() == pytest.approx([np.nan, -1, 1], abs=4e-7, nan_ok=True)
+
+
+# Divergence
+
+
+class Poisoned:
+    """Makes agents of which the second has weights that are not finite, from some step on."""
+
+    def __init__(self, make: Callable[..., Any], from_step: int) -> None:
+        self.make, self.from_step, self.n_made = make, from_step, 0
+
+    def __call__(self, *arguments: Any) -> Any:
+        agent = self.make(*arguments)
+        self.n_made += 1
+        advance = agent.advance
+
+        def poisoned(until: int) -> None:
+            if until >= self.from_step:
+                advance(self.from_step)
+                agent.parameters.values[:] = np.nan
+            advance(until)
+
+        if self.n_made == 3:  # the first is made for compiling
+            agent.advance = poisoned
+        return agent
+
+
+@pytest.mark.parametrize("scene", ["S1", "anywhere"])
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_diverged_agent_counts_as_random_and_disturbs_no_other(name: str, scene: str) -> None:
+    model = SCENES[scene]
+    sound = trained(name, seeds=[0, 2], model=model)
+    training = trained(name, model=model, make=Poisoned(AGENTS[name], 0))
+    assert training.diverged_at.tolist() == [-1, 0, -1]
+    assert equal(training, sound, [0, 2])
+    assert (training.greedy[1] == ALL_ACTIONS).all()
+    assert np.isnan(training.values[1]).all()
+    assert np.isnan(training.q[1]).all()
+    assert (training.stochastic[1] == 0.2).all()
+    assert training.disagreements[1].tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_divergence_between_two_points_counts_from_the_next(name: str) -> None:
+    points = (0, 160, 200, 390, 400)
+    sound = trained(name, points=points)
+    training = trained(name, points=points, make=Poisoned(AGENTS[name], 160 + 40 * (name == "compiled_dqn")))
+    first = {"compiled_dqn": 200, "compiled_ppo": 160}[name]
+    assert training.diverged_at.tolist() == [-1, first, -1]
+    assert equal(training, sound_rows(sound, [0, 2]), [0, 2])
+    before = points.index(first)
+    counts = training.disagreements[1].tolist()
+    assert counts[:before] == sound.disagreements[1, :before].tolist()
+    assert counts[before:] == [counts[before]] * (5 - before)
+    has_policy = (training.greedy[1] != ALL_ACTIONS).all(axis=1)
+    assert has_policy.tolist() == [point < first for point in points]
+
+
+def sound_rows(training: DeepTraining, rows: list[int]) -> DeepTraining:
+    """Returns the results of some agents."""
+    return DeepTraining(**{field.name: getattr(training, field.name)[rows] for field in fields(training)})
+
+
+def test_an_actor_that_is_not_finite_takes_no_more_steps() -> None:
+    agent = agent_of("compiled_ppo", "one_hot", S1, np.float32)
+    agent.advance(160)
+    agent.parameters.values[:] = np.nan
+    agent.advance(400)
+    assert agent.walk.taken[0] == 160
+
+
+# What is kept
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_last_snapshot_is_the_final_net_and_the_first_the_untrained(name: str) -> None:
+    training = trained(name, points=(0, 130, 390, 400))
+    agent = agent_of(name, "one_hot", S1, np.float32)
+    assert training.values[0, 0] == pytest.approx(agent.table(), abs=1e-6)
+    agent.advance(400)
+    final = agent.table()
+    assert training.greedy[0, -1].tolist() == (1 << final.argmax(axis=1)).tolist()
+    if name == "compiled_dqn":
+        assert np.array_equal(training.q[0], final.astype(np.float64))
+        assert training.stochastic.shape == (N_AGENTS, 0, 120, 5)
+    else:
+        assert training.stochastic[0, -1] == pytest.approx(final, abs=1e-6)
+        assert training.stochastic.sum(axis=-1) == pytest.approx(1.0)
+        assert training.q.shape == (N_AGENTS, 0, 5)
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_policies_and_values_are_of_one_net(name: str) -> None:
+    training = trained(name, model=MOODS, points=(0, 130, 200, 390, 400))  # maps at 0, 200 and 400
+    is_mapped = np.array([True, False, True, False, True])
+    assert training.greedy.shape == (N_AGENTS, 5, 490)
+    assert np.array_equal(training.greedy[:, is_mapped], 1 << training.values.argmax(axis=-1))
+    if name == "compiled_dqn":
+        assert np.array_equal(training.values[:, -1], training.q)
+        assert training.stochastic.shape == (N_AGENTS, 0, 490, 5)
+    else:
+        assert np.array_equal(training.values, training.stochastic[:, is_mapped].astype(np.float32))
+        assert np.array_equal(training.greedy, 1 << training.stochastic.argmax(axis=-1))
+    assert len(np.unique(training.values, axis=1)[0]) == 3
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_more_snapshots_change_no_result(name: str) -> None:
+    few, many = trained(name), trained(name, points=tuple(range(0, 401, 20)))
+    assert np.array_equal(few.weights, many.weights)
+    assert np.array_equal(few.disagreements, many.disagreements[:, ::10])
+    assert np.array_equal(few.greedy, many.greedy[:, ::10])
+    assert (np.diff(many.disagreements) >= 0).all()
+    assert many.disagreements[:, -1].min() > 0
+    assert (np.diff(many.cpu_time_s) >= 0).all()
+    assert (many.cpu_time_s[:, -1] > 0).all()
+
+
+def test_parameters_and_updates_by_hand() -> None:
+    assert trained("compiled_dqn").parameters.tolist() == [120 * 24 + 24 + 24 * 16 + 16 + 16 * 5 + 5] * 3
+    hidden = 2 * 24 + 24 + 24 * 16 + 16
+    training = trained("compiled_ppo", "coordinates")
+    assert training.parameters.tolist() == [2 * hidden + 16 * 5 + 5 + 16 + 1] * 3
+    assert training.updates.tolist() == [400 // 40 * 10 * 2] * 3
+    assert trained("compiled_dqn", gradient_steps=0).updates.tolist() == [0] * 3
+    cells, phases, pings = 49, 2, 5
+    hidden = (cells + phases + pings) * 24 + 24 + 24 * 16 + 16
+    training = trained("compiled_dqn", model=MOODS)
+    assert training.parameters.tolist() == [hidden + 16 * 5 + 5] * 3
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_calls_without_agents_or_for_another_budget_are_refused(name: str) -> None:
+    train = load_algorithm(name).train
+    with pytest.raises(ValueError, match="0 agents"):
+        train(S1, SETTINGS[name], "one_hot", [], Schedule(400))
+    with pytest.raises(ValueError, match="made for a budget of 300"):
+        train(S1, SETTINGS[name], "one_hot", [SeedSequence(0)], Schedule(300))
+
+
+# Learning
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        (
+            "compiled_dqn",
+            {"budget": 4000, "learning_rate": 3e-3, "gamma": 0.9, "target_update_interval": 100},
+        ),
+        (
+            "compiled_ppo",
+            {
+                "budget": 6000,
+                "n_envs": 4,
+                "n_steps": 25,
+                "batch_size": 100,
+                "learning_rate": 2e-3,
+                "gamma": 0.95,
+            },
+        ),
+    ],
+)
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_most_agents_solve_a_small_scene(name: str, changes: dict[str, Any], observation: str) -> None:
+    small = compile_scenario(
+        load_scenario("S1", {"grid.rows": 6, "grid.columns": 6, "issuer.position": [3, 3]})
+    )
+    training = trained(
+        name,
+        observation,
+        range(10),
+        small,
+        (0, changes["budget"]),
+        policy_kwargs={"net_arch": (64,)},
+        **changes,
+    )
+    success = evaluate(small, mask_policy(training.greedy[:, -1]), 200).success
+    assert (success > 0.99).sum() >= 7
+
+
+def test_no_torch_is_needed() -> None:
+    code = (
+        "import sys\n"
+        "from numpy.random import SeedSequence; from agents import Schedule, load_algorithm\n"
+        "from envs import compile_scenario, load_scenario\n"
+        "for name in ('compiled_dqn', 'compiled_ppo'):\n"
+        "    algorithm = load_algorithm(name)\n"
+        "    settings = algorithm.settings(budget=2048)\n"
+        "    model = compile_scenario(load_scenario('S1'))\n"
+        "    algorithm.train(model, settings, 'one_hot', [SeedSequence(0)], Schedule(2048))\n"
+        "assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
