@@ -6,6 +6,7 @@ agents that are trained together equal the same agents trained one at a time, bi
 Axis letters: S states, O observations, A actions, K outcomes, B starts.
 """
 
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numba
@@ -19,48 +20,54 @@ N_ACTIONS: Final = len(ACTIONS)
 
 Stream = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
-# What follows an action, side by side in memory: with large tables, cache misses take most of the time.
+# What follows an action. It holds how state and observation change, which is the same in many states: so the
+# kinds of states are few and stay in the nearest cache. With a row per state, the loop waits for memory.
 OUTCOME: Final = np.dtype(
     [
         ("reward", np.float64),  # mean
-        ("next_state", np.uint32),
-        ("next_observation", np.uint32),  # O where the episode terminates
-    ]
+        ("state_change", np.int32),
+        ("observation_change", np.int32),
+        ("terminates", np.bool_),
+        ("is_wrong_ping", np.bool_),
+        ("noise", np.float64),  # half-width of the uniform noise of the reward
+        ("probability_up_to", np.float64),  # sum over the outcomes up to this one; infinite at the last
+    ],
+    align=True,
 )
 
 
 class Process(NamedTuple):
-    """A compiled scenario; state and action are one index, `state * A + action`."""
+    """A compiled scenario; `first[state] + action * K` is the place of an action's first outcome."""
 
-    outcomes: NDArray[np.void]  # (S * A * K,) of type OUTCOME
-    probability_up_to: NDArray[
-        np.float64
-    ]  # (S * A * K,) sums over the outcomes up to each; infinite at the last
+    first: NDArray[np.uint32]  # (S,) the same for all states of a kind
+    outcomes: NDArray[np.void]  # (kinds * A * K,) of type OUTCOME
     n_outcomes: int  # K
-    noise: NDArray[np.float64]  # (S * A,) half-width of the uniform noise of the reward
-    is_wrong_ping: NDArray[np.bool_]  # (S * A,)
+    n_observations: int  # O
     observation: NDArray[np.uint32]  # (S,)
     starts: NDArray[np.uint32]  # (B,) states
     is_noisy: bool
 
 
+@lru_cache(maxsize=64)
 def process_of(model: Model) -> Process:
     """Returns a model as compiled code reads it."""
-    following = np.where(
-        model.terminated[..., None], model.n_observations, model.observation[model.next_state]
-    )
-    outcomes = np.empty(model.next_state.shape, dtype=OUTCOME)
+    here = np.arange(len(model.observation))[:, None, None]
+    outcomes = np.zeros(model.next_state.shape, dtype=OUTCOME)  # zeros between the fields, too: bytes count
     outcomes["reward"] = (model.grid_reward + model.issuer_reward)[..., None]
-    outcomes["next_state"] = model.next_state
-    outcomes["next_observation"] = following
-    probability_up_to = model.probability.cumsum(axis=-1)
-    probability_up_to[..., -1] = np.inf  # whatever rounding does to the sum
+    outcomes["state_change"] = model.next_state - here
+    outcomes["observation_change"] = model.observation[model.next_state] - model.observation[here]
+    outcomes["terminates"] = model.terminated[..., None]
+    outcomes["is_wrong_ping"] = model.is_wrong_ping[..., None]
+    outcomes["noise"] = model.issuer_noise[..., None]
+    outcomes["probability_up_to"] = model.probability.cumsum(axis=-1)
+    outcomes["probability_up_to"][..., -1] = np.inf  # whatever rounding does to the sum
+    rows = outcomes.reshape(len(here), -1)
+    kinds, kind = np.unique(rows.view(f"V{rows[0].nbytes}"), return_inverse=True)
     return Process(
-        outcomes=outcomes.ravel(),
-        probability_up_to=probability_up_to.ravel(),
+        first=(kind.ravel() * rows.shape[1]).astype(np.uint32),
+        outcomes=kinds.view(OUTCOME),
         n_outcomes=model.n_outcomes,
-        noise=model.issuer_noise.ravel(),
-        is_wrong_ping=model.is_wrong_ping.ravel(),
+        n_observations=model.n_observations,
         observation=model.observation.astype(np.uint32),
         starts=model.starts.astype(np.uint32),
         is_noisy=model.is_noisy,
@@ -100,14 +107,12 @@ def draw_reward(mean: float, noise: float, stream: Stream) -> tuple[float, Strea
 
 
 @numba.njit
-def draw_outcome(
-    first: np.uint64, probability_up_to: NDArray[np.float64], stream: Stream
-) -> tuple[np.uint64, Stream]:
+def draw_outcome(first: np.uint64, outcomes: NDArray[np.void], stream: Stream) -> tuple[np.uint64, Stream]:
     """Returns the index of an outcome, given that of the action's first, and the stream that follows."""
     word, stream = draw_word(stream)
     draw = uniform(word)
     i = first
-    while draw >= probability_up_to[i]:
+    while draw >= outcomes[i].probability_up_to:
         i += U(1)
     return i, stream
 
@@ -131,12 +136,13 @@ def step(
     The next observation is O where the episode terminates. Drawn are, in this order and only where there is
     something to draw, the noise of the reward and the outcome.
     """
-    taken = state * U(N_ACTIONS) + U(action)
-    i = taken * U(process.n_outcomes)
+    i = U(process.first[state]) + U(action) * U(process.n_outcomes)
     reward = process.outcomes[i].reward
-    if process.is_noisy and process.noise[taken] > 0.0:
-        reward, stream = draw_reward(reward, process.noise[taken], stream)
+    if process.is_noisy and process.outcomes[i].noise > 0.0:
+        reward, stream = draw_reward(reward, process.outcomes[i].noise, stream)
     if process.n_outcomes > 1:
-        i, stream = draw_outcome(i, process.probability_up_to, stream)
+        i, stream = draw_outcome(i, process.outcomes, stream)
     outcome = process.outcomes[i]
-    return reward, U(outcome.next_state), U(outcome.next_observation), stream
+    following = state + U(outcome.state_change)
+    observation = process.n_observations if outcome.terminates else process.observation[following]
+    return reward, following, U(observation), stream

@@ -211,7 +211,7 @@ def _train(
     Indices are unsigned, which spares numba's test for negative ones: a fifth of the time.
     """
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
-    outcomes, probability_up_to, n_outcomes, noise, is_wrong_ping, observation, starts, is_noisy = process
+    first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
     (
         rates,
         visit_exponent,
@@ -224,7 +224,6 @@ def _train(
         time_limit,
     ) = constants
     budget, by_episode, record_every, points, map_index = plan
-    n_observations = results.q.shape[1]
     n_pairs = n_observations * N_ACTIONS
     has_tree = results.table_max_q.shape[1] > 0
     changes_until = max(rates.until, epsilons.until)
@@ -269,17 +268,16 @@ def _train(
                 if begins or not _IS_ON_POLICY:
                     word, stream = draw_word(stream)
                     a = choose_action(word, explore_below, greedy[o], choices)
-                taken = state * U(N_ACTIONS) + a
-                disagreements += is_wrong_ping[taken]
-                i = taken * U(n_outcomes) if _DRAWS_OUTCOMES else taken
+                i = U(first[state]) + (a * U(n_outcomes) if _DRAWS_OUTCOMES else a)
                 reward = outcomes[i].reward
-                if is_noisy and noise[taken] > 0.0:
-                    reward, stream = draw_reward(reward, noise[taken], stream)
+                disagreements += outcomes[i].is_wrong_ping
+                if is_noisy and outcomes[i].noise > 0.0:
+                    reward, stream = draw_reward(reward, outcomes[i].noise, stream)
                 if _DRAWS_OUTCOMES:
-                    i, stream = draw_outcome(i, probability_up_to, stream)
+                    i, stream = draw_outcome(i, outcomes, stream)
                 outcome = outcomes[i]
-                o_next = U(outcome.next_observation)
-                terminates = o_next == U(n_observations)
+                o_next = o + U(outcome.observation_change)
+                terminates = outcome.terminates
                 if _HAS_TWO_TABLES:
                     word, stream = draw_word(stream)
                     learned = word >> U(63)
@@ -338,7 +336,7 @@ def _train(
                     episodes += 1
                     episode_steps = 0
                 else:
-                    state, o = U(outcome.next_state), o_next
+                    state, o = state + U(outcome.state_change), o_next
                 a = a_next
                 if begins or not by_episode:
                     break

@@ -176,7 +176,7 @@ def small(
     n_states = len(next_state)
     noises = np.full(next_state.shape, noise)
     noises[0] = 0.0
-    return SimpleNamespace(
+    model = SimpleNamespace(
         starts=np.array([0]),
         next_state=np.maximum(next_state, 0)[..., None],
         probability=np.ones((*next_state.shape, 1)),
@@ -190,6 +190,7 @@ def small(
         n_outcomes=1,
         is_noisy=noise > 0,
     )
+    return type("Small", (), vars(model))  # has a hash, as models have
 
 
 # Three states in a row; the first action leads on, and ends the episode with a reward of 1 at the last.
