@@ -70,7 +70,6 @@ class Constants(NamedTuple):
     initial_value: float
     trace_decay: float  # the weight of a trace is multiplied by discount * trace_decay per step
     takes_lowest: bool  # whether the lowest of several best actions is the only greedy one
-    choices: NDArray[np.uint8]  # CHOICES
     time_limit: int
 
 
@@ -98,13 +97,12 @@ class Results(NamedTuple):
 
 
 @numba.njit
-def choose_action(
-    word: np.uint64, explore_below: np.uint64, greedy: int, choices: NDArray[np.uint8]
-) -> np.uint64:
+def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.uint64:
     """Chooses an action epsilon-greedily by one word, given the mask of the greedy actions."""
-    place = ((word & U(0xFFFFFFFF)) * U(PLACES)) >> U(32)
-    candidates = ALL_ACTIONS if (word >> U(32)) < explore_below else greedy
-    return U(choices[U(candidates), place])
+    draw = word & U(0xFFFFFFFF)
+    if (word >> U(32)) < explore_below:  # what CHOICES has for all actions, without waiting for the mask
+        return (draw * U(N_ACTIONS)) >> U(32)
+    return U(CHOICES[U(greedy), (draw * U(PLACES)) >> U(32)])
 
 
 @numba.njit
@@ -220,7 +218,6 @@ def _train(
         initial_value,
         trace_decay,
         takes_lowest,
-        choices,
         time_limit,
     ) = constants
     budget, by_episode, record_every, points, map_index = plan
@@ -267,7 +264,7 @@ def _train(
                         table_highest = max(table_highest, tree[1])
                 if begins or not _IS_ON_POLICY:
                     word, stream = draw_word(stream)
-                    a = choose_action(word, explore_below, greedy[o], choices)
+                    a = choose_action(word, explore_below, greedy[o])
                 i = U(first[state]) + (a * U(n_outcomes) if _DRAWS_OUTCOMES else a)
                 reward = outcomes[i].reward
                 disagreements += outcomes[i].is_wrong_ping
@@ -285,10 +282,10 @@ def _train(
                 if not terminates:
                     if _HAS_TWO_TABLES:  # the lower half of the word chooses among several best actions
                         _, mask = _best(table_rows, U(2) * o_next + learned, takes_lowest)
-                        best = choose_action(word, U(0), mask, choices)
+                        best = choose_action(word, U(0), mask)
                     if _IS_ON_POLICY:
                         word, stream = draw_word(stream)
-                        a_next = choose_action(word, explore_below, greedy[o_next], choices)
+                        a_next = choose_action(word, explore_below, greedy[o_next])
                     value = _bootstrap(
                         Successor(
                             q, o_next, highest[o_next], greedy[o_next], epsilon, a_next, tables, learned, best

@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 from agents.contract import LearnerSettings, Schedule, Training, check_request
 from agents.process import process_of
 from agents.tabular import updates
-from agents.tabular.kernel import CHOICES, Constants, Decay, Plan, Results, compile_kernel
+from agents.tabular.kernel import Constants, Decay, Plan, Results, compile_kernel
 from agents.tabular.updates import UpdateRule
 from envs.model import ACTIONS, Model
 
@@ -184,7 +184,6 @@ def train(
         initial_value=settings.initial_value,
         trace_decay=settings.trace_decay if isinstance(settings, TraceSettings) else 0.0,
         takes_lowest=settings.ties == "lowest",
-        choices=CHOICES,
         time_limit=settings.time_limit or 2**62,
     )
     plan = Plan(

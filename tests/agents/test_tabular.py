@@ -13,7 +13,7 @@ from agents import Schedule
 from agents.dynamic_programming import solve
 from agents.policy import contains, greedy_masks
 from agents.process import draw_word
-from agents.tabular.kernel import CHOICES, choose_action
+from agents.tabular.kernel import choose_action
 from agents.tabular.learner import Settings, TabularTraining, train
 from envs import ACTIONS, InputError, ProxemicEnv, compile_scenario, load_scenario
 from envs.inputs import parse
@@ -272,7 +272,7 @@ def test_every_candidate_is_drawn_equally_often() -> None:
     places = [np.uint64(-(-(place << 32) // 60)) for place in range(60)]  # the lowest word of each sixtieth
     never = np.uint64(0)
     for mask, members in zip(masks, contains(masks), strict=True):
-        actions = [int(choose_action(word, never, int(mask), CHOICES)) for word in places]
+        actions = [int(choose_action(word, never, int(mask))) for word in places]
         assert (np.bincount(actions, minlength=5) == members * 60 // members.sum()).all()
 
 
