@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
-from agents.process import N_ACTIONS, Process, Stream, U, draw_start, draw_word, step, uniform
+from agents.process import Process, Stream, U, draw_start, draw_word, step, uniform
 from agents.sb3.settings import Sb3Settings
 from envs import Model
 
@@ -95,7 +95,8 @@ def take(process: Process, walk: Walk, e: int, action: int) -> tuple[float, int,
       truncates it.
     """
     state = U(walk.state[e])
-    walk.disagreements[0] += process.is_wrong_ping[state * U(N_ACTIONS) + U(action)]
+    first = U(process.first[state]) + U(action) * U(process.n_outcomes)
+    walk.disagreements[0] += process.outcomes[first].is_wrong_ping
     reward, state, following, stream = step(process, state, action, _stream(walk))
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
     walk.state[e] = state
