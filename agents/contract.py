@@ -122,10 +122,6 @@ class Algorithm(Protocol):
         """Where to call `train`: in a thread if it releases Python's global lock, else in a process."""
 
     @property
-    def depends_on_batch(self) -> bool:
-        """Whether an agent's bits depend on the other agents of the call."""
-
-    @property
     def writes_logs(self) -> bool:
         """Whether it can write TensorBoard logs."""
 
@@ -138,7 +134,7 @@ class Algorithm(Protocol):
         schedule: Schedule,
         logs: Sequence[Path] = (),
     ) -> Training:
-        """Trains one agent per seed.
+        """Trains one agent per seed; its bits depend on that seed, not on the other agents of the call.
 
         Args:
           model: Compiled scenario.

@@ -67,7 +67,6 @@ class Memoryless:
     packages: tuple[str, ...] = ("numba",)
     batch_size: int = 1
     placement: Literal["thread", "process"] = "thread"
-    depends_on_batch: bool = False
     writes_logs: bool = False
 
     def train(

@@ -10,7 +10,6 @@ All functions take float32, which nets are trained in, or float64.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, Final
 
 import numba
@@ -28,46 +27,31 @@ _EXP: Final = tuple(1.0 / math.factorial(k) for k in range(13, -1, -1))
 _ARTANH: Final = tuple(1.0 / k for k in range(21, -1, -2))
 
 Numbers = NDArray[np.floating[Any]]
+Vector = tuple[Numbers, int]  # a flat array, and where in it the vector begins
+Matrix = tuple[Numbers, int, int, int]  # the same, and how far it is from row to row, and column to column
 
 # For functions that compiled code calls. In Python's model of errors, a loop that divides has an exit for
 # zero, and then numba uses no vector registers.
 inlined: Final = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-def _block(n_rows: int) -> Callable[..., None]:
+def _block(n_rows: int) -> Any:
     """Returns compiled code for some rows and `LANES` columns of a product, see `multiply`.
 
     numba cannot say that a product and a sum are to be rounded once, so this is written for LLVM.
     """
 
     @intrinsic
-    def block(
-        _: Any,
-        start: Any,
-        start_at: Any,  # noqa: ARG001
-        a: Any,
-        a_at: Any,  # noqa: ARG001
-        a_row: Any,  # noqa: ARG001
-        a_inner: Any,  # noqa: ARG001
-        b: Any,
-        b_at: Any,  # noqa: ARG001
-        b_inner: Any,  # noqa: ARG001
-        c: Any,
-        c_at: Any,  # noqa: ARG001
-        c_row: Any,  # noqa: ARG001
-        n_inner: Any,  # noqa: ARG001
-    ) -> Any:
-        i = types.int64
-        signature = types.void(start, i, a, i, i, i, b, i, i, c, i, i, i)
-        return signature, lambda context, builder, _, values: _build(
-            context, builder, signature.args, values, n_rows
+    def block(_: Any, operands: Any) -> Any:
+        return types.void(operands), lambda context, builder, signature, values: _build(
+            context, builder, signature.args[0], cgutils.unpack_tuple(builder, values[0]), n_rows
         )
 
-    return block  # type: ignore[no-any-return]
+    return block
 
 
 def _build(context: Any, builder: Any, kinds: Any, values: Any, n_rows: int) -> Any:
-    """Writes the instructions of `_block`."""
+    """Writes the instructions of `_block`; the operands are those of `multiply`, for a block."""
     start, a, b, c = (
         builder.gep(context.make_array(kinds[i])(context, builder, values[i]).data, [values[i + 1]])
         for i in (0, 2, 6, 9)
@@ -94,7 +78,6 @@ def _build(context: Any, builder: Any, kinds: Any, values: Any, n_rows: int) -> 
     builder.branch(loop)
     builder.position_at_end(loop)
     inner = builder.phi(place)
-    inner.add_incoming(place(0), before)
     totals = [builder.phi(vector) for _ in rows]
     factors = builder.load(vector_at(at(b, inner, b_inner)), align=bits // 8)
     sums = []
@@ -105,6 +88,7 @@ def _build(context: Any, builder: Any, kinds: Any, values: Any, n_rows: int) -> 
         total.add_incoming(first, before)
         total.add_incoming(sums[-1], loop)
     following = builder.add(inner, place(1))
+    inner.add_incoming(place(0), before)
     inner.add_incoming(following, loop)
     builder.cbranch(builder.icmp_signed("<", following, n_inner), loop, after)
     builder.position_at_end(after)
@@ -117,57 +101,37 @@ _six, _two, _one = _block(_ROWS), _block(2), _block(1)
 
 
 @inlined
-def multiply(
-    n_rows: int,
-    n_columns: int,
-    n_inner: int,
-    start: Numbers,
-    start_at: int,
-    a: Numbers,
-    a_at: int,
-    a_row: int,
-    a_inner: int,
-    b: Numbers,
-    b_at: int,
-    b_inner: int,
-    c: Numbers,
-    c_at: int,
-    c_row: int,
-) -> None:
+def multiply(shape: tuple[int, int, int], start: Vector, a: Matrix, b: Matrix, c: Matrix) -> None:
     """Multiplies matrices: c[r, j] = start[j] + sum of a[r, k] * b[k, j] over k, in this order.
 
-    Matrices lie in flat arrays: c[r, j] is at `c_at + r * c_row + j`, and so on. Nothing is checked.
+    Nothing is checked.
 
     Args:
-      n_rows: Rows of a and c.
-      n_columns: Columns of b and c; a multiple of `LANES`.
-      n_inner: Columns of a and rows of b, at least 1.
+      shape: Rows of a and c; columns of b and c, a multiple of `LANES`; columns of a and rows of b.
       start: What the sums begin with, the same in all rows.
-      start_at: Its first number.
       a: The first factor.
-      a_at: Its first number.
-      a_row: From one row to the next.
-      a_inner: From one column to the next.
-      b: The second factor.
-      b_at: Its first number.
-      b_inner: From one row to the next.
-      c: The product.
-      c_at: Its first number.
-      c_row: From one row to the next.
+      b: The second factor, from column to column 1.
+      c: The product, from column to column 1.
     """
+    n_rows, n_columns, n_inner = shape
+    (starts, start_at), (a_numbers, a_at, a_row, a_inner) = start, a
+    (b_numbers, b_at, b_inner, _), (c_numbers, c_at, c_row, _) = b, c
     for j in range(0, n_columns, LANES):
-        s, k, r = start_at + j, b_at + j, 0
-        while r + _ROWS <= n_rows:
-            i, o = a_at + r * a_row, c_at + r * c_row + j
-            _six(start, s, a, i, a_row, a_inner, b, k, b_inner, c, o, c_row, n_inner)
-            r += _ROWS
-        while r + 2 <= n_rows:
-            i, o = a_at + r * a_row, c_at + r * c_row + j
-            _two(start, s, a, i, a_row, a_inner, b, k, b_inner, c, o, c_row, n_inner)
-            r += 2
-        if r < n_rows:
-            i, o = a_at + r * a_row, c_at + r * c_row + j
-            _one(start, s, a, i, a_row, a_inner, b, k, b_inner, c, o, c_row, n_inner)
+        r = 0
+        while r < n_rows:
+            operands = (
+                starts, start_at + j, a_numbers, a_at + r * a_row, a_row, a_inner,
+                b_numbers, b_at + j, b_inner, c_numbers, c_at + r * c_row + j, c_row, n_inner,
+            )  # fmt: skip
+            if r + _ROWS <= n_rows:
+                _six(operands)
+                r += _ROWS
+            elif r + 2 <= n_rows:
+                _two(operands)
+                r += 2
+            else:
+                _one(operands)
+                r += 1
 
 
 def like(numbers: Any, value: Any) -> Any:

@@ -140,7 +140,6 @@ class NetAlgorithm:
     packages: tuple[str, ...] = ("numba",)
     batch_size: int = 1
     placement: Literal["thread", "process"] = "thread"
-    depends_on_batch: bool = False
     writes_logs: bool = False
 
     def train(

@@ -197,19 +197,16 @@ def forward(
     else:
         for r in range(n_rows):
             copy(scratch.rows[r * n_inputs : (r + 1) * n_inputs], inputs.rows[observed[r]])
-        multiply(
-            n_rows, width, n_inputs, values, biases_at, scratch.rows, 0, n_inputs, 1,
-            values, weights_at, width, hidden, 0, stride,
-        )  # fmt: skip
+        rows, weights = (scratch.rows, 0, n_inputs, 1), (values, weights_at, width, 1)
+        multiply((n_rows, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1))
     for i in range(1, len(layers.width)):
         before, here = (i - 1) * size, i * size
         for r in range(n_rows):
             _activate(hidden[before + r * stride : before + r * stride + width], layers.is_relu)
         n_in, width = width, layers.width[i]
-        multiply(
-            n_rows, width, n_in, values, layers.biases_at[i], hidden, before, stride, 1,
-            values, layers.weights_at[i], width, hidden, here, stride,
-        )  # fmt: skip
+        start, weights = (values, layers.biases_at[i]), (values, layers.weights_at[i], width, 1)
+        activated, output = (hidden, before, stride, 1), (hidden, here, stride, 1)
+        multiply((n_rows, width, n_in), start, activated, weights, output)
     return (len(layers.width) - 1) * size
 
 
@@ -234,22 +231,18 @@ def backward(
     """
     values, gradient = parameters.values, parameters.gradient
     hidden, slopes, transposed = scratch.hidden, scratch.slopes, scratch.transposed
-    stride, size = scratch.stride, scratch.n_rows * scratch.stride
+    stride, size, zeros = scratch.stride, scratch.n_rows * scratch.stride, (scratch.zeros, 0)
     for i in range(len(layers.width) - 1, 0, -1):
         width, n_in, n_out = layers.width[i], layers.width[i - 1], layers.n_outputs[i]
         weights_at, here, before = layers.weights_at[i], i * size, (i - 1) * size
         _sum_rows(slopes, here, stride, n_rows, gradient[layers.biases_at[i] : layers.biases_at[i] + width])
-        multiply(
-            n_in, width, n_rows, scratch.zeros, 0, hidden, before, 1, stride,
-            slopes, here, stride, gradient, weights_at, width,
-        )  # fmt: skip
+        activated, slope = (hidden, before, 1, stride), (slopes, here, stride, 1)
+        multiply((n_in, width, n_rows), zeros, activated, slope, (gradient, weights_at, width, 1))
         for k in range(n_in):
             for j in range(n_out):
                 transposed[j * n_in + k] = values[weights_at + k * width + j]
-        multiply(
-            n_rows, n_in, n_out, scratch.zeros, 0, slopes, here, stride, 1,
-            transposed, 0, n_in, slopes, before, stride,
-        )  # fmt: skip
+        weights = (transposed, 0, n_in, 1)
+        multiply((n_rows, n_in, n_out), zeros, slope, weights, (slopes, before, stride, 1))
         for r in range(n_rows):
             at = before + r * stride
             _slope_of_activation(slopes[at : at + n_in], hidden[at : at + n_in], layers.is_relu)
@@ -263,10 +256,8 @@ def backward(
                 at = weights_at + inputs.places[observed[r], part] * width
                 _add(gradient[at : at + width], slopes[r * stride : r * stride + width])
     else:
-        multiply(
-            n_inputs, width, n_rows, scratch.zeros, 0, scratch.rows, 0, 1, n_inputs,
-            slopes, 0, stride, gradient, weights_at, width,
-        )  # fmt: skip
+        rows, slope = (scratch.rows, 0, 1, n_inputs), (slopes, 0, stride, 1)
+        multiply((n_inputs, width, n_rows), zeros, rows, slope, (gradient, weights_at, width, 1))
 
 
 @inlined

@@ -27,7 +27,6 @@ class Sb3Algorithm:
     packages: tuple[str, ...] = ("stable_baselines3", "torch")
     batch_size: int = 1
     placement: Literal["thread", "process"] = "process"
-    depends_on_batch: bool = False
     writes_logs: bool = True
 
     @property

@@ -229,7 +229,6 @@ class TabularAlgorithm:
     packages: tuple[str, ...] = ("numba",)
     batch_size: int = 25
     placement: Literal["thread", "process"] = "thread"
-    depends_on_batch: bool = False
     writes_logs: bool = False
 
     @property

@@ -39,7 +39,6 @@ class PlainQLearning:
     packages: tuple[str, ...] = ()
     batch_size: int = 1
     placement: Literal["thread", "process"] = "process"
-    depends_on_batch: bool = False
     writes_logs: bool = False
 
     def train(

@@ -47,8 +47,8 @@ def run(
       runs: The wanted runs.
       store: Where records are stored. A failed run is stored with its error, and executed again next time.
       jobs: How many jobs to have under way at a time.
-      on_progress: Called with the records of the wanted runs of every job that has ended.
-      on_start: Called with the wanted runs of every job that starts.
+      on_progress: Called with the records of every job that has ended.
+      on_start: Called with every job that starts.
       logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
       executor: Executes all jobs; by default, each algorithm's placement decides.
 
@@ -58,9 +58,7 @@ def run(
     Raises:
       InputError: A package is missing that an algorithm needs.
     """
-    ended = store.ended()
     todo = pending(runs, store)
-    wanted = {run.digest for run in todo}
     check_packages(run.algorithm for run in todo)
     waiting = iter(plan(todo))
     executors: dict[str, Executor] = {}
@@ -73,16 +71,15 @@ def run(
         if name not in executors:
             executors[name] = (executor or load_executor(EXECUTORS[placement]))(jobs)
             stack.callback(executors[name].cancel)
-        on_start([run for run in job if run.digest in wanted])
+        on_start(job)
         submission = _Submission(job, now(), time.perf_counter())
         under_way[executors[name].submit(job, logs)] = submission
 
     def keep(future: Future[list[Record]]) -> None:
         records = _records(future, under_way[future])
-        # Runs that were trained again for the sake of others in their batch keep their first records.
-        store.add(record for record in records if record.digest not in ended)
+        store.add(records)
         errors.extend(record.error for record in records if record.error is not None)
-        on_progress([record for record in records if record.digest in wanted])
+        on_progress(records)
         del under_way[future]  # or its arrays would stay in memory
 
     try:

@@ -163,7 +163,7 @@ def _products_row(smoke: bool) -> Row:
 
     def multiply(a: Any, b: Any, c: Any, zeros: Any, times: int) -> None:
         for _ in range(times):
-            arithmetic.multiply(64, 128, 128, zeros, 0, a, 0, 128, 1, b, 0, 128, c, 0, 128)
+            arithmetic.multiply(shape, (zeros, 0), (a, 0, 128, 1), (b, 0, 128, 1), (c, 0, 128, 1))
 
     compiled = numba.njit(multiply)
 

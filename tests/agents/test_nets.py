@@ -525,7 +525,7 @@ def test_products_are_those_of_matrices_row_by_row(
 
     def product(first: int, last: int) -> NDArray[Any]:
         c = np.full((last - first, n_columns), np.nan, kind)
-        multiply(start, a.ravel(), first, b.ravel(), c.ravel(), *c.shape, n_inner)
+        multiply((*c.shape, n_inner), start, a.ravel(), first, b.ravel(), c.ravel())
         return c
 
     whole = product(0, n_rows)
@@ -535,14 +535,10 @@ def test_products_are_those_of_matrices_row_by_row(
         assert np.array_equal(product(r, r + 1)[0], whole[r])
 
 
-def _multiply(
-    start: Any, a: Any, first: int, b: Any, c: Any, n_rows: int, n_columns: int, n_inner: int
-) -> None:
+def _multiply(shape: Any, start: Any, a: Any, first: int, b: Any, c: Any) -> None:
     """Multiplies some columns of a, from the first on, by b."""
-    width = len(a) // n_inner
-    arithmetic.multiply(
-        n_rows, n_columns, n_inner, start, 0, a, first, 1, width, b, 0, n_columns, c, 0, n_columns
-    )
+    columns, rows = (a, first, 1, len(a) // shape[2]), (b, 0, shape[1], 1)
+    arithmetic.multiply(shape, (start, 0), columns, rows, (c, 0, shape[1], 1))
 
 
 def _each(numbers: Any, of: Any) -> Any:

@@ -39,7 +39,6 @@ class Planner:
     packages: tuple[str, ...] = ()
     batch_size: int = 5
     placement: Literal["thread", "process"] = "thread"
-    depends_on_batch: bool = False
     writes_logs: bool = False
 
     def train(

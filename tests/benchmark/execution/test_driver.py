@@ -16,7 +16,7 @@ from agents.dynamic_programming import evaluate
 from agents.policy import ALL_ACTIONS, mask_policy
 from benchmark.execution import job as execution
 from benchmark.execution.driver import pending, run
-from benchmark.execution.plan import Job, plan
+from benchmark.execution.plan import Job
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import (
     EXPERIMENT_DIRECTORY,
@@ -43,9 +43,8 @@ class Settings(LearnerSettings):
 
 @dataclass
 class Toy:
-    """An algorithm that learns a number: one that depends on the batch or on the seed, or an error."""
+    """An algorithm that learns a number, which depends on the seed, or raises an error."""
 
-    depends_on_batch: bool
     error: Exception | None = None
     version: int = 1
     family: Literal["tabular", "deep"] = "tabular"
@@ -69,8 +68,6 @@ class Toy:
         if self.error is not None:
             raise self.error
         learned = np.array([seed.generate_state(1)[0] for seed in seeds], dtype=np.float64)
-        if self.depends_on_batch:
-            learned += np.arange(1, len(seeds) + 1) @ learned
         n, steps, table = len(seeds), len(schedule.evaluation_steps), (model.n_observations, 5)
         return Training(
             greedy=np.full((n, steps, model.n_observations), ALL_ACTIONS, dtype=np.uint8),
@@ -85,8 +82,7 @@ class Toy:
         )
 
 
-BATCH = Toy(depends_on_batch=True)
-FICKLE = Toy(depends_on_batch=False)
+FICKLE = Toy()
 
 
 def toy_runs(name: str, seeds: Sequence[int]) -> list[RunSpecification]:
@@ -188,54 +184,3 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
         assert len(executed) < len(runs)
         assert run(runs, store, 3) == []
         assert pending(runs, store) == []
-
-
-# Algorithms whose bits depend on the batch
-
-
-def test_batches_are_whole_blocks_of_seeds() -> None:
-    jobs = plan(toy_runs("BATCH", [9, 2, 3]))
-    assert [[run.seed for run in job] for job in jobs] == [[8, 9, 10, 11], [0, 1, 2, 3]]
-
-
-def test_batches_do_not_depend_on_what_is_missing(tmp_path: Path) -> None:
-    wanted = toy_runs("BATCH", range(10))
-    with Store(tmp_path / "whole.db") as store:
-        assert run(wanted, store, jobs=2) == []
-        whole = learned(store, wanted)
-    reported: list[str] = []
-    with Store(tmp_path / "parts.db") as store:
-        assert run([wanted[5]], store, 1, lambda records: reported.extend(r.digest for r in records)) == []
-        assert reported == [wanted[5].digest]
-        assert pending(wanted, store) == wanted[:4] + wanted[8:]  # the rest of its block is done, too
-        assert run(wanted, store, jobs=2) == []
-        assert learned(store, wanted) == whole
-    alone = load_algorithm(wanted[5].algorithm).train(
-        compile_scenario(wanted[5].scenario),
-        wanted[5].settings,
-        "index",
-        [wanted[5].seed_sequence],
-        wanted[5].schedule,
-    )
-    assert alone.q[0, 0, 0] != whole[5]  # so that a batch of the missing runs alone would be noticed
-
-
-def test_runs_trained_again_for_their_batch_keep_their_records(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    runs = toy_runs("BATCH", range(4))
-    with Store(tmp_path / "runs.db") as store:
-        execute = execution.execute_job
-
-        def lose_one(job: Job, logs: Path | None) -> list[Record]:
-            return [*execute(job, logs)[:3], *execution.failures(job[3:], OSError("lost"), "", 0.0)]
-
-        with monkeypatch.context() as patch:
-            patch.setattr(execution, "execute_job", lose_one)
-            assert run(runs, store, 1) == ["OSError: lost"]
-        before = store.get([run.digest for run in runs])
-        monkeypatch.setattr(execution, "now", lambda: "later")
-        assert run(runs, store, 1) == []
-        after = store.get([run.digest for run in runs])
-    assert [record.provenance for record in after[:3]] == [record.provenance for record in before[:3]]
-    assert (after[3].status, after[3].provenance["started_at"]) == ("done", "later")
