@@ -35,7 +35,6 @@ DEFAULT_CONDITION: Final = "default"
 MOST_CONDITIONS: Final = 10_000  # of an experiment
 MOST_CONTRASTS: Final = 8  # of a protocol: each costs the others power
 _PAIR: Final = 2  # learners of a contrast
-_NOT_TAKEN: Final = "device"  # the setting that a check does not take: where the nets of its arm are computed
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
 _RESERVED: Final = ("speed", "speed_smoke", "growth", "growth_smoke", "*_partial", "*_seeds_*")
@@ -51,8 +50,8 @@ class Tuning(Table):
 class Arm(Table):
     """An algorithm with its settings, and the observations from which it learns.
 
-    A *check* of another arm learns the same by another implementation. It takes that arm's settings (but for
-    `device`), its group, its policy and, unless it names some of them, its observations.
+    A *check* of another arm learns the same by another implementation. It takes that arm's settings, its
+    group, its policy and, unless it names some of them, its observations.
     """
 
     algorithm: str
@@ -360,8 +359,6 @@ def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
             for key in ("observations", "group", "settings", "policy")
             if key in arms[checked]
         }
-        if isinstance(taken.get("settings"), dict):
-            taken["settings"] = {key: v for key, v in taken["settings"].items() if key != _NOT_TAKEN}
         own, accepted = arm.get("observations"), taken.get("observations")
         if isinstance(own, list) and isinstance(accepted, list):
             for observation in own:

@@ -43,7 +43,7 @@ def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
     elif name.endswith(("q_learning", "sarsa", "q_lambda")):
         expected = 0.9, "tabular", "thread"
     else:
-        expected = 0.99, "deep", "process"
+        expected = 0.99, "deep", "thread" if name.startswith("compiled_") else "process"
     assert (settings.discount_factor, algorithm.family, algorithm.placement) == expected
 
 

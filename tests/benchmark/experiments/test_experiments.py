@@ -201,14 +201,6 @@ def test_a_check_takes_settings_observations_and_group_from_the_arm_that_it_chec
         assert check.algorithm in (checked.algorithm.removeprefix("compiled_"), "q_learning_plain")
 
 
-def test_a_check_does_not_take_the_device(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    changes = '"algorithms.dqn.settings.device" = "cuda"'
-    path.write_text(f'extends = "compare_deep"\ndescription = ""\n[changes]\n{changes}\n')
-    arms = load_experiment(path).algorithms
-    assert arms["dqn"].settings == arms["dqn_sb3"].settings | {"device": "cuda"}
-
-
 def test_equivalence_shares_its_runs_with_the_comparison() -> None:
     compared = {run.digest for run in all_specifications(load_experiment("compare_deep"))}
     runs = all_specifications(load_experiment("equivalence"))
