@@ -38,8 +38,8 @@ _TOO_LARGE: Final = 10**_MOST_DIGITS
 # read from the metadata of an installation; a test compares it with pyproject.toml.
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "reproduce": (
-        "PIL", "jinja2", "llvmlite", "markupsafe", "matplotlib", "numba", "packaging", "pandas", "rich", "scipy",
-        "seaborn", "tabulate",
+        "PIL", "jinja2", "llvmlite", "markupsafe", "matplotlib", "numba", "packaging", "pandas", "rich",
+        "scipy", "seaborn", "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
     "cluster": ("distributed",),

@@ -254,29 +254,20 @@ def makespan(durations: Sequence[float], places: int) -> float:
 def _ladder(job: Job) -> Iterator[tuple[int, int]]:
     """Yields agents and budgets of small jobs, the first one twice, up to the whole job.
 
-    How long a net takes depends on how many are trained together, so nets get all agents before more budget.
-    How long it takes to evaluate a table depends on how much it has learned: it gets the whole budget first.
+    How long it takes to evaluate a table depends on how much it has learned: so the whole budget comes first.
     """
     settings = job[0].settings
     rollout, budget = getattr(settings, "rollout", 1), settings.budget
     first = _idle(job[0]) + max(1, budget // _FIRST_PART)
-    first = min(math.ceil(first / rollout) * rollout, budget)
-    budgets = [first]
-    is_deep = load_algorithm(job[0].algorithm).family == "deep"
+    budgets = [min(math.ceil(first / rollout) * rollout, budget)]
     while budgets[-1] < budget:
-        grown = budgets[-1] * (2 if is_deep else 4)
-        budgets.append(min(math.ceil(grown / rollout) * rollout, budget))
-    few = min(_FIRST_AGENTS, len(job))
-    agents = [few]
+        budgets.append(min(math.ceil(4 * budgets[-1] / rollout) * rollout, budget))
+    agents = [min(_FIRST_AGENTS, len(job))]
     while agents[-1] < len(job):
-        agents.append(len(job) if is_deep else min(agents[-1] * 2, len(job)))
-    yield few, first
-    if is_deep:
-        yield from ((n, first) for n in agents)
-        yield from ((agents[-1], n_units) for n_units in budgets[1:])
-    else:
-        yield from ((few, n_units) for n_units in budgets)
-        yield from ((n, budget) for n in agents[1:])
+        agents.append(min(agents[-1] * 2, len(job)))
+    yield agents[0], budgets[0]
+    yield from ((agents[0], n_units) for n_units in budgets)
+    yield from ((n, budget) for n in agents[1:])
 
 
 def _small(job: Job, agents: int, budget: int) -> Job:

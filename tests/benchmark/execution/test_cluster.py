@@ -207,7 +207,7 @@ def slow(tmp_path: Path) -> Path:
 def expected(mixed: Path) -> list[Record]:
     """All its records, each job executed in this process."""
     jobs = plan(all_specifications(load_experiment(mixed)))
-    assert len(jobs) == 6
+    assert len(jobs) == 7
     return [record for job in jobs for record in execute_job(job)]
 
 
