@@ -121,7 +121,8 @@ class DqnAgent:
     ) -> None:
         """Makes an agent that has drawn its first weights and starts."""
         n_envs, n_updates = settings.n_envs, settings.gradient_steps
-        n_observations, n_rows = model.n_observations, max(settings.batch_size, n_envs)
+        n_observations = model.n_observations
+        n_rows = max(min(settings.batch_size, n_observations), n_envs)
         process = process_of(model)
         inputs, n_inputs = net.inputs_of(model, observation, kind)
         hidden = settings.policy_kwargs.net_arch
@@ -243,9 +244,9 @@ def _best(values: Numbers, at: int) -> int:
 @inlined
 def _synchronise(values: Numbers, target: Target, tau: float) -> None:
     """Moves the target net towards the net by a share."""
-    share = like(values, tau)
+    kept, share = like(values, 1.0 - tau), like(values, tau)
     for i in range(len(values)):
-        target.values[i] += share * (values[i] - target.values[i])
+        target.values[i] = kept * target.values[i] + share * values[i]
     target.n_synchronised[0] += 1
 
 

@@ -134,7 +134,8 @@ class PpoAgent:
         kind: type[np.floating[Any]],
     ) -> None:
         """Makes an agent that has drawn its first weights and starts."""
-        n_observations, n_rows, first = model.n_observations, settings.batch_size, 0
+        n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
+        first = 0
         process = process_of(model)
         inputs, n_inputs = net.inputs_of(model, observation, kind)
         self._nets: list[Net] = []
@@ -362,7 +363,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
         divergence += (ratio - 1.0 - log_ratio) / n_rows
         advantage = (rollout.advantage[i] - mean) / deviation
         clipped = min(max(ratio, 1.0 - constants.clip_range), 1.0 + constants.clip_range)
-        slope = advantage * ratio if advantage * ratio <= advantage * clipped else 0.0
+        slope = 0.0 if advantage * ratio > advantage * clipped else advantage * ratio
         entropy = 0.0
         for a in range(N_ACTIONS):
             entropy -= batch.probability[r, a] * batch.log_probability[r, a]
@@ -378,21 +379,13 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
 @inlined
 def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> None:
     """Computes the slopes of the squared error by the critic's outputs."""
-    rollout, merged, constants, scratch = (
-        agent.rollout,
-        agent.batch.merged,
-        agent.constants,
-        agent.critic.scratch,
-    )
-    slopes, values = scratch.slopes, agent.parameters.values
+    rollout, merged, constants = agent.rollout, agent.batch.merged, agent.constants
+    scratch, slopes, values = agent.critic.scratch, agent.critic.scratch.slopes, agent.parameters.values
     at = forward(agent.critic.layers, agent.inputs, values, merged.distinct, n_distinct, scratch)
     clear(slopes[at : at + n_distinct * scratch.stride])
     for i in chosen:
-        row, old = (
-            at + merged.place[rollout.observed[i]] * scratch.stride,
-            agent.known.value[rollout.observed[i]],
-        )
-        change = float(scratch.hidden[row] - old)
-        if abs(change) <= constants.clip_range_vf:
-            error = old + change - rollout.value_target[i]
-            slopes[row] += 2.0 * constants.vf_coef * error / len(chosen)
+        o = rollout.observed[i]
+        row = at + merged.place[o] * scratch.stride
+        value = scratch.hidden[row]
+        if not abs(value - agent.known.value[o]) > constants.clip_range_vf:
+            slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)

@@ -240,6 +240,8 @@ DQN_CHANGES: list[dict[str, Any]] = [
         "gradient_steps": 2,
     },
     {"exploration_initial_eps": 0.9, "exploration_final_eps": 0.2, "exploration_fraction": 0.3},
+    # More envs than rows of a mini-batch, and a single row of the buffer.
+    {"n_envs": 40, "batch_size": 8, "buffer_size": 20, "tau": 0.0, "train_freq": 1, "gradient_steps": 20},
     # Greedy from the start.
     {
         "exploration_initial_eps": 0.0,
@@ -339,7 +341,7 @@ PPO_CHANGES: list[dict[str, Any]] = [
     {"normalize_advantage": False, "max_grad_norm": 0.05, "time_limit": 7},
     {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5},
     {"n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None},
-    {"batch_size": 64, "n_epochs": 20},
+    {"batch_size": 64, "n_epochs": 20},  # more than a rollout has
 ]
 
 
@@ -493,7 +495,7 @@ def digest_of_all() -> str:
 
 
 # Of every processor. A change that is meant to alter it has to raise `agents.nets.learner.VERSION`.
-DIGEST = "618d6f372ceb3e539a2d15c663825bee219f24c03f8554f43db6143f72d0bf4f"
+DIGEST = "06bf44f731d10b908e588ff7c91fd44ce9624415256c8eee7172e92e4b17f479"
 AVX_512 = "avx512f" in llvmlite.binding.get_host_cpu_features().flatten()
 
 
