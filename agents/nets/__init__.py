@@ -1,1 +1,1 @@
-"""DQN and PPO as Stable-Baselines3 has them, compiled, one agent at a time."""
+"""DQN and PPO with the updates of Stable-Baselines3, compiled, one agent at a time."""

@@ -1,8 +1,7 @@
 """DQN (Mnih et al. 2015) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-Observations are few and come again. So what the target net says of one is kept until the next
-synchronisation, and a mini-batch in which an observation occurs several times has one row for it. That
-changes no result but the order of sums.
+There are few observations, and they recur. So the target net's values are kept until the next
+synchronisation, and a mini-batch computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of its envs takes a number that decides whether
 to explore, and for each env one for a random action, what `agents.process.step` draws, and one for the next
@@ -21,18 +20,7 @@ from numpy.typing import NDArray
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Numbers, inlined, like
-from agents.nets.net import (
-    Inputs,
-    Layers,
-    Merged,
-    Parameters,
-    Scratch,
-    backward,
-    clear,
-    forward,
-    learn,
-    merge,
-)
+from agents.nets.net import Merged, Net, Parameters
 from agents.nets.walk import Walk, count, draw, streams_of, take, walk_of
 from agents.process import N_ACTIONS, Process, process_of
 from agents.sb3.settings import DqnSettings
@@ -53,7 +41,7 @@ class Constants(NamedTuple):
     exploration_fraction: float
     n_steps: int
     gamma: float
-    n_synchronised: int  # steps of the envs from one synchronisation to the next
+    synchronised_every: int  # steps of the envs
     tau: float
     learning_rate: float
     max_grad_norm: float
@@ -94,13 +82,11 @@ class Dqn(NamedTuple):
 
     process: Process
     constants: Constants
-    layers: Layers
-    inputs: Inputs
+    net: Net
     parameters: Parameters
     target: Target
     replay: Replay
     batch: Batch
-    scratch: Scratch
     walk: Walk
     stream: NDArray[np.uint64]  # (4,) of the mini-batches
 
@@ -124,25 +110,23 @@ class DqnAgent:
         n_observations = model.n_observations
         n_rows = max(min(settings.batch_size, n_observations), n_envs)
         process = process_of(model)
-        inputs, n_inputs = net.inputs_of(model, observation, kind)
         hidden = settings.policy_kwargs.net_arch
-        layers = net.layers_of(n_inputs, hidden, N_ACTIONS, 0, is_relu=True)
-        self.parameters = net.parameters_of(net.end_of(layers), kind)
+        q_net = net.net_of(model, observation, hidden, N_ACTIONS, 0, n_rows, kind, is_relu=True)
+        self.parameters = net.parameters_of(q_net.end, kind)
         acting, learning, drawing = streams_of(seed)
-        net.draw_uniform(layers, self.parameters.values, drawing)
+        net.draw_uniform(q_net, self.parameters.values, drawing)
         self.walk = walk_of(process, model, settings, acting, points)
         rows = max(settings.arguments["buffer_size"] // n_envs, 1), n_envs
         same = {name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)}
         changed = {
             "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
-            "n_synchronised": max(settings.target_update_interval // n_envs, 1),
+            "synchronised_every": max(settings.target_update_interval // n_envs, 1),
         }
         batch = (np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4"))
         self._agent = Dqn(
             process=process,
             constants=Constants(**same | changed),
-            layers=layers,
-            inputs=inputs,
+            net=q_net,
             parameters=self.parameters,
             target=Target(
                 values=self.parameters.values.copy(),
@@ -152,7 +136,6 @@ class DqnAgent:
             ),
             replay=Replay(*(np.zeros(rows, dtype) for dtype in ("i4", "i1", "f4", "i4", "?"))),
             batch=Batch(*batch, merged=net.merged_of(n_observations, n_rows)),  # type: ignore[arg-type,misc]
-            scratch=net.scratch_of(layers, n_rows, kind),
             walk=self.walk,
             stream=learning,
         )
@@ -163,14 +146,13 @@ class DqnAgent:
 
     def table(self) -> Numbers:
         """Returns the action values of all observations, (O, A)."""
-        agent = self._agent
         table = np.empty((self.walk.n_observations, N_ACTIONS), self.parameters.values.dtype)
-        net.read(agent.layers, agent.inputs, self.parameters.values, agent.scratch, table)
+        net.read(self._agent.net, self.parameters.values, table)
         return table
 
     def weights(self) -> list[Numbers]:
         """Returns weights (inputs, outputs) and biases (outputs,) of each layer in turn."""
-        return list(net.unpadded(self._agent.layers, self.parameters.values))
+        return list(net.unpadded(self._agent.net, self.parameters.values))
 
 
 @inlined
@@ -194,7 +176,7 @@ def _advance(agent: Dqn, until: int) -> None:
     while walk.taken[0] < until:
         for _ in range(constants.train_freq):
             _act(agent)
-            if walk.taken[0] // len(walk.state) % constants.n_synchronised == 0:
+            if walk.taken[0] // len(walk.state) % constants.synchronised_every == 0:
                 _synchronise(agent.parameters.values, agent.target, constants.tau)
         if walk.taken[0] > constants.learning_starts:
             for _ in range(constants.gradient_steps):
@@ -210,7 +192,7 @@ def _act(agent: Dqn) -> None:
     As in Stable-Baselines3, one draw decides whether all envs explore, and the first of several best actions
     is greedy.
     """
-    replay, walk, scratch, observed = agent.replay, agent.walk, agent.scratch, agent.scratch.observed
+    replay, walk, observed = agent.replay, agent.walk, agent.net.observed
     n_envs = len(walk.state)
     row = walk.taken[0] // n_envs % len(replay.reward)
     explores = draw(walk.stream) < exploration_rate(agent.constants, walk.taken[0])
@@ -218,11 +200,11 @@ def _act(agent: Dqn) -> None:
         replay.observation[row, e] = observed[e] = agent.process.observation[walk.state[e]]
     at = 0
     if not explores:
-        at = forward(agent.layers, agent.inputs, agent.parameters.values, observed, n_envs, scratch)
+        at = net.forward(agent.net, agent.parameters.values, observed, n_envs)
     for e in range(n_envs):
         action = int(draw(walk.stream) * N_ACTIONS)
         if not explores:
-            action = _best(scratch.hidden, at + e * scratch.stride)
+            action = _best(agent.net.hidden, at + e * agent.net.stride)
         reward, following, truncates = take(agent.process, walk, e, action)
         replay.action[row, e] = action
         replay.reward[row, e] = reward
@@ -282,18 +264,18 @@ def _draw_batch(agent: Dqn) -> None:
 @inlined
 def _add_next_values(agent: Dqn) -> None:
     """Adds what follows on the returns, by the target net, which is read for what is not known of it."""
-    target, batch, scratch, n_unknown = agent.target, agent.batch, agent.scratch, 0
-    unknown, terminal = scratch.observed, agent.walk.n_observations
+    target, batch, q_net, n_unknown = agent.target, agent.batch, agent.net, 0
+    unknown, terminal = q_net.observed, agent.walk.n_observations
     for o in batch.next_observed:
         if o != terminal and target.known_at[o] != target.n_synchronised[0]:
             target.known_at[o] = target.n_synchronised[0]
             unknown[n_unknown] = o
             n_unknown += 1
     if n_unknown:
-        at = forward(agent.layers, agent.inputs, target.values, unknown, n_unknown, scratch)
+        at = net.forward(q_net, target.values, unknown, n_unknown)
         for i in range(n_unknown):
-            row = at + i * scratch.stride
-            target.next_value[unknown[i]] = scratch.hidden[row + _best(scratch.hidden, row)]
+            row = at + i * q_net.stride
+            target.next_value[unknown[i]] = q_net.hidden[row + _best(q_net.hidden, row)]
     for b in range(len(batch.target)):
         if batch.next_observed[b] != terminal:
             batch.target[b] += batch.discount[b] * target.next_value[batch.next_observed[b]]
@@ -302,16 +284,14 @@ def _add_next_values(agent: Dqn) -> None:
 @inlined
 def _update(agent: Dqn) -> None:
     """Makes a gradient step by the Huber loss."""
-    layers, inputs, parameters, scratch = agent.layers, agent.inputs, agent.parameters, agent.scratch
-    batch, merged, constants = agent.batch, agent.batch.merged, agent.constants
-    n_distinct = merge(batch.observed, merged)
-    at = forward(layers, inputs, parameters.values, merged.distinct, n_distinct, scratch)
-    one = like(batch.target, 1)
-    share = like(batch.target, 1.0 / len(batch.observed))
-    clear(scratch.slopes[at : at + n_distinct * scratch.stride])
+    q_net, parameters, batch, merged = agent.net, agent.parameters, agent.batch, agent.batch.merged
+    n_distinct = net.merge(batch.observed, merged)
+    at = net.forward(q_net, parameters.values, merged.distinct, n_distinct)
+    one, share = like(batch.target, 1), like(batch.target, 1.0 / len(batch.observed))
+    net.clear(q_net.slopes[at : at + n_distinct * q_net.stride])
     for b in range(len(batch.observed)):
-        i = at + merged.place[batch.observed[b]] * scratch.stride + batch.action[b]
-        error = scratch.hidden[i] - batch.target[b]
-        scratch.slopes[i] += share * (one if error > one else -one if error < -one else error)
-    backward(layers, inputs, parameters, merged.distinct, n_distinct, scratch)
-    learn(parameters, constants.learning_rate, _EPSILON, constants.max_grad_norm)
+        i = at + merged.place[batch.observed[b]] * q_net.stride + batch.action[b]
+        error = q_net.hidden[i] - batch.target[b]
+        q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
+    net.backward(q_net, parameters, merged.distinct, n_distinct)
+    net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)

@@ -1,4 +1,4 @@
-"""Trains nets one after the other, and keeps what is known of them at the evaluation steps."""
+"""Trains nets one after the other, and records them at the evaluation steps."""
 
 import hashlib
 import time
@@ -19,9 +19,9 @@ from agents.nets.net import Parameters
 from agents.nets.ppo import PpoAgent
 from agents.nets.walk import Walk
 from agents.policy import ALL_ACTIONS
+from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
-from envs.model import ACTIONS
 
 VERSION: Final = 2  # part of every run's identity: raise it when a change alters what is learned
 
@@ -37,47 +37,10 @@ class Agent(Protocol):
         """Trains until so many steps are done, a whole number of rollouts."""
 
     def table(self) -> Numbers:
-        """Returns what the net says of all observations, (O, A)."""
+        """Returns action values or probabilities of all observations, (O, A)."""
 
     def weights(self) -> list[Numbers]:
         """Returns weights (inputs, outputs) and biases (outputs,) of each layer in turn."""
-
-
-def train(
-    make: Callable[..., Agent],
-    model: Model,
-    settings: Sb3Settings,
-    observation: str,
-    seeds: Sequence[SeedSequence],
-    schedule: Schedule,
-    kind: type[np.floating[Any]] = np.float32,
-) -> DeepTraining:
-    """Trains one agent per seed.
-
-    Args:
-      make: `agents.nets.dqn.DqnAgent` or `agents.nets.ppo.PpoAgent`.
-      model: Compiled scenario.
-      settings: The same for all agents.
-      observation: `"one_hot"` or `"coordinates"`.
-      seeds: One per agent.
-      schedule: When to keep policies and values, in environment steps.
-      kind: In which numbers nets compute.
-
-    Raises:
-      ValueError: There are no seeds, or the schedule is for another budget.
-    """
-    check_request(settings, seeds, schedule)
-    points = np.array(schedule.evaluation_steps, np.int64)
-    compiling = make(model, settings, observation, points, seeds[0], kind)  # before the clock runs
-    compiling.advance(0)
-    compiling.table()
-    agents = [
-        _train_agent(
-            make(model, settings, observation, points, seed, kind), settings.rollout, model, schedule
-        )
-        for seed in seeds
-    ]
-    return DeepTraining(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
 def _train_agent(agent: Agent, rollout: int, model: Model, schedule: Schedule) -> dict[str, NDArray[Any]]:
@@ -86,10 +49,10 @@ def _train_agent(agent: Agent, rollout: int, model: Model, schedule: Schedule) -
     The policy changes only between rollouts, so the policy at a rollout's start is that of every evaluation
     step from there to the next rollout.
     """
-    points, n_actions = schedule.evaluation_steps, len(ACTIONS)
+    points = schedule.evaluation_steps
     shape = len(points), model.n_observations
     greedy = np.full(shape, ALL_ACTIONS, np.uint8)  # a policy that is not finite counts as the random one
-    tables = np.full((*shape, n_actions), np.nan)
+    tables = np.full((*shape, N_ACTIONS), np.nan)
     cpu_time_s = np.zeros(len(points))
     seconds, diverged_at = 0.0, -1
 
@@ -99,6 +62,7 @@ def _train_agent(agent: Agent, rollout: int, model: Model, schedule: Schedule) -
         agent.advance(until)
         seconds += time.thread_time() - started_s
 
+    agent.advance(0)  # compiles before the clock runs
     for start, group in groupby(range(len(points)), lambda i: points[i] // rollout * rollout):
         indices = list(group)
         advance(start)
@@ -112,12 +76,12 @@ def _train_agent(agent: Agent, rollout: int, model: Model, schedule: Schedule) -
         tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
     if diverged_at < 0:
         advance(schedule.budget)
-    q = agent.table().astype(np.float64) if agent.is_value else np.empty((0, n_actions))
+    q = agent.table().astype(np.float64) if agent.is_value else np.empty((0, N_ACTIONS))
     weights = hashlib.sha256(b"".join(part.tobytes() for part in agent.weights()))
     return {
         "greedy": greedy,
         "q": q if diverged_at < 0 else np.full_like(q, np.nan),
-        "stochastic": (tables[:0] if agent.is_value else np.where(np.isnan(tables), 1 / n_actions, tables)),
+        "stochastic": (tables[:0] if agent.is_value else np.where(np.isnan(tables), 1 / N_ACTIONS, tables)),
         "values": tables[schedule.is_mapped].astype(np.float32),
         "disagreements": agent.walk.counts,
         "cpu_time_s": cpu_time_s,
@@ -151,8 +115,14 @@ class NetAlgorithm:
         schedule: Schedule,
         logs: Sequence[Path] = (),  # noqa: ARG002
     ) -> DeepTraining:
-        """Trains by `train`."""
-        return train(self.agent, model, settings, observation, seeds, schedule)
+        """Trains one agent per seed, see `agents.contract.Algorithm`."""
+        check_request(settings, seeds, schedule)
+        points = np.array(schedule.evaluation_steps, np.int64)
+        trained = []
+        for seed in seeds:
+            agent = self.agent(model, settings, observation, points, seed, np.float32)
+            trained.append(_train_agent(agent, settings.rollout, model, schedule))
+        return DeepTraining(**{key: np.stack([fields[key] for fields in trained]) for key in trained[0]})
 
 
 DQN: Final = NetAlgorithm(DqnAgent, DqnSettings)

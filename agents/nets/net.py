@@ -25,37 +25,26 @@ _LEAST: Final = 1e-30  # smaller moments count as zero: denormal numbers would s
 _SUMS: Final = 256  # partial sums of a norm, so that they fill vector registers
 
 
-class Layers(NamedTuple):
-    """The shape of a net, and where its parameters lie; activation follows each layer but the last."""
+class Net(NamedTuple):
+    """A net's shape, where its parameters lie, what it reads, and room for calls, where rows are W apart."""
 
     n_inputs: int
     n_outputs: NDArray[np.int64]  # (L,)
     width: NDArray[np.int64]  # (L,) of the outputs, with padding
-    weights_at: NDArray[
-        np.int64
-    ]  # (L,) of the (inputs, width) weights; those of inputs that are padding are zero
+    weights_at: NDArray[np.int64]  # (L,) of weights (inputs with padding, width)
     biases_at: NDArray[np.int64]  # (L,)
-    is_relu: bool  # else tanh
-
-
-class Inputs(NamedTuple):
-    """What nets read of each observation: one of the two arrays, while the other has no columns."""
-
-    places: NDArray[np.int32]  # (O, parts) which inputs are 1, if all others are 0
-    rows: Numbers  # (O, inputs)
-
-
-class Scratch(NamedTuple):
-    """What `forward` leaves and `backward` reads; rows are W apart."""
-
+    end: int  # of its parameters
+    is_relu: bool  # what follows each layer but the last, else tanh
+    places: NDArray[np.int32]  # (O, parts) which inputs are 1, if all others are 0; else (O, 0)
+    table: Numbers  # (O, inputs) if they are not; else (O, 0)
+    n_rows: int  # B
+    stride: int  # W
     observed: NDArray[np.int32]  # (B,)
     rows: Numbers  # (B * inputs,)
     hidden: Numbers  # (L * B * W,) outputs of each layer after activation
     slopes: Numbers  # (L * B * W,) of the loss by the outputs of each layer before activation
     transposed: Numbers  # (W * W,) weights
     zeros: Numbers  # (W,)
-    n_rows: int  # B
-    stride: int  # W
 
 
 class Merged(NamedTuple):
@@ -79,48 +68,43 @@ class Parameters(NamedTuple):
     n_steps: NDArray[np.int64]  # (1,)
 
 
-def layers_of(n_inputs: int, hidden: Sequence[int], n_outputs: int, first: int, *, is_relu: bool) -> Layers:
-    """Returns the shape of a net whose parameters begin at a place of the flat arrays."""
-    sizes = [n_inputs, *hidden, n_outputs]
-    weights_at, biases_at, n_in = [], [], n_inputs
-    for n_out in sizes[1:]:
-        width = _padded(n_out)
-        weights_at.append(first)
-        biases_at.append(first + n_in * width)
-        first, n_in = biases_at[-1] + width, width
-    return Layers(
-        n_inputs=n_inputs,
-        n_outputs=np.array(sizes[1:]),
-        width=np.array([_padded(n) for n in sizes[1:]]),
-        weights_at=np.array(weights_at),
-        biases_at=np.array(biases_at),
-        is_relu=is_relu,
+def net_of(
+    model: Model,
+    observation: str,
+    hidden: Sequence[int],
+    n_outputs: int,
+    first: int,
+    n_rows: int,
+    kind: type[np.floating[Any]],
+    *,
+    is_relu: bool,
+) -> Net:
+    """Returns a net whose parameters begin at a place of the flat arrays, for calls with at most B rows."""
+    is_sparse, n_observations = observation == "one_hot", model.n_observations
+    places = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
+    table = np.empty((n_observations, 0)) if is_sparse else observation_table(model, observation)
+    n_inputs = sum(part.size for part in model.parts) if is_sparse else table.shape[1]
+    outputs = np.array([*hidden, n_outputs])
+    width = -(-outputs // LANES) * LANES
+    sizes = np.array([n_inputs, *width[:-1]]) * width
+    biases_at = first + np.cumsum(sizes + width) - width
+    stride = int(width.max())
+    rooms = n_rows * n_inputs, width.size * n_rows * stride, width.size * n_rows * stride, stride**2, stride
+    return Net(
+        n_inputs,
+        outputs,
+        width,
+        biases_at - sizes,
+        biases_at,
+        int(biases_at[-1] + width[-1]),
+        is_relu,
+        places.astype(np.int32),
+        table.astype(kind),
+        n_rows,
+        stride,
+        np.zeros(n_rows, np.int32),
+        *(np.zeros(size, kind) for size in rooms),
     )
-
-
-def end_of(layers: Layers) -> int:
-    """Returns where the parameters of a net end."""
-    return int(layers.biases_at[-1] + layers.width[-1])
-
-
-def inputs_of(model: Model, observation: str, kind: type[np.floating[Any]]) -> tuple[Inputs, int]:
-    """Returns what nets read of each observation, and the number of their inputs."""
-    none = (model.n_observations, 0)
-    if observation == "one_hot":
-        places = observation_blocks(model).astype(np.int32)
-        return Inputs(places, np.empty(none, kind)), sum(part.size for part in model.parts)
-    rows = observation_table(model, observation).astype(kind)
-    return Inputs(np.empty(none, np.int32), rows), rows.shape[1]
-
-
-def scratch_of(layers: Layers, n_rows: int, kind: type[np.floating[Any]]) -> Scratch:
-    """Returns arrays for calls with at most so many rows."""
-    stride = int(layers.width.max())
-    outputs = len(layers.width) * n_rows * stride
-    sizes = n_rows * layers.n_inputs, outputs, outputs, stride * stride, stride
-    rows, hidden, slopes, transposed, zeros = (np.zeros(size, kind) for size in sizes)
-    observed = np.zeros(n_rows, np.int32)
-    return Scratch(observed, rows, hidden, slopes, transposed, zeros, n_rows, stride)
 
 
 def parameters_of(n_parameters: int, kind: type[np.floating[Any]]) -> Parameters:
@@ -137,16 +121,12 @@ def merged_of(n_observations: int, n_rows: int) -> Merged:
     return Merged(np.zeros(n_rows, np.int32), place, met_at, np.zeros(1, np.int64))
 
 
-def unpadded(layers: Layers, values: Numbers) -> Iterator[Numbers]:
+def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
     """Returns weights (inputs, outputs) and biases (outputs,) of each layer in turn, as views."""
-    n_ins = [layers.n_inputs, *layers.n_outputs[:-1]]
-    for n_in, n_out, width, w, b in zip(n_ins, *layers[1:5], strict=True):
+    n_ins = [net.n_inputs, *net.n_outputs[:-1]]
+    for n_in, n_out, width, w, b in zip(n_ins, *net[1:5], strict=True):
         yield values[w : w + n_in * width].reshape(n_in, width)[:, :n_out]
         yield values[b : b + n_out]
-
-
-def _padded(n: int) -> int:
-    return math.ceil(n / LANES) * LANES
 
 
 @inlined
@@ -162,80 +142,52 @@ def merge(observed: NDArray[np.int32], merged: Merged) -> int:
 
 
 @inlined
-def forward(
-    layers: Layers,
-    inputs: Inputs,
-    values: Numbers,
-    observed: NDArray[np.int32],
-    n_rows: int,
-    scratch: Scratch,
-) -> int:
-    """Computes the outputs for some observations.
-
-    Args:
-      layers: The net.
-      inputs: What it reads.
-      values: Its parameters.
-      observed: The observations, at least `n_rows`.
-      n_rows: Their number, at most B.
-      scratch: Where to write.
+def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int) -> int:
+    """Computes the outputs for the first of some observations, at most B.
 
     Returns:
-      Where the first row of the outputs is in `scratch.hidden`; rows are W apart.
+      Where the first row of the outputs is in `net.hidden`; rows are W apart.
     """
-    hidden, stride, size = scratch.hidden, scratch.stride, scratch.n_rows * scratch.stride
-    width, n_inputs = layers.width[0], layers.n_inputs
-    weights_at, biases_at = layers.weights_at[0], layers.biases_at[0]
-    if inputs.places.shape[1] > 0:
+    hidden, stride, size = net.hidden, net.stride, net.n_rows * net.stride
+    width, n_inputs = net.width[0], net.n_inputs
+    weights_at, biases_at = net.weights_at[0], net.biases_at[0]
+    if net.places.shape[1] > 0:
         biases = values[biases_at : biases_at + width]
         for r in range(n_rows):
             total = hidden[r * stride : r * stride + width]
-            copy(total, biases)
-            for part in range(inputs.places.shape[1]):
-                at = weights_at + inputs.places[observed[r], part] * width
+            _copy(total, biases)
+            for part in range(net.places.shape[1]):
+                at = weights_at + net.places[observed[r], part] * width
                 _add(total, values[at : at + width])
     else:
         for r in range(n_rows):
-            copy(scratch.rows[r * n_inputs : (r + 1) * n_inputs], inputs.rows[observed[r]])
-        rows, weights = (scratch.rows, 0, n_inputs, 1), (values, weights_at, width, 1)
+            _copy(net.rows[r * n_inputs : (r + 1) * n_inputs], net.table[observed[r]])
+        rows, weights = (net.rows, 0, n_inputs, 1), (values, weights_at, width, 1)
         multiply((n_rows, width, n_inputs), (values, biases_at), rows, weights, (hidden, 0, stride, 1))
-    for i in range(1, len(layers.width)):
+    for i in range(1, len(net.width)):
         before, here = (i - 1) * size, i * size
         for r in range(n_rows):
-            _activate(hidden[before + r * stride : before + r * stride + width], layers.is_relu)
-        n_in, width = width, layers.width[i]
-        start, weights = (values, layers.biases_at[i]), (values, layers.weights_at[i], width, 1)
+            _activate(hidden[before + r * stride : before + r * stride + width], net.is_relu)
+        n_in, width = width, net.width[i]
+        start, weights = (values, net.biases_at[i]), (values, net.weights_at[i], width, 1)
         activated, output = (hidden, before, stride, 1), (hidden, here, stride, 1)
         multiply((n_rows, width, n_in), start, activated, weights, output)
-    return (len(layers.width) - 1) * size
+    return (len(net.width) - 1) * size
 
 
 @inlined
-def backward(
-    layers: Layers,
-    inputs: Inputs,
-    parameters: Parameters,
-    observed: NDArray[np.int32],
-    n_rows: int,
-    scratch: Scratch,
-) -> None:
+def backward(net: Net, parameters: Parameters, observed: NDArray[np.int32], n_rows: int) -> None:
     """Computes the gradient of a loss, after `forward` for the same observations.
 
-    Args:
-      layers: The net.
-      inputs: What it reads.
-      parameters: Its parameters; their gradient is written.
-      observed: The observations, at least `n_rows`.
-      n_rows: Their number, at most B.
-      scratch: As `forward` left it; its `slopes` have those of the last layer where its outputs are.
+    `net.slopes` has the slopes of the loss by the outputs, where `net.hidden` has the outputs.
     """
     values, gradient = parameters.values, parameters.gradient
-    hidden, slopes, transposed = scratch.hidden, scratch.slopes, scratch.transposed
-    stride, size, zeros = scratch.stride, scratch.n_rows * scratch.stride, (scratch.zeros, 0)
-    for i in range(len(layers.width) - 1, 0, -1):
-        width, n_in, n_out = layers.width[i], layers.width[i - 1], layers.n_outputs[i]
-        weights_at, here, before = layers.weights_at[i], i * size, (i - 1) * size
-        _sum_rows(slopes, here, stride, n_rows, gradient[layers.biases_at[i] : layers.biases_at[i] + width])
+    hidden, slopes, transposed = net.hidden, net.slopes, net.transposed
+    stride, size, zeros = net.stride, net.n_rows * net.stride, (net.zeros, 0)
+    for i in range(len(net.width) - 1, 0, -1):
+        width, n_in, n_out = net.width[i], net.width[i - 1], net.n_outputs[i]
+        weights_at, here, before = net.weights_at[i], i * size, (i - 1) * size
+        _sum_rows(slopes, here, stride, n_rows, gradient[net.biases_at[i] : net.biases_at[i] + width])
         activated, slope = (hidden, before, 1, stride), (slopes, here, stride, 1)
         multiply((n_in, width, n_rows), zeros, activated, slope, (gradient, weights_at, width, 1))
         for k in range(n_in):
@@ -245,18 +197,18 @@ def backward(
         multiply((n_rows, n_in, n_out), zeros, slope, weights, (slopes, before, stride, 1))
         for r in range(n_rows):
             at = before + r * stride
-            _slope_of_activation(slopes[at : at + n_in], hidden[at : at + n_in], layers.is_relu)
-    width, n_inputs = layers.width[0], layers.n_inputs
-    weights_at, biases_at = layers.weights_at[0], layers.biases_at[0]
+            _slope_of_activation(slopes[at : at + n_in], hidden[at : at + n_in], net.is_relu)
+    width, n_inputs = net.width[0], net.n_inputs
+    weights_at, biases_at = net.weights_at[0], net.biases_at[0]
     _sum_rows(slopes, 0, stride, n_rows, gradient[biases_at : biases_at + width])
-    if inputs.places.shape[1] > 0:
+    if net.places.shape[1] > 0:
         clear(gradient[weights_at:biases_at])
         for r in range(n_rows):
-            for part in range(inputs.places.shape[1]):
-                at = weights_at + inputs.places[observed[r], part] * width
+            for part in range(net.places.shape[1]):
+                at = weights_at + net.places[observed[r], part] * width
                 _add(gradient[at : at + width], slopes[r * stride : r * stride + width])
     else:
-        rows, slope = (scratch.rows, 0, 1, n_inputs), (slopes, 0, stride, 1)
+        rows, slope = (net.rows, 0, 1, n_inputs), (slopes, 0, stride, 1)
         multiply((n_inputs, width, n_rows), zeros, rows, slope, (gradient, weights_at, width, 1))
 
 
@@ -298,8 +250,8 @@ def _norm(numbers: Numbers, sums: Numbers) -> float:
 
 
 @inlined
-def copy(target: Numbers, source: Numbers) -> None:
-    """Copies numbers; compiled far faster than by a slice."""
+def _copy(target: Numbers, source: Numbers) -> None:
+    """Copies numbers; numba compiles this faster than a slice."""
     for i in range(len(target)):
         target[i] = source[i]
 
@@ -348,44 +300,43 @@ def _slope_of_activation(slopes: Numbers, activated: Numbers, is_relu: bool) -> 
 
 
 @compiled(nogil=True)
-def read(layers: Layers, inputs: Inputs, values: Numbers, scratch: Scratch, outputs: Numbers) -> None:
+def read(net: Net, values: Numbers, outputs: Numbers) -> None:
     """Computes the outputs for all observations, (O, outputs)."""
     n_observations, n_outputs = outputs.shape
-    for start in range(0, n_observations, scratch.n_rows):
-        n_rows = min(scratch.n_rows, n_observations - start)
+    for start in range(0, n_observations, net.n_rows):
+        n_rows = min(net.n_rows, n_observations - start)
         for r in range(n_rows):
-            scratch.observed[r] = start + r
-        at = forward(layers, inputs, values, scratch.observed, n_rows, scratch)
+            net.observed[r] = start + r
+        at = forward(net, values, net.observed, n_rows)
         for r in range(n_rows):
-            row = at + r * scratch.stride
-            copy(outputs[start + r], scratch.hidden[row : row + n_outputs])
+            _copy(outputs[start + r], net.hidden[at + r * net.stride : at + r * net.stride + n_outputs])
 
 
 @compiled()
-def draw_uniform(layers: Layers, values: Numbers, stream: NDArray[np.uint64]) -> None:
+def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
     """Draws weights and biases as PyTorch's linear layers do: uniform, bounded by 1 / sqrt(inputs)."""
-    n_in = layers.n_inputs
-    for i in range(len(layers.width)):
+    n_in = net.n_inputs
+    for i in range(len(net.width)):
         bound = 1.0 / math.sqrt(n_in)
         for row in range(n_in + 1):
-            at = layers.biases_at[i] if row == n_in else layers.weights_at[i] + row * layers.width[i]
-            for j in range(layers.n_outputs[i]):
+            at = net.biases_at[i] if row == n_in else net.weights_at[i] + row * net.width[i]
+            for j in range(net.n_outputs[i]):
                 values[at + j] = (2.0 * draw(stream) - 1.0) * bound
-        n_in = layers.n_outputs[i]
+        n_in = net.n_outputs[i]
 
 
 @compiled()
 def draw_orthogonal(
-    layers: Layers, values: Numbers, stream: NDArray[np.uint64], gains: Any, room: NDArray[np.float64]
+    net: Net, values: Numbers, stream: NDArray[np.uint64], gains: Any, room: NDArray[np.float64]
 ) -> None:
     """Draws orthogonal weights as PyTorch does, with the gains of hidden layers and the last; no biases.
 
     The rows or columns, whichever are fewer, are orthogonal and as long as the gain: normal numbers, made
     orthogonal by Gram and Schmidt's method (Golub & Van Loan 2013, section 5.2.8).
     """
-    n_in = layers.n_inputs
-    for i in range(len(layers.width)):
-        n_out, width, at = layers.n_outputs[i], layers.width[i], layers.weights_at[i]
+    n_in = net.n_inputs
+    for i in range(len(net.width)):
+        n_out, width, at = net.n_outputs[i], net.width[i], net.weights_at[i]
         vectors = room[: min(n_in, n_out), : max(n_in, n_out)]
         for v in range(len(vectors)):
             vector = vectors[v]
@@ -394,7 +345,7 @@ def draw_orthogonal(
             for w in range(v):
                 _add_times(vector, vectors[w], -_product(vectors[w], vector))
             _add_times(vector, vector, 1.0 / math.sqrt(_product(vector, vector)) - 1.0)
-        gain = gains[1] if i == len(layers.width) - 1 else gains[0]
+        gain = gains[1] if i == len(net.width) - 1 else gains[0]
         for row in range(n_in):
             for j in range(n_out):
                 values[at + row * width + j] = gain * (vectors[j, row] if n_out <= n_in else vectors[row, j])

@@ -1,8 +1,7 @@
 """PPO (Schulman et al. 2017) as in Stable-Baselines3: the whole loop of an agent, compiled.
 
-Observations are few and come again. So what actor and critic say of one is kept until the next update, and a
-mini-batch in which an observation occurs several times has one row for it. That changes no result but the
-order of sums.
+There are few observations, and they recur. So probabilities and values are kept during a rollout, and a
+mini-batch computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of each env takes a number for the action, what
 `agents.process.step` draws, and a number for the next start if the episode ends. Permutations of rollouts
@@ -22,18 +21,7 @@ from numpy.typing import NDArray
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Numbers, exp, inlined, like, log
-from agents.nets.net import (
-    Inputs,
-    Layers,
-    Merged,
-    Parameters,
-    Scratch,
-    backward,
-    clear,
-    forward,
-    learn,
-    merge,
-)
+from agents.nets.net import Merged, Net, Parameters
 from agents.nets.walk import Walk, count, draw, streams_of, take, walk_of
 from agents.process import N_ACTIONS, Process, process_of
 from agents.sb3.settings import PpoSettings
@@ -60,13 +48,6 @@ class Constants(NamedTuple):
     target_kl: float  # infinite: epochs are not cut short
     learning_rate: float
     max_grad_norm: float
-
-
-class Net(NamedTuple):
-    """The actor or the critic."""
-
-    layers: Layers
-    scratch: Scratch
 
 
 class Known(NamedTuple):
@@ -108,7 +89,6 @@ class Ppo(NamedTuple):
 
     process: Process
     constants: Constants
-    inputs: Inputs
     actor: Net
     critic: Net
     parameters: Parameters
@@ -135,31 +115,24 @@ class PpoAgent:
     ) -> None:
         """Makes an agent that has drawn its first weights and starts."""
         n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
-        first = 0
-        process = process_of(model)
-        inputs, n_inputs = net.inputs_of(model, observation, kind)
-        self._nets: list[Net] = []
-        for n_outputs in (N_ACTIONS, 1):
-            hidden = settings.policy_kwargs.net_arch
-            layers = net.layers_of(n_inputs, hidden, n_outputs, first, is_relu=False)
-            self._nets.append(Net(layers, net.scratch_of(layers, n_rows, kind)))
-            first = net.end_of(layers)
-        self.parameters = net.parameters_of(first, kind)
+        process, hidden = process_of(model), settings.policy_kwargs.net_arch
+        actor = net.net_of(model, observation, hidden, N_ACTIONS, 0, n_rows, kind, is_relu=False)
+        critic = net.net_of(model, observation, hidden, 1, actor.end, n_rows, kind, is_relu=False)
+        self._nets = actor, critic
+        self.parameters = net.parameters_of(critic.end, kind)
         acting, learning, drawing = streams_of(seed)
         for each, gain in zip(self._nets, _GAINS, strict=True):
-            widest = each.scratch.stride
-            room = np.empty((widest, max(n_inputs, widest)))
-            net.draw_orthogonal(each.layers, self.parameters.values, drawing, (_GAIN, gain), room)
+            room = np.empty((each.stride, max(each.n_inputs, each.stride)))
+            net.draw_orthogonal(each, self.parameters.values, drawing, (_GAIN, gain), room)
         self.walk = walk_of(process, model, settings, acting, points)
-        same = {name: getattr(settings, name) for name in Constants._fields}
-        endless = {name: same[name] or math.inf for name in ("clip_range_vf", "target_kl")}
+        constants = {name: getattr(settings, name) for name in Constants._fields}
+        endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
         table, rollout = (n_observations, N_ACTIONS), ("i4", "i1", "f4", "i4", "?", kind, kind, kind, "i8")
         self._agent = Ppo(
             process=process,
-            constants=Constants(**same | endless),
-            inputs=inputs,
-            actor=self._nets[0],
-            critic=self._nets[1],
+            constants=Constants(**constants | endless),
+            actor=actor,
+            critic=critic,
             parameters=self.parameters,
             known=Known(
                 probability=np.zeros(table, kind),
@@ -186,14 +159,14 @@ class PpoAgent:
 
     def table(self) -> Numbers:
         """Returns the action probabilities for all observations, (O, A)."""
-        actor, table = self._nets[0], np.empty_like(self._agent.known.probability)
-        net.read(actor.layers, self._agent.inputs, self.parameters.values, actor.scratch, table)
+        table = np.empty_like(self._agent.known.probability)
+        net.read(self._agent.actor, self.parameters.values, table)
         _softmax(table, self._agent.batch.log_probability[0])
         return table
 
     def weights(self) -> list[Numbers]:
         """Returns weights (inputs, outputs) and biases (outputs,) of each layer, actor first."""
-        return [part for each in self._nets for part in net.unpadded(each.layers, self.parameters.values)]
+        return [part for each in self._nets for part in net.unpadded(each, self.parameters.values)]
 
 
 @inlined
@@ -245,9 +218,8 @@ def _roll_out(agent: Ppo) -> bool:
             if known.policy_of[o] != known.n_rollouts[0]:
                 known.policy_of[o] = known.n_rollouts[0]
                 agent.batch.observed[0] = o
-                layers, scratch, values = agent.actor.layers, agent.actor.scratch, agent.parameters.values
-                at = forward(layers, agent.inputs, values, agent.batch.observed, 1, scratch)
-                if not _to_probabilities(scratch.hidden, at, log_probability, probability):
+                at = net.forward(agent.actor, agent.parameters.values, agent.batch.observed, 1)
+                if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
             uniform = draw(walk.stream)
             action, cumulated = 0, probability[0]
@@ -268,14 +240,12 @@ def _roll_out(agent: Ppo) -> bool:
 @inlined
 def _value(agent: Ppo, observed: NDArray[np.int32]) -> None:
     """Has the critic value the observations of a rollout that are not valued yet."""
-    known, unknown, n_unknown = agent.known, agent.batch.observed, 0
-    scratch = agent.critic.scratch
+    known, critic, unknown, n_unknown = agent.known, agent.critic, agent.batch.observed, 0
     for i in range(len(observed) + 1):
         if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
-            values = agent.parameters.values
-            at = forward(agent.critic.layers, agent.inputs, values, unknown, n_unknown, scratch)
+            at = net.forward(critic, agent.parameters.values, unknown, n_unknown)
             for r in range(n_unknown):
-                known.value[unknown[r]] = scratch.hidden[at + r * scratch.stride]
+                known.value[unknown[r]] = critic.hidden[at + r * critic.stride]
             n_unknown = 0
         if i < len(observed):
             o = observed[i]
@@ -323,14 +293,13 @@ def _learn(agent: Ppo) -> None:
             chosen = order[start : start + constants.batch_size]
             for b in range(len(chosen)):
                 batch.observed[b] = rollout.observed[chosen[b]]
-            n_distinct = merge(batch.observed[: len(chosen)], batch.merged)
+            n_distinct = net.merge(batch.observed[: len(chosen)], batch.merged)
             if not _slope_of_actor(agent, chosen, n_distinct):
                 return
             _slope_of_critic(agent, chosen, n_distinct)
             for each in (agent.actor, agent.critic):
-                distinct = batch.merged.distinct
-                backward(each.layers, agent.inputs, agent.parameters, distinct, n_distinct, each.scratch)
-            learn(agent.parameters, constants.learning_rate, _EPSILON, constants.max_grad_norm)
+                net.backward(each, agent.parameters, batch.merged.distinct, n_distinct)
+            net.learn(agent.parameters, constants.learning_rate, _EPSILON, constants.max_grad_norm)
 
 
 @inlined
@@ -340,13 +309,13 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
     Returns:
       Whether the policy has changed by so little that learning goes on.
     """
-    rollout, batch, constants, scratch = agent.rollout, agent.batch, agent.constants, agent.actor.scratch
-    slopes, n_rows, values = scratch.slopes, len(chosen), agent.parameters.values
-    at = forward(agent.actor.layers, agent.inputs, values, batch.merged.distinct, n_distinct, scratch)
-    clear(slopes[at : at + n_distinct * scratch.stride])
+    rollout, batch, constants, actor = agent.rollout, agent.batch, agent.constants, agent.actor
+    slopes, n_rows = actor.slopes, len(chosen)
+    at = net.forward(actor, agent.parameters.values, batch.merged.distinct, n_distinct)
+    net.clear(slopes[at : at + n_distinct * actor.stride])
     for r in range(n_distinct):
-        row = at + r * scratch.stride
-        _to_probabilities(scratch.hidden, row, batch.log_probability[r], batch.probability[r])
+        row = at + r * actor.stride
+        _to_probabilities(actor.hidden, row, batch.log_probability[r], batch.probability[r])
     mean, deviation = 0.0, 1.0
     if constants.normalize_advantage and n_rows > 1:
         for i in chosen:
@@ -372,20 +341,19 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
             # By the log-probability of the action taken, and by those of all actions through the softmax.
             total = slope * (probability - (1.0 if a == action else 0.0))
             total += constants.ent_coef * probability * (batch.log_probability[r, a] + entropy)
-            slopes[at + r * scratch.stride + a] += total / n_rows
+            slopes[at + r * actor.stride + a] += total / n_rows
     return not divergence > 1.5 * constants.target_kl
 
 
 @inlined
 def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> None:
     """Computes the slopes of the squared error by the critic's outputs."""
-    rollout, merged, constants = agent.rollout, agent.batch.merged, agent.constants
-    scratch, slopes, values = agent.critic.scratch, agent.critic.scratch.slopes, agent.parameters.values
-    at = forward(agent.critic.layers, agent.inputs, values, merged.distinct, n_distinct, scratch)
-    clear(slopes[at : at + n_distinct * scratch.stride])
+    rollout, merged, constants, critic = agent.rollout, agent.batch.merged, agent.constants, agent.critic
+    at = net.forward(critic, agent.parameters.values, merged.distinct, n_distinct)
+    net.clear(critic.slopes[at : at + n_distinct * critic.stride])
     for i in chosen:
         o = rollout.observed[i]
-        row = at + merged.place[o] * scratch.stride
-        value = scratch.hidden[row]
+        row = at + merged.place[o] * critic.stride
+        value = critic.hidden[row]
         if not abs(value - agent.known.value[o]) > constants.clip_range_vf:
-            slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)
+            critic.slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)

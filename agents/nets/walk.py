@@ -1,4 +1,4 @@
-"""How an agent walks through its envs, in compiled code: what DQN and PPO share.
+"""Steps an agent's envs, in compiled code; DQN and PPO share it.
 
 Axis letters: E envs of the agent, O observations, T evaluation steps.
 """

@@ -24,7 +24,7 @@ from agents import DeepTraining, Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.nets import arithmetic
 from agents.nets.dqn import DqnAgent
-from agents.nets.learner import train
+from agents.nets.learner import NetAlgorithm
 from agents.nets.ppo import PpoAgent
 from agents.policy import ALL_ACTIONS, mask_policy
 from agents.sb3 import algorithms
@@ -111,7 +111,8 @@ def trained(
 ) -> DeepTraining:
     settings = settings_of(name, **changes)
     schedule = Schedule(settings.budget, points, points[::2])
-    return train(make or AGENTS[name], model, settings, observation, sequences(seeds), schedule)
+    algorithm = NetAlgorithm(make or AGENTS[name], type(settings))
+    return algorithm.train(model, settings, observation, sequences(seeds), schedule)
 
 
 def agent_of(name: str, observation: str, model: Model, kind: Any, seed: int = 0, **changes: Any) -> Any:
@@ -603,7 +604,7 @@ class Poisoned:
                 agent.parameters.values[:] = np.nan
             advance(until)
 
-        if self.n_made == 3:  # the first is made for compiling
+        if self.n_made == 2:
             agent.advance = poisoned
         return agent
 
