@@ -49,7 +49,7 @@ check: $(DEV) ## format, lint, types, spelling
 	$(PY) -m codespell_lib $(CHECKED)
 
 speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
-	$(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
+	OPENBLAS_NUM_THREADS=1 $(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
 
 growth: $(DEV) ## time and memory against agents, cells, stored runs and workers, in results/growth/ (about half an hour)
 	$(PY) -m benchmark growth --results $(RESULTS) $(GROWTH)

@@ -4,7 +4,6 @@ An algorithm is imported when it is loaded. For those in `ALGORITHMS`, torch is 
 trains, so that a tabular run does not wait for a deep-learning library.
 """
 
-import os
 from typing import Final
 
 from agents.contract import (
@@ -30,11 +29,6 @@ __all__ = [
     "check_training",
     "load_algorithm",
 ]
-
-# torch's library for matrix products sums in another order for another number of rows, unless it is told
-# which instructions to use; torch itself takes wider ones where there are any. Both look at first use.
-os.environ.setdefault("MKL_CBWR", "AVX2")
-os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")
 
 ALGORITHMS: Final = {
     "a2c": "agents.sb3.algorithms:A2C",

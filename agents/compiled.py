@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import llvmlite
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
@@ -62,7 +63,9 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
         return Path(self._data_path(f"{Path(self._index_name).stem}.{digest[:32]}.nbc"))
 
     def _digest(self, path: Path, content: bytes) -> bytes:
-        made_for = repr((self._version, self._source_stamp, _digest_of_sources(), path.name))
+        made_for = repr(
+            (self._version, llvmlite.__version__, self._source_stamp, _digest_of_sources(), path.name)
+        )
         return hashlib.sha256(made_for.encode() + b"\0" + content).digest()
 
 

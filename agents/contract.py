@@ -134,7 +134,7 @@ class Algorithm(Protocol):
         schedule: Schedule,
         logs: Sequence[Path] = (),
     ) -> Training:
-        """Trains one agent per seed; its bits depend on that seed, not on the other agents of the call.
+        """Trains one agent per seed, whose results do not depend on the other seeds of the call.
 
         Args:
           model: Compiled scenario.

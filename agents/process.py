@@ -20,8 +20,8 @@ N_ACTIONS: Final = len(ACTIONS)
 
 Stream = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
-# What follows an action. It holds how state and observation change, which is the same in many states: so the
-# kinds of states are few and stay in the nearest cache. With a row per state, the loop waits for memory.
+# What follows an action. Outcomes hold changes of state and observation, which many states share. So their
+# table is small and stays in the nearest cache; with a row per state, the loop would wait for memory.
 OUTCOME: Final = np.dtype(
     [
         ("reward", np.float64),  # mean

@@ -180,7 +180,7 @@ def tanh(values: Numbers) -> None:
     """Replaces numbers by their hyperbolic tangents, float32 within 4e-7.
 
     For float32 it is Eigen's rational function. Numbers of float64, in which tests compare nets with other
-    implementations, get the C library's tangent.
+    implementations, get the C library's function.
     """
     if values.itemsize == 8:
         for i in range(len(values)):

@@ -254,7 +254,7 @@ def makespan(durations: Sequence[float], places: int) -> float:
 def _ladder(job: Job) -> Iterator[tuple[int, int]]:
     """Yields agents and budgets of small jobs, the first one twice, up to the whole job.
 
-    How long it takes to evaluate a table depends on how much it has learned: so the whole budget comes first.
+    Evaluation time depends on how much a table has learned, so the whole budget comes first.
     """
     settings = job[0].settings
     rollout, budget = getattr(settings, "rollout", 1), settings.budget

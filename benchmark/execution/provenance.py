@@ -18,7 +18,7 @@ import numpy as np
 from agents import load_algorithm
 from envs.inputs import missing_package
 
-_PACKAGES: Final = ("gymnasium", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
+_PACKAGES: Final = ("gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
 _FEATURES: Final = ("avx", "avx2", "fma", "avx512f")
 _ROOT: Final = Path(__file__).parents[2]
 _SOURCES: Final = (".py", ".toml", ".html", ".css", ".js", ".md", ".jinja")
@@ -51,6 +51,7 @@ def machine() -> str:
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
 
 
+@cache
 def processor() -> str:
     """Returns what the bits of some libraries depend on: processor, its instructions, and NumPy's BLAS."""
     try:
@@ -63,7 +64,7 @@ def processor() -> str:
     build: Any = np.show_config(mode="dicts")
     blas = build["Build Dependencies"]["blas"]
     kind = llvmlite.binding.get_host_cpu_name()
-    return f"{model} ({kind}: {features}); BLAS {blas['name']} {blas['version']}"
+    return f"{model} ({kind}: {features}); BLAS {blas['name']} {blas.get('version', '')}"
 
 
 def versions(algorithm: str) -> dict[str, str]:

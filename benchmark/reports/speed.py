@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
 
 _ENV = "envs:Proxemic/S1-v0"
-_NETS = ("dqn", "dqn_linear", "ppo")  # arms of `compare_deep`
 
 
 class Row(NamedTuple):
@@ -115,13 +114,13 @@ def _readme(frame: pd.DataFrame) -> str:
 Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machine()}). `per_second` is this
 project's rate, `baseline` that of the alternative. Most rates are the best of many rounds in the same run,
 in which rows take turns. In rows named `net_`, both sides train whole runs with the settings of
-`compare_deep`, in turns. These rates are totals per second of CPU time. Machines differ and are noisy;
-`ratio` is less so.
+`compare_deep`, in turns. These rates, and those of `matrix_products`, are totals per second of CPU time.
+Machines differ and are noisy; `ratio` is less so.
 
-`of_limit` is the time that a core would need for the products of matrices in training alone, at the better
-rate of the row `matrix_products`, as a share of the time that training takes. Products are counted as in
-Stable-Baselines3, but without the zeros of one-hot observations and without the target net. It can be above
-1: where an observation occurs several times in a mini-batch, this project computes its row once.
+`of_limit` is the time that the products of matrices in training would take alone, at the faster rate of
+`matrix_products`, divided by the time of training. Products are counted as in Stable-Baselines3, but without
+the zeros of one-hot observations and without the target net. It can be above 1, since this project computes
+an observation that occurs several times in a mini-batch once.
 
 {tables.to_markdown(frame)}"""
 
@@ -189,7 +188,7 @@ def _net_rows(smoke: bool) -> list[Row]:
         changed = declared.model_copy(update={"settings": declared.settings | {"budget": budget}})
         algorithm = load_algorithm(declared.algorithms[arm].algorithm)
         # A run of ours takes well below a second.
-        chosen = list(islice(seeds, 25 if arm in _NETS and budget > shortest else 1))
+        chosen = list(islice(seeds, 25 if algorithm.placement == "thread" and budget > shortest else 1))
         runs = specifications(changed, DEFAULT_CONDITION, "S1", arm, observation, chosen)
         model, streams = compile_scenario(runs[0].scenario), [run.seed_sequence for run in runs]
         algorithm.train(model, runs[0].settings, observation, streams, Schedule(budget))

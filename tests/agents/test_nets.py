@@ -505,7 +505,7 @@ AVX_512 = "avx512f" in llvmlite.binding.get_host_cpu_features().flatten()
     [
         "this one",
         "nehalem",  # of 2008: neither AVX nor fused multiplication and addition
-        pytest.param("haswell", marks=pytest.mark.skipif(not AVX_512, reason="no newer than this one")),
+        pytest.param("haswell", marks=pytest.mark.skipif(not AVX_512, reason="this processor is no newer")),
     ],
 )
 def test_bits_are_the_same_on_every_processor(kind: str) -> None:
@@ -513,14 +513,22 @@ def test_bits_are_the_same_on_every_processor(kind: str) -> None:
     if kind == "this one":
         assert digest_of_all() == DIGEST
         return
-    code = "from tests.agents import test_nets; print(test_nets.digest_of_all())"
+    code = (
+        "from numba.core.registry import cpu_target; from tests.agents import test_nets\n"
+        "print(test_nets.digest_of_all(), cpu_target.target_context.codegen().magic_tuple()[1])"
+    )
     features = {"nehalem": "", "haswell": "+avx2,+fma"}[kind]
-    target = {"NUMBA_CPU_NAME": kind, "NUMBA_CPU_FEATURES": features, "OPENBLAS_CORETYPE": kind.title()}
+    target = {
+        "NUMBA_CPU_NAME": kind,
+        "NUMBA_CPU_FEATURES": features,
+        "OPENBLAS_CORETYPE": kind.title(),
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
+    }
     root = Path(__file__).parents[2]
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=root, env=os.environ | target, capture_output=True, text=True
     )
-    assert done.stdout.strip() == DIGEST, done.stderr
+    assert done.stdout.split() == [DIGEST, kind], done.stderr
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
@@ -696,7 +704,6 @@ def test_more_snapshots_change_no_result(name: str) -> None:
     assert np.array_equal(few.greedy, many.greedy[:, ::10])
     assert (np.diff(many.disagreements) >= 0).all()
     assert many.disagreements[:, -1].min() > 0
-    assert (np.diff(many.cpu_time_s) >= 0).all()
     assert (many.cpu_time_s[:, -1] > 0).all()
 
 

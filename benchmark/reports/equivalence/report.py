@@ -98,7 +98,7 @@ ITEMS: Final = (
 
 REPORT: Final = Report(
     name="equivalence",
-    question="Do agents trained many at once succeed as often as those of Stable-Baselines3?",
+    question="Do compiled agents succeed as often as those of Stable-Baselines3?",
     check=check,
     load=load,
     items=ITEMS,

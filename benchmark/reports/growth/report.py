@@ -409,6 +409,6 @@ kind (target for two of Dask: 1.8).
 DQN in S1 with the settings of `compare_deep`, in one thread of a process that has trained before; a row
 per round. `own_seconds_per_job` is the time that jobs measure themselves: training, evaluating, and rounding
 what is recorded. `share` is the rest of the time (target: below 0.03): planning, compressing and
-storing, as far as the next job waits for it.
+storing, as far as it delays the next job.
 
 {tables.to_markdown(overhead)}"""

@@ -337,7 +337,7 @@ def test_everything_is_there(tmp_path: Path, name: str) -> None:
     assert f"in {len(frame)} pairs of populations" in readme
     assert f"and undecided in {undecided}." in readme  # two runs decide little
     page = (folder / "index.html").read_text(encoding="utf-8")
-    assert "<h1>Do agents trained many at once succeed as often as those of Stable-Baselines3?</h1>" in page
+    assert "<h1>Do compiled agents succeed as often as those of Stable-Baselines3?</h1>" in page
     assert 'href="equivalence.csv#row=2"' in page
     assert 'id="explorer"' not in page
     if name == "tables":
