@@ -139,8 +139,8 @@ def test_scale_ends_at_the_limits_of_every_back_end(opened: Opened, results: Pat
     values = maps[~((maps["row"] == 6) & (maps["column"] == 8))][list(ACTIONS)]  # not where the issuer stands
     low, high = colour_limits(values.to_numpy())
     legend = opened.panel("left").locator(".legend")
-    assert legend.locator(".low").inner_text() == f"≤ {low:.2f}".replace("-", "−").rstrip("0")
-    assert legend.locator(".high").inner_text() == f"≥ {high:.2f}".rstrip("0")
+    assert legend.locator(".low").inner_text() == f"≤ {low:.2f}".replace("-", "−").rstrip("0").rstrip(".")
+    assert legend.locator(".high").inner_text() == f"≥ {high:.2f}".rstrip("0").rstrip(".")
 
 
 def boxes(opened: Opened) -> list[dict[str, float]]:

@@ -64,9 +64,7 @@ def taken() -> report.Turns:
     for kind in ("processes", "dask"):
         for n in (1, 2):
             turns[f"workers_{kind}", n] = [{"seconds": each / n**2, "jobs": 16} for each in (9.0, 8.0)]
-    turns["overhead", 50] = [
-        {"seconds": 10.0, "jobs": 2, "own_seconds": 9.0, "driver_cpu_seconds": 0.5} for _ in range(2)
-    ]
+    turns["overhead", 50] = [{"seconds": 10.0, "jobs": 2, "own_seconds": 9.0} for _ in range(2)]
     return turns
 
 
@@ -96,7 +94,7 @@ def test_everything_is_written(tmp_path: Path) -> None:
     }  # fmt: skip
     assert tables["overhead"][0] == pytest.approx({
         "jobs": 2, "agents": 50, "seconds_per_job": 5, "own_seconds_per_job": 4.5,
-        "driver_cpu_seconds_per_job": 0.25, "share": 0.1, "driver_cpu_share": 0.05,
+        "share": 0.1,
     })  # fmt: skip
     readme = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert "`list` with 1,000 runs takes 7,000 s" in readme
