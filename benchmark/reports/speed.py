@@ -115,7 +115,7 @@ Made by `make speed`, on a machine with {os.cpu_count()} cores ({platform.machin
 project's rate, `baseline` that of the alternative. Most rates are the best of many rounds in the same run,
 in which rows take turns. In rows named `net_`, both sides train whole runs with the settings of
 `compare_deep`, in turns. These rates, and those of `matrix_products`, are totals per second of CPU time.
-Machines differ and are noisy; `ratio` is less so.
+Machines differ and are noisy; ratios differ between machines, too.
 
 `of_limit` is the time that the products of matrices in training would take alone, at the faster rate of
 `matrix_products`, divided by the time of training. Products are counted as in Stable-Baselines3, but without
