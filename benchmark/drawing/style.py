@@ -32,26 +32,27 @@ _RC: Final = {
 }
 
 
-def write_figure(figure: Figure, stem: Path) -> None:
-    """Writes a figure as `stem.png` and `stem.svg`; equal figures give equal bytes."""
-    save_figure(figure, stem.with_suffix(".png"))
-    figure.set_layout_engine("none")  # computing the same layout again takes seconds
-    save_figure(figure, stem.with_suffix(".svg"))
+def write_figure(figure: Figure, path: Path) -> None:
+    """Writes a figure as a file, and closes it; equal figures give equal bytes."""
+    save_figure(figure, path)
     plt.close(figure)
 
 
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Writes a figure as a .png or .svg file, without the date and the program.
+    """Writes a figure without the date and the program.
 
     Args:
       figure: Stays open.
-      path: Of the file; its ending, in small or capital letters, says the form.
+      path: Of a .png, .svg or .pdf file; its ending, in small or capital letters, says the form.
       options: Of matplotlib's `savefig`.
     """
-    is_svg = path.suffix.lower() == ".svg"
-    metadata = {"Date": None, "Creator": None} if is_svg else {"Software": None}
+    metadata = {
+        ".svg": {"Date": None, "Creator": None},
+        ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    }.get(path.suffix.lower(), {"Software": None})
     with plt.rc_context(_RC):
-        figure.savefig(path, dpi="figure" if is_svg else 160, metadata=metadata, **options)
+        dpi: Any = 160 if path.suffix.lower() == ".png" else "figure"
+        figure.savefig(path, dpi=dpi, metadata=metadata, **options)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Writes data frames as CSV, Markdown and LaTeX files, and links numbers to their rows.
+"""Writes data frames as CSV, Markdown and LaTeX, and links numbers to their rows.
 
 Texts may come from anybody's experiment or scenario. What a format would execute, or take for its structure,
 is escaped here.
@@ -67,42 +67,9 @@ def read_csv(file: Path | IO[str], as_text: str = "") -> pd.DataFrame:
     return frame.rename(columns=_computed)
 
 
-def write_table(frame: pd.DataFrame, stem: Path, shown: pd.DataFrame | None = None, note: str = "") -> None:
-    """Writes a frame as `stem.csv`, `stem.md` and `stem.tex`.
-
-    Args:
-      frame: What the CSV file holds.
-      stem: Path without suffix.
-      shown: What the other two files hold, if that differs.
-      note: A sentence above their tables.
-    """
-    write_csv(frame, stem.with_suffix(".csv"))
-    shown = frame if shown is None else shown
-    markdown = f"{note}\n\n{to_markdown(shown)}" if note else to_markdown(shown)
-    stem.with_suffix(".md").write_text(markdown, encoding="utf-8")
-    stem.with_suffix(".tex").write_text(_to_latex(shown, note), encoding="utf-8")
-
-
-def with_intervals(frame: pd.DataFrame, names: list[str]) -> pd.DataFrame:
-    """Returns the frame with these columns as text, `value [low, high]`.
-
-    Args:
-      frame: Also has the columns `NAME_low` and `NAME_high` for each name.
-      names: The columns.
-    """
-    columns = {
-        name: [
-            f"{show(value)} [{show(low)}, {show(high)}]" if value == value else "-"
-            for value, low, high in frame[[name, f"{name}_low", f"{name}_high"]].to_numpy()
-        ]
-        for name in names
-    }
-    return frame.assign(**columns)
-
-
 def to_markdown(frame: pd.DataFrame) -> str:
     """Returns a Markdown table with three significant digits; texts may have `code` and *emphasis*."""
-    return _format(frame, "github", lambda text: _inert(text).replace("|", "&#124;"))
+    return _format(frame, "github", lambda text: inert(text).replace("|", "&#124;"))
 
 
 def paragraph(text: str) -> str:
@@ -114,14 +81,14 @@ def paragraph(text: str) -> str:
     >>> print(paragraph("1. See [a](b.csv),\n# [c](javascript:d) & <img> in `S1`"))
     1&#46; See [a](b.csv), # [c]&#40;javascript:d) & &#60;img> in `S1`
     """
-    text = _inert(text)
+    text = inert(text)
     first = re.match(r"\d*", text)
     place = 0 if first is None else first.end()
     starts = _BLOCK.match(text, place)
     return text if starts is None else f"{text[:place]}{_entity(starts)}{text[starts.end() :]}"
 
 
-def _inert(text: str) -> str:
+def inert(text: str) -> str:
     """Returns a text in one line of Markdown."""
     return _ACTIVE.sub(_entity, re.sub(r"\s+", " ", text.strip()))
 
@@ -140,7 +107,7 @@ def _format(frame: pd.DataFrame, form: str, escape: Callable[[str], str]) -> str
     return tabulate(texts, names, tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
 
 
-def _to_latex(frame: pd.DataFrame, note: str) -> str:
+def to_latex(frame: pd.DataFrame, note: str = "") -> str:
     """Returns a LaTeX table that fits the page, with a note above it."""
     above = f"\\textbf{{{note.translate(_ESCAPED)}}}\\par\n" if note else ""
     if len(frame) > _ROWS_PER_PAGE:

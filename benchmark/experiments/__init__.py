@@ -7,6 +7,7 @@ from benchmark.experiments.schema import (
     Condition,
     Experiment,
     Reading,
+    Reporting,
     experiment_names,
 )
 from benchmark.experiments.specification import (
@@ -25,6 +26,7 @@ __all__ = [
     "Condition",
     "Experiment",
     "Reading",
+    "Reporting",
     "RunSpecification",
     "all_specifications",
     "evaluation_steps",

@@ -33,8 +33,7 @@ from envs.inputs import (
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 DEFAULT_CONDITION: Final = "default"
 MOST_CONDITIONS: Final = 10_000  # of an experiment
-MOST_CONTRASTS: Final = 8  # of a protocol: each costs the others power
-_PAIR: Final = 2  # learners of a contrast
+MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
 _RESERVED: Final = ("speed", "speed_smoke", "growth", "growth_smoke", "*_partial", "*_seeds_*")
@@ -86,33 +85,31 @@ class Reading(Condition):
     seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
 
 
-class Protocol(Table):
-    """What a comparison decides and how, declared before its runs.
+class Margins(Table):
+    """Differences that are too small to matter."""
 
-    Learners are named as readers see them, for example "dqn, one_hot".
+    success: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    score: Annotated[float, Field(gt=0, lt=1)] = 0.05
+
+
+class Reporting(Table):
+    """What is drawn of an experiment, and what a comparison decides and how, declared before its runs.
+
+    A side of a contrast or effect names a learner, such as "dqn, one_hot", a scenario, or a condition; two or
+    three of these are joined by " @ ". What it leaves open is varied on both sides together.
     """
 
-    reference: str = ""  # the table that deep learners have to beat; "" if the question is another
-    contrasts: Annotated[tuple[tuple[str, str], ...], Field(min_length=1, max_length=MOST_CONTRASTS)]
-    success_margin: Annotated[float, Field(gt=0, lt=1)] = 0.1  # smaller differences are equivalent
-    score_margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    kind: str  # see `benchmark.reports`
+    question: Line = ""  # the heading; by default that of the kind
+    items: tuple[str, ...] = ()  # further tables and figures, each as module:attribute
+    omit: tuple[str, ...] = ()  # names of the kind's items that are left out
+    baseline: str = ""  # the table that deep learners have to beat; "" if the question is another
+    pool: Literal["scenarios", "none"] = "scenarios"  # whether verdicts are on means over scenarios
+    adjust: Literal["holm", "none"] = "holm"  # p-values, for the number of contrasts
+    margins: Margins = Margins()
     fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
-
-    @field_validator("contrasts", mode="before")
-    @classmethod
-    def _are_pairs(cls, contrasts: object) -> object:
-        pairs = contrasts if isinstance(contrasts, list | tuple) else [contrasts]
-        if any(not isinstance(pair, list | tuple) or len(pair) != _PAIR for pair in pairs):
-            raise ValueError('accepted: pairs like ["LEARNER", "LEARNER"]')
-        return tuple(map(tuple, pairs))
-
-
-class Effect(Table):
-    """Two scenarios of which one has something that the other has not."""
-
-    name: Annotated[Line, Field(min_length=1, max_length=60)]  # what differs, in words
-    scenario: str  # with it
-    against: str  # without it
+    contrasts: tuple[tuple[str, str], ...] = ()  # x against y, with verdicts
+    effects: tuple[tuple[str, str, str], ...] = ()  # x minus y, and what differs: exploratory, without verdicts
 
 
 class Experiment(Table):
@@ -120,9 +117,7 @@ class Experiment(Table):
 
     name: Name
     description: str
-    # The kind of report, see `benchmark.reports`; without a report, runs are stored and not drawn.
-    report: str = ""
-    items: tuple[str, ...] = ()  # further tables and figures of the report, each as module:attribute
+    report: Reporting | None = None  # its kind alone as a text, too; without, runs are stored and not drawn
     note: str = ""  # for readers of the results, for example how settings were chosen
     stream: Name = ""  # experiments with the same stream share runs; by default, the experiment's name
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
@@ -133,14 +128,17 @@ class Experiment(Table):
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
     algorithms: Annotated[dict[Name, Arm], Field(min_length=1)]
-    protocol: Protocol | None = None  # of a comparison; by default every deep learner against the first table
-    effects: tuple[Effect, ...] = ()  # of scenarios on every learner, for a report on scenarios
     readings: dict[Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
         }
     )
     sweep: dict[Name, dict[Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
+
+    @field_validator("report", mode="before")
+    @classmethod
+    def _kind_alone(cls, report: object) -> object:
+        return {"kind": report} if isinstance(report, str) else report
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
@@ -151,22 +149,6 @@ class Experiment(Table):
                 raise ValueError(
                     f"{table}: {' and '.join(pair)}: accepted: names that differ in more than case"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _effects_are_of_scenarios(self) -> Self:
-        names = [Path(scenario).stem for scenario in self.scenarios]
-        for i, effect in enumerate(self.effects):
-            for key in ("scenario", "against"):
-                if getattr(effect, key) not in names:
-                    accepted = ", ".join(names)
-                    raise ValueError(f"effects.{i}.{key} = {getattr(effect, key)}: accepted: {accepted}")
-            if [each.name for each in self.effects].count(effect.name) > 1:
-                raise ValueError(
-                    f"effects.{i}.name = {effect.name}: accepted: another name, since it is taken"
-                )
-            if effect.scenario == effect.against:
-                raise ValueError(f"effects.{i}: accepted: two different scenarios")
         return self
 
     @model_validator(mode="after")

@@ -10,16 +10,14 @@ from benchmark.reports.item import Item, Report
 from envs.inputs import InputError, imported, unknown_name
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
+    from typing import Any
 
 __all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 
 REPORTS: Final = {
-    "ablation": "benchmark.reports.ablation:REPORT",
     "comparison": "benchmark.reports.comparison:REPORT",
-    "equivalence": "benchmark.reports.equivalence:REPORT",
     "replication": "benchmark.reports.replication:REPORT",
-    "scenarios": "benchmark.reports.scenarios:REPORT",
 }
 
 _T = TypeVar("_T")
@@ -40,26 +38,29 @@ def load_report(name: str, source: str = "benchmark.reports") -> Report:
     return _of_class(REPORTS.get(name, name), source, "report", Report)
 
 
-def load_items(report: Report, names: "Sequence[str]", source: str = "benchmark.reports") -> tuple[Item, ...]:
-    """Returns a report's items and, after them, others that an experiment names.
+def load_items(
+    report: Report, declared: "Mapping[str, Any]", source: str = "benchmark.reports"
+) -> tuple[Item, ...]:
+    """Returns a report's items, without those that an experiment omits, and those that it adds.
 
     Args:
       report: As loaded.
-      names: `module:attribute` of each further item.
+      declared: The experiment's table `report`: `omit` has names, `items` has `module:attribute` of each.
       source: The file that named them, for the message.
 
     Raises:
-      InputError: A module that cannot be imported, an object that is not an item, an item whose name is
-        taken, or one in a section that the report does not have.
+      InputError: An unknown name, a module that cannot be imported, an object that is not an item, or an item
+        whose name is taken.
     """
-    items = list(report.items)
-    sections = [section.key for section in report.sections]
-    for name in names:
-        item = _of_class(name, source, "item", Item)
+    names = [item.name for item in report.items]
+    for name in declared["omit"]:
+        if name not in names:
+            unknown_name(f"{source}: report.omit", "item", name, names)
+    items = [item for item in report.items if item.name not in declared["omit"]]
+    for name in declared["items"]:
+        item = _of_class(name, f"{source}: report.items", "item", Item)
         if item.name in [other.name for other in items]:
-            raise InputError(f"{source}: items: {name}: the report has an item {item.name} already.")
-        if item.section and item.section not in sections:
-            unknown_name(f"{source}: items: {name}", f"section of a {report.name}", item.section, sections)
+            raise InputError(f"{source}: report.items: {name}: the report has an item {item.name} already.")
         items.append(item)
     return tuple(items)
 

@@ -5,9 +5,14 @@ What is up to date is not made again.
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
+from importlib import import_module
 from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -16,25 +21,25 @@ import pandas as pd
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
 from benchmark.drawing import tables
-from benchmark.execution.provenance import digest_of_file, digest_of_source
+from benchmark.execution.executors.processes import interrupts_blocked
+from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
+    Reporting,
     RunSpecification,
     all_specifications,
     specifications,
 )
-from benchmark.experiments.schema import Arm
-from benchmark.reports import certificate, files, load_items, load_report, stamp, texts
-from benchmark.reports.certificate import Certificate
-from benchmark.reports.figures import Drawing
-from benchmark.reports.item import Data, Frames, Item, Report, measured_files
-from benchmark.reports.published import MANIFEST
+from benchmark.reports import document, files, load_items, load_report, sameness
+from benchmark.reports.folder import MANIFEST
+from benchmark.reports.item import Data, Frames, Item, Report
+from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
 
-STAMP: Final = ".stamp"  # beside the files, see `benchmark.reports.stamp`
+FORMATS: Final = ("svg", "pdf", "tex")  # beside those that every folder of results has: csv and png
 
 
 class Made(NamedTuple):
@@ -59,7 +64,7 @@ def draw(
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
 
     Args:
-      experiment: As loaded.
+      experiment: As loaded, with a report.
       store: Where its records are.
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
@@ -69,10 +74,7 @@ def draw(
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
     """
-    report = load_report(experiment.report, experiment.argument)
-    items = load_items(report, experiment.items, experiment.argument)
-    check_packages(report, experiment.name)
-    report.check(experiment)
+    report, items = report_of(experiment)
     is_as_declared = seeds is None and not partial  # and so comparable with the published results
     measured = measured_files(items)
     every, ended = all_specifications(experiment, seeds), store.ended()
@@ -80,38 +82,167 @@ def draw(
     # Read once: there may be 100,000.
     provenance = [record.provenance for record in store.get([run.digest for run in runs], arrays=False)]
     inputs = _inputs(experiment, runs, provenance, seeds, partial=partial)
-    if stamp.is_up_to_date(directory / STAMP, inputs):
-        compared = certificate.compare(directory, experiment.name, measured) if is_as_declared else None
+    if sameness.is_up_to_date(directory / STAMP, inputs):
+        compared = sameness.compare(directory, experiment.name, measured) if is_as_declared else None
         return Made(is_new=False, certificate=compared)
     with files.alone(directory.parent), files.replaced(directory, was_made(directory, items)) as aside:
-        try:
-            with Drawing(jobs) as drawing:
-                check_scores(every)
-                data = report.load(experiment, store, seeds, partial)
-                frames = compute(items, data)
-                drawing.start(items, frames, data.context, aside, is_partial=data.is_incomplete)
-                write_tables(items, frames, data, aside)
-                manifest = _manifest(experiment, runs, provenance, seeds, data)
-                (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-                drawing.finish()
-            texts.write(aside)
-            compared = certificate.compare(aside, experiment.name, measured) if is_as_declared else None
-            if compared is not None and compared.is_identical and not compared.measured:
-                published = certificate.published_file(experiment.name, MANIFEST)
-                (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
-            stamp.write(aside / STAMP, inputs, list(aside.iterdir()))
-        except OSError as error:
-            raise InputError(
-                f"{directory}: cannot be written: {error.strerror or error}; choose another folder with "
-                "--results."
-            ) from error
+        with _workers(jobs) as pool:
+            check_scores(every)
+            data = report.load(experiment, store, seeds, partial)
+            frames = tables_of(items, data)
+            manifest = _manifest(experiment, runs, provenance, seeds, data)
+            manifest["looks"] = _looks(directory / MANIFEST, manifest)
+            (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+            for name, frame in frames.items():
+                tables.write_csv(frame, aside / f"{name}.csv")
+            _draw_figures(pool, jobs, experiment, frames, data, aside)
+            for item in items:
+                if item.write is not None:
+                    item.write(data, aside)
+        document.write(aside)
+        compared = sameness.compare(aside, experiment.name, measured) if is_as_declared else None
+        if compared is not None and compared.is_identical and not compared.measured:
+            published = sameness.published_file(experiment.name, MANIFEST)
+            (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
+        sameness.write_stamp(aside / STAMP, inputs, list(aside.iterdir()))
     return Made(is_new=True, certificate=compared)
+
+
+def export(
+    experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, form: str
+) -> None:
+    """Writes an experiment's figures or tables in another form, into a folder of their own.
+
+    Args:
+      experiment: As loaded, with a report.
+      store: Where its records are.
+      directory: The folder to write.
+      seeds: Other seeds than the declared ones.
+      form: One of `FORMATS`.
+    """
+    report, items = report_of(experiment)
+    data = report.load(experiment, store, seeds, False)
+    frames = tables_of(items, data)
+    with files.alone(directory.parent), files.replaced(directory, lambda _: True) as aside:
+        for item in items:
+            path = aside / f"{item.name}.{form}"
+            if form != "tex":
+                draw_figure(item, frames, data.context, path, is_partial=False)
+            elif item.name in frames:
+                frame = item.display(frames[item.name]).map(tables.plain)
+                path.write_text(tables.to_latex(frame), encoding="utf-8")
+
+
+def report_of(experiment: Experiment) -> tuple[Report, tuple[Item, ...]]:
+    """Returns the report of an experiment, and its items.
+
+    Raises:
+      InputError: It has none, or asks for something else than the experiment has, or a package is missing.
+    """
+    declared = experiment.report
+    if declared is None:
+        raise InputError(f"{experiment.argument}: there is no key report; accepted: an experiment with one.")
+    report = load_report(declared.kind, experiment.argument)
+    items = load_items(report, declared.model_dump(), experiment.argument)
+    for package in report.packages:
+        if find_spec(package) is None:
+            raise missing_package(f"{experiment.name}: its report", package)
+    report.check(experiment)
+    return report, items
+
+
+def measured_files(items: Sequence[Item]) -> tuple[str, ...]:
+    """Lists patterns of the files that hold measured times or memory, and so differ every time.
+
+    README repeats the sentences, and so is among them if there are such items.
+    """
+    patterns = [pattern for item in items if item.is_measured for pattern in item.patterns()]
+    return (*patterns, "README.md") if patterns else ()
 
 
 def was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
     """Returns whether a file of this name was made before, or may have been; no other is removed."""
-    patterns = [*stamp.files(directory / STAMP), *(pattern for item in items for pattern in item.patterns())]
+    made = [pattern for item in items for pattern in item.patterns()]
+    patterns = [*sameness.stamped(directory / STAMP), *made]
     return lambda name: any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
+    """Returns the tables of all items that have one, by name."""
+    found = {item.name: item.table(data) for item in items}
+    return {name: frame for name, frame in found.items() if frame is not None}
+
+
+def draw_figure(item: Item, frames: Frames, context: Any, path: Path, *, is_partial: bool) -> None:
+    """Draws an item's figure, if there is one; of a partial report it is marked."""
+    if item.draw is None:
+        return
+    from benchmark.drawing.style import write_figure
+
+    figure = item.draw(frames, context)
+    if figure is not None:
+        if is_partial:
+            figure.suptitle("PARTIAL: runs are missing", color="firebrick")
+        write_figure(figure, path)
+
+
+def digest_of(digests: Sequence[str]) -> str:
+    """Returns the identity of a set of runs."""
+    return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()
+
+
+# Figures in several processes
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
+    """Starts worker processes, one fewer than there are jobs, which import while tables are computed."""
+    if jobs == 1:
+        yield None
+        return
+    with interrupts_blocked():
+        pool = ProcessPoolExecutor(jobs - 1, get_context("spawn"))
+        for _ in range(jobs - 1):
+            pool.submit(import_module, "benchmark.drawing.style")
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _draw_figures(
+    pool: ProcessPoolExecutor | None,
+    jobs: int,
+    experiment: Experiment,
+    frames: Frames,
+    data: Data,
+    directory: Path,
+) -> None:
+    """Draws all figures, each worker its share."""
+    assert experiment.report is not None
+    shared = experiment.report, frames, data.context, directory, data.is_incomplete
+    drawn: list[Future[None]] = []
+    if pool is not None:
+        with interrupts_blocked(), suppress(BrokenProcessPool):
+            drawn += [pool.submit(_draw_share, share, jobs, *shared) for share in range(1, jobs)]
+    _draw_share(0, jobs, *shared)
+    for share in range(1, jobs):
+        try:
+            drawn[share - 1].result()
+        except (BrokenProcessPool, IndexError):  # a worker was killed, and with it the pool
+            _draw_share(share, jobs, *shared)
+
+
+def _draw_share(
+    share: int, jobs: int, declared: Reporting, frames: Frames, context: Any, directory: Path, partial: bool
+) -> None:
+    """Draws every so many-th figure of a report, which may be in another process."""
+    items = load_items(load_report(declared.kind), declared.model_dump())
+    for item in [each for each in items if each.draw is not None][share::jobs]:
+        draw_figure(item, frames, context, directory / f"{item.name}.png", is_partial=partial)
+
+
+# What a folder is made of
 
 
 def _inputs(
@@ -123,49 +254,23 @@ def _inputs(
     partial: bool,
 ) -> str:
     """Returns the digest of what a folder of results depends on: what is declared, and the records."""
-    digests = [run.digest for run in runs]
+    assert experiment.report is not None
     measured = [json.dumps(dict(each), sort_keys=True) for each in provenance]
-    algorithms = [arm.algorithm for arm in experiment.algorithms.values()]
-    names = [experiment.report, *experiment.items, *algorithms]
+    algorithms = [declared.algorithm for declared in experiment.algorithms.values()]
+    names = [experiment.report.kind, *experiment.report.items, *algorithms]
     sources = [digest_of_source(name.partition(":")[0]) for name in names if ":" in name]
-    sources.append(digest_of_file(load_report(experiment.report, experiment.name).template))
     declared = experiment.model_dump_json(), str(seeds), str(partial)
-    return stamp.digest_of(*declared, *digests, *measured, *sources)
+    return sameness.digest_of_inputs(*declared, *(run.digest for run in runs), *measured, *sources)
 
 
-def check_packages(report: Report, source: str) -> None:
-    """Checks that the packages of a report are installed.
-
-    Raises:
-      MissingPackageError: Names the first that is not.
-    """
-    for package in report.packages:
-        if find_spec(package) is None:
-            raise missing_package(f"{source}: its report", package)
-
-
-def compute(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
-    """Returns the tables of all items that have one, by name."""
-    frames: dict[str, pd.DataFrame] = {}
-    for item in items:
-        frame = item.compute(data, frames) if item.compute is not None else None
-        if frame is not None:
-            frames[item.name] = frame
-    return frames
-
-
-def write_tables(items: Sequence[Item], frames: Frames, data: Data, directory: Path) -> None:
-    """Writes the tables of all items, and their files of another form."""
-    note = data.note if data.is_incomplete else ""
-    for item in items:
-        if item.name in frames:
-            frame, stem = frames[item.name], directory / item.name
-            if item.display is None:
-                tables.write_csv(frame, stem.with_suffix(".csv"))
-            else:
-                tables.write_table(frame, stem, item.display(frame), note=note)
-        if item.write is not None:
-            item.write(data, frames, directory)
+def _looks(path: Path, manifest: Mapping[str, Any]) -> list[int]:
+    """Returns how many runs earlier reports on this folder's experiment had, if fewer than there are now."""
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+        looks = {*before["looks"], before["runs"]} if before["experiment"] == manifest["experiment"] else set()
+    except (OSError, ValueError, LookupError, TypeError):
+        looks = set()
+    return sorted(n for n in looks if isinstance(n, int) and n < manifest["runs"])
 
 
 def _manifest(
@@ -174,7 +279,7 @@ def _manifest(
     provenance: Sequence[Mapping[str, Any]],
     seeds: Sequence[int] | None,
     data: Data,
-) -> Mapping[str, object]:
+) -> dict[str, Any]:
     """Returns what was run, and from the records what ran it: drawing again gives the same.
 
     Args:
@@ -204,8 +309,8 @@ def _manifest(
         "description": experiment.description,
         "command": f"python -m benchmark run {experiment.argument}{chosen} --report",
         "partial": data.note,
-        "report": experiment.report,
-        "items": list(experiment.items),
+        "argument": experiment.argument,
+        "report": experiment.report and experiment.report.model_dump(mode="json"),
         "facts": data.facts,
         "horizon": experiment.horizon,
         "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in default},
@@ -216,7 +321,7 @@ def _manifest(
                 "packages": load_algorithm(run.algorithm).packages,
                 "check_of": experiment.algorithms[run.arm].check_of,
                 "policy": experiment.algorithms[run.arm].policy,
-                "tuning": _tuning(experiment.algorithms[run.arm]),
+                "tuning": experiment.algorithms[run.arm].model_dump()["tuning"],
                 "settings": run.settings.model_dump(mode="json"),
             }
             for run in default
@@ -236,13 +341,3 @@ def _manifest(
         "last_started_at": max(p["started_at"] for p in provenance),
         "busy_time_s": round(sum(p["wall_time_s"] for p in provenance), 3),
     }
-
-
-def _tuning(arm: Arm) -> dict[str, int] | None:
-    """Returns how much search an arm's settings took; None if that is not declared."""
-    return None if arm.tuning is None else arm.tuning.model_dump()
-
-
-def digest_of(digests: Sequence[str]) -> str:
-    """Returns the identity of a set of runs."""
-    return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()

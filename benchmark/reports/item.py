@@ -1,29 +1,219 @@
-"""What a report is made of: items, each a table, a figure or both, in sections.
+"""What a report is made of: items, each with its table, its figure and its sentences in one place.
 
-Nothing else lists a report's tables and figures. The folder of results, its README and the page iterate over
-the items, and so does the certificate of reproduction. Functions of an item are functions of a module, not
-lambdas, so that an item can be sent to another process.
+    @item("threshold", "when, and in how many runs, the score stays at or above 0.95", {"n": "runs"})
+    def threshold(runs):
+        for cell in runs:
+            yield cell.row(n=len(cell.seeds), reached=share(cell.stays_good))
+
+    @threshold.figure("Share of runs that reach a score of 0.95.")
+    def _(tables, context): ...  # all tables of the report, and what figures need in addition
+
+    @threshold.sentence
+    def _(table, folder): ...
+
+The folder of results, its README, the page and the certificate iterate over the items; nothing else lists them.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import pandas as pd
 
-from benchmark.reports.published import Published
-from benchmark.reports.view import Table
+from benchmark.drawing.tables import inert, link, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from benchmark.execution.store import Store
     from benchmark.experiments import Experiment
+    from benchmark.reports.folder import Folder
 
-Frames = Mapping[str, pd.DataFrame]  # by item name
-TEMPLATE: Final = Path(__file__).parent / "README.md.jinja"
-_FIGURE: Final = (".png", ".svg")
+Rows = Iterable[Mapping[str, Any]] | pd.DataFrame | None
+Frames = Mapping[str, pd.DataFrame]  # by the item's name
+_NO_NUMBER: Final = "-"
+
+
+class Estimate(NamedTuple):
+    """A number with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A sentence in Markdown. Its numbers are links to the rows that they come from, see `tables.link`.
+
+    Words that judge are verdicts, and used for nothing else.
+    """
+
+    text: str
+    verdict: str = ""  # "" if it only describes
+
+
+class Item:
+    """A table, a figure, or both, with its sentences; or files of another form. Made by `item`."""
+
+    def __init__(
+        self, compute: Callable[[Any], Rows] | None, name: str, description: str, **options: Any
+    ) -> None:
+        """See `item`."""
+        self.compute = compute
+        self.name = name
+        self.description = description
+        self.columns: Mapping[str, str] = options.get("columns", {})
+        self.where: Callable[[pd.DataFrame], pd.DataFrame] | None = options.get("where")
+        self.files: tuple[str, ...] = options.get("files", ())
+        self.is_measured: bool = options.get("is_measured", False)
+        self.write: Callable[[Any, Path], None] | None = options.get("write")
+        self.caption = ""  # of the figure
+        self.draw: Callable[[Frames, Any], Figure | None] | None = None
+        self.display: Callable[[pd.DataFrame], pd.DataFrame] = self._chosen
+        self._tell: list[Callable[[pd.DataFrame, Folder], Any]] = []
+
+    def figure(self, caption: str) -> Callable[[Any], Any]:
+        """Decorates what draws the figure: a function of all tables and the data's context; it may return None."""
+
+        def register(function: Any) -> Any:
+            self.caption, self.draw = caption, function
+            return function
+
+        return register
+
+    def sentence(self, function: Any) -> Any:
+        """Decorates what tells a finding, several, or None: a function of the published table and folder."""
+        self._tell.append(function)
+        return function
+
+    def shown(self, function: Any) -> Any:
+        """Decorates what readers see of the table: a function that returns a data frame of Markdown texts."""
+        self.display = function
+        return function
+
+    def table(self, data: Any) -> pd.DataFrame | None:
+        """Computes the table; None if there is nothing to tabulate."""
+        rows = None if self.compute is None else self.compute(data)
+        if rows is None or isinstance(rows, pd.DataFrame):
+            return rows
+        flat = [expanded(row) for row in rows]
+        return pd.DataFrame(flat) if flat else None
+
+    def findings(self, folder: "Folder") -> Iterator[Finding]:
+        """Yields what there is to tell, from published files alone."""
+        if self._tell and f"{self.name}.csv" in folder:
+            for function in self._tell:
+                told = function(folder.frame(self.name), folder)
+                for each in [told] if isinstance(told, str | Finding) else told or ():
+                    yield each if isinstance(each, Finding) else Finding(each)
+
+    def patterns(self) -> tuple[str, ...]:
+        """Lists the names that its files can have, as patterns."""
+        return self.files or tuple(f"{self.name}.{end}" for end in ("csv", "tex", "png", "svg", "pdf"))
+
+    def _chosen(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Shows the chosen columns of a table: numbers with their intervals, and with links to their rows."""
+        if self.where is not None:
+            frame = self.where(frame)
+        columns = self.columns or {str(name): "" for name in frame}
+        shown = {
+            label or key.replace("_", " "): [entry(row, key, self.name) for _, row in frame.iterrows()]
+            for key, label in columns.items()
+            if key in frame
+        }
+        return pd.DataFrame(shown)
+
+
+def item(
+    name: str,
+    description: str,
+    columns: Mapping[str, str] | None = None,
+    *,
+    where: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
+    is_measured: bool = False,
+) -> Callable[[Callable[[Any], Rows]], Item]:
+    """Makes an item of the function that computes its table.
+
+    The function takes the report's data and yields rows, whose values may be `Estimate`s, or returns a data
+    frame, or None.
+
+    Args:
+      name: The stem of its files.
+      description: What its files hold.
+      columns: Those that readers see, with their labels ("": the name); by default all.
+      where: Chooses the rows that readers see.
+      is_measured: Whether it holds measured times or memory, which differ every time.
+    """
+
+    def register(function: Callable[[Any], Rows]) -> Item:
+        options = {"columns": columns or {}, "where": where, "is_measured": is_measured}
+        return Item(function, name, description, **options)
+
+    return register
+
+
+def drawing(name: str, description: str, caption: str) -> Callable[[Any], Item]:
+    """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
+
+    def register(function: Any) -> Item:
+        made = Item(None, name, description)
+        made.figure(caption)(function)
+        return made
+
+    return register
+
+
+def writing(name: str, description: str, *files: str) -> Callable[[Callable[[Any, Path], None]], Item]:
+    """Makes an item of a function that writes files of another form: of the data and a folder."""
+
+    def register(function: Callable[[Any, Path], None]) -> Item:
+        return Item(None, name, description, files=files, write=function)
+
+    return register
+
+
+def expanded(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a row with an estimate's interval in columns of their own.
+
+    >>> expanded({"n": 2, "share": Estimate(0.5, 0.1, 0.9)})
+    {'n': 2, 'share': 0.5, 'share_low': 0.1, 'share_high': 0.9}
+    """
+    flat: dict[str, Any] = {}
+    for key, value in row.items():
+        if isinstance(value, Estimate):
+            flat |= {key: value.value, f"{key}_low": value.low, f"{key}_high": value.high}
+        else:
+            flat[key] = value
+    return flat
+
+
+def entry(row: pd.Series, key: str, table: str) -> str:
+    """Returns an entry of a table as Markdown: a text, or a number with its interval and a link to its row."""
+    value = row[key]
+    if isinstance(value, str):
+        return inert(value)
+    text = number(value)
+    if text == _NO_NUMBER:
+        return text
+    low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
+    ends = "" if low is None or high is None or math.isnan(low) else f" [{show(low)}, {show(high)}]"
+    return link(text, table, row) + ends
+
+
+def number(value: Any) -> str:
+    """Returns a number as readers see it.
+
+    >>> number(0.7), number(math.nan), number(math.inf), number(1200)
+    ('0.7', '-', 'never', '1,200')
+    """
+    if pd.isna(value):
+        return _NO_NUMBER
+    if isinstance(value, float) and math.isinf(value):
+        return "never"  # of steps until something happens
+    return f"{value:,}" if isinstance(value, int) else show(value)
 
 
 class Data(Protocol):
@@ -46,96 +236,16 @@ class Data(Protocol):
         """What README and page need in addition to the tables, for the manifest; numbers and texts only."""
 
 
-def whole(frame: pd.DataFrame) -> pd.DataFrame:
-    """Displays a table as it is."""
-    return frame
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Item:
-    """A table, a figure of it, or both; or files of another form.
-
-    Its table is what `compute` or `tell` returns. `compute` may return None if there is nothing to tabulate,
-    and `draw` if there is nothing to draw; the item then has no such file.
-    """
-
-    name: str  # the stem of its files
-    description: str  # what its files hold, for README's list
-    section: str = (
-        ""  # where README and page show it, a key of the report's sections; "" in the first of them
-    )
-    # Of the data, and the tables of the items before it.
-    compute: Callable[[Any, Frames], pd.DataFrame | None] | None = None
-    # Of published files alone, so that sentences can be written again without a run.
-    tell: Callable[[Published], pd.DataFrame] | None = None
-    display: Callable[[pd.DataFrame], pd.DataFrame] | None = None  # what .md and .tex show; None: CSV alone
-    draw: Callable[[Frames, Any], "Figure | None"] | None = None  # of all tables and the data's context
-    caption: str = ""  # of the figure; README and page show a figure that has one
-    view: Callable[[Published], Table] | None = None  # the table as README and page show it
-    # Whether the page shows it on demand, as its table if it has one, else as its figure; README omits it.
-    is_folded: bool = False
-    is_measured: bool = False  # whether it holds measured times or memory, which differ every time
-    write: Callable[[Any, Frames, Path], None] | None = None  # files of another form, into a folder
-    files: tuple[str, ...] = ()  # their names, as patterns
-
-    def patterns(self) -> tuple[str, ...]:
-        """Lists the names that its files can have, as patterns."""
-        ends = (".csv", ".md", ".tex", *_FIGURE)
-        return self.files or tuple(f"{self.name}{end}" for end in ends)
-
-    def label(self, published: Published) -> str:
-        """Returns what README calls its files; empty if there are none."""
-        if self.files:
-            return ", ".join(self.files) if any(map(published.matches, self.files)) else ""
-        has_table, has_figure = f"{self.name}.csv" in published, f"{self.name}{_FIGURE[0]}" in published
-        if has_table and self.display is not None:
-            return self.name
-        ends = [".csv"] * has_table + list(_FIGURE) * has_figure
-        return f"{self.name}{', '.join(ends)}" if ends else ""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Section:
-    """A part of README and page."""
-
-    key: str
-    heading: str
-    text: str = ""  # above its items: Markdown with `code` and links
-    # Terms with an explanation each, below its items, and what they are
-    terms: Callable[[Published], Sequence[tuple[str, str]]] | None = None
-    terms_title: str = ""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Report:
-    """A kind of report: what it demands of an experiment, how it loads it, and what it shows."""
+    """A kind of report: what it demands of an experiment, how it loads it, what it shows and in which text."""
 
     name: str
     question: str  # the page's heading
     check: Callable[["Experiment"], None]  # raises InputError if it cannot report on the experiment
     load: Callable[["Experiment", "Store", Sequence[int] | None, bool], Any]  # returns a `Data`
-    items: tuple[Item, ...]  # an item may use the tables of those before it
-    sections: tuple[Section, ...]  # in the order in which README and page show them
-    headline: Callable[[Published], str]  # the finding in a sentence or two, with links; may be empty
-    sentences: Callable[[Published], Sequence[str]]  # further findings
-    words: Callable[[Published], Sequence[tuple[str, str]]]  # terms that README explains
-    lead: str = ""  # name of the item whose figure leads its part of the page, above the headline
-    template: Path = TEMPLATE  # of README
+    items: tuple[Item, ...]
+    document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
+    headline: Callable[["Folder"], Finding | None] = field(default=lambda _: None)
+    lead: str = ""  # the item whose figure stands above the headline on the page
     packages: tuple[str, ...] = ()  # that it needs beyond the basic ones
-
-    def items_of(self, section: Section, items: Sequence[Item]) -> Iterator[Item]:
-        """Returns the items that a section shows."""
-        first = self.sections[0].key
-        return (item for item in items if (item.section or first) == section.key)
-
-
-def measured_files(items: Sequence[Item]) -> tuple[str, ...]:
-    """Lists patterns of the files that hold measured times or memory, and so differ every time.
-
-    README repeats the sentences, and so is among them if a measured item has sentences.
-    """
-    measured = [item for item in items if item.is_measured]
-    patterns = [pattern for item in measured for pattern in item.patterns()]
-    if any(item.tell is not None for item in measured):
-        patterns.append("README.md")
-    return tuple(patterns)

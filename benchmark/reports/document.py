@@ -1,0 +1,162 @@
+"""A report as a document: Markdown with places for items. README is one rendering of it, the page another.
+
+The template of a kind of report has the functions `show` and `fold`, which place an item by its name (README
+omits what is folded), `has`, which says whether there is such an item here, and `others`, which places the
+items that an experiment adds. `manifest`, `folder` and the filter `text`, which makes a text of users inert,
+are there, too. All of it is made from published files alone, so texts can be corrected without a single run.
+"""
+
+import re
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import jinja2
+import pandas as pd
+
+from benchmark.drawing import tables
+from benchmark.reports import files, load_items, load_report
+from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.reports.item import Finding, Item
+
+_FRAME: Final = Path(__file__).parent / "README.md.jinja"
+Place = Callable[[Item], str]
+
+
+class Document:
+    """The document of a folder of results."""
+
+    def __init__(self, path: Path) -> None:
+        """Finds the report and the items that a folder of results was made of.
+
+        Raises:
+          InputError: The manifest is damaged, or one of them cannot be imported.
+        """
+        self.folder = Folder(path)
+        declared, source = self.folder.manifest["report"], str(path / MANIFEST)
+        self.report = load_report(declared["kind"], source)
+        self.items = load_items(self.report, declared, source)
+        self.question = declared["question"] or self.report.question
+
+    @cached_property
+    def headline(self) -> Finding | None:
+        """The finding in a few sentences; None if there is none."""
+        return self.report.headline(self.folder)
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """All other findings, in the order of the items."""
+        return [finding for item in self.items for finding in item.findings(self.folder)]
+
+    def has(self, name: str) -> bool:
+        """Returns whether there is an item with something to show."""
+        return any(item.name == name and (self.has_table(item) or self.has_figure(item)) for item in self.items)
+
+    def has_table(self, item: Item) -> bool:
+        """Returns whether an item has a table here."""
+        return f"{item.name}.csv" in self.folder
+
+    def has_figure(self, item: Item) -> bool:
+        """Returns whether an item has a figure here."""
+        return bool(item.caption) and f"{item.name}.png" in self.folder
+
+    def shown(self, item: Item) -> pd.DataFrame:
+        """Returns an item's table as readers see it, of Markdown texts."""
+        return item.display(self.folder.frame(item.name))
+
+    def render(self, show: Place, fold: Place, template: Path | None = None) -> str:
+        """Returns the document as Markdown.
+
+        Args:
+          show: Returns what stands in the place of an item.
+          fold: The same for an item that is shown on demand.
+          template: By default that of the report.
+        """
+        named = {item.name: item for item in self.items}
+        placed: set[str] = set()
+
+        def place(how: Place) -> Callable[[str], str]:
+            def at(name: str) -> str:
+                placed.add(name)
+                return how(named[name]) if self.has(name) else ""
+
+            return at
+
+        def others() -> str:
+            own = {item.name for item in self.report.items}
+            return "\n\n".join(show(item) for item in self.items if item.name not in own)
+
+        template = template or self.report.document
+        environment = jinja2.Environment(
+            loader=jinja2.FileSystemLoader(template.parent),
+            undefined=jinja2.StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            keep_trailing_newline=True,
+        )
+        environment.filters["text"] = tables.paragraph
+        environment.filters["number"] = tables.show
+        text = environment.get_template(template.name).render(
+            manifest=self.folder.manifest,
+            folder=self.folder,
+            show=place(show),
+            fold=place(fold),
+            has=self.has,
+            others=others,
+            document=self,
+        )
+        return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
+
+    def readme(self) -> str:
+        """Returns README of the folder: what was found, the document, and what each file is."""
+
+        def show(item: Item) -> str:
+            parts = [f"![{item.caption}]({item.name}.png)"] if self.has_figure(item) else []
+            if self.has_table(item):
+                frame = self.shown(item).map(tables.plain)
+                parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
+            return "\n\n".join(parts)
+
+        self._body = self.render(show, lambda _: "")
+        return self.render(show, lambda _: "", _FRAME) + "\n"
+
+    # For the frame of README
+
+    @property
+    def body(self) -> str:
+        """The document as README has it."""
+        return self._body
+
+    @property
+    def listed(self) -> str:
+        """A Markdown table of the files."""
+        rows = []
+        for item in self.items:
+            ends = [end for end in (".csv", ".png") if f"{item.name}{end}" in self.folder]
+            names = [name for name in item.files if name in self.folder] or [f"{item.name}{', '.join(ends)}"] * bool(ends)
+            if names:
+                rows.append((", ".join(names), item.description))
+        rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
+        return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
+
+    @property
+    def measured(self) -> list[str]:
+        """The names of the items that hold measured times."""
+        return [f"`{item.name}`" for item in self.items if item.is_measured]
+
+    def plain(self, finding: Finding) -> str:
+        """Returns a finding without the links of its numbers."""
+        return tables.plain(finding.text)
+
+
+def write(path: Path) -> None:
+    """Writes README of a folder of results again.
+
+    Raises:
+      InputError: It cannot be made or written.
+    """
+    document = Document(path)
+    with document.folder.reading():
+        text = document.readme()
+    files.write_text(path / "README.md", text)

@@ -1,0 +1,81 @@
+"""A folder of published results, as its files have it: the source of all sentences, README and page."""
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+
+from benchmark.drawing.tables import read_csv
+from envs import InputError
+
+MANIFEST: Final = "manifest.json"
+_UNREADABLE: Final = (OSError, ValueError, LookupError, TypeError, AttributeError)
+
+
+class Folder:
+    """A folder of results: its manifest, and its tables as read back from the CSV files."""
+
+    def __init__(self, path: Path) -> None:
+        """Looks at a folder; files are read when they are asked for."""
+        self.path = path
+        self._frames: dict[str, pd.DataFrame] = {}
+
+    @cached_property
+    def manifest(self) -> Mapping[str, Any]:
+        """What made the results.
+
+        Raises:
+          InputError: It is missing or damaged.
+        """
+        try:
+            found = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+            found["report"]["kind"], found["scenarios"]
+        except _UNREADABLE as error:
+            raise InputError(
+                f"{self.path / MANIFEST}: damaged, or made by another version of this project; make these "
+                f"results again: python -m benchmark run {self.path.name} --report"
+            ) from error
+        return dict(found)
+
+    def __contains__(self, file: str) -> bool:
+        """Returns whether there is a file of this name, or one that matches this pattern."""
+        return any(self.path.glob(file))
+
+    def frame(self, name: str, as_text: str = "") -> pd.DataFrame:
+        """Returns a table, from its CSV file.
+
+        Args:
+          name: Of the file, without its ending.
+          as_text: A column that is read as it is written, or nothing.
+
+        Raises:
+          OSError: There is no such file.
+        """
+        if name not in self._frames:
+            self._frames[name] = read_csv(self.path / f"{name}.csv", as_text)
+        return self._frames[name]
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Turns what goes wrong while files of this folder are read into an `InputError`.
+
+        Raises:
+          InputError: A file is missing, damaged, or was made by another version of this project.
+        """
+        try:
+            yield
+        except InputError:
+            raise
+        except _UNREADABLE as error:
+            if isinstance(error, FileNotFoundError):
+                fault = f"{Path(error.filename).name} is missing"
+            else:
+                fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            raise InputError(
+                f"{self.path}: damaged, or made by another version of this project ({fault}); make these "
+                f"results again: {self.manifest.get('command')}"
+            ) from error

@@ -1,0 +1,221 @@
+"""Whether files are the same: as when they were made, as published, or as drawn again.
+
+Files are compared by git's ids of their contents. A *stamp* beside a folder's files, which is not published,
+notes the ids and what the files were made from: what is up to date need not be made again. A *certificate*
+says whether a folder is the same as a published one. Files that hold measured times are set apart, since they
+differ each time. If a summary differs, the certificate also says how far its numbers are from the published
+ones, relative to the published 95 % intervals.
+"""
+
+import hashlib
+import io
+import json
+import math
+import os
+import platform
+import subprocess
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from importlib.metadata import distributions
+from pathlib import Path
+from typing import Final
+
+import pandas as pd
+
+from benchmark.execution.provenance import digest_of_code
+from benchmark.reports.folder import MANIFEST
+
+STAMP: Final = ".stamp"
+REPOSITORY: Final = Path(__file__).parents[2]
+_SUMMARY: Final = "summary.csv"
+_LISTED: Final = 6  # differing files that a sentence names
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What comparing a folder with the published one gave."""
+
+    name: str
+    identical: tuple[str, ...]
+    differing: tuple[str, ...]  # other bytes, missing, or not published
+    measured: tuple[str, ...]  # hold measured times; not compared
+    distance: str = ""  # how far the numbers of the summary are, if it differs
+    other: str = "the published results"  # what was compared with, in words
+
+    @property
+    def is_identical(self) -> bool:
+        """Whether every compared file is identical."""
+        return not self.differing
+
+    def __str__(self) -> str:
+        """The certificate in words."""
+        n = len(self.identical) + len(self.differing)
+        apart = f"; files with measured times, not compared: {len(self.measured)}" if self.measured else ""
+        if self.is_identical:
+            return f"{self.name}: identical to {self.other} ({n} of {n} files{apart})."
+        more = f" and {len(self.differing) - _LISTED} more" if len(self.differing) > _LISTED else ""
+        verb = "differs" if len(self.differing) == 1 else "differ"
+        text = (
+            f"{self.name}: {len(self.differing)} of {n} files {verb} from {self.other}: "
+            f"{', '.join(self.differing[:_LISTED])}{more}{apart}."
+        )
+        return f"{text}\n{self.name}: {self.distance}" if self.distance else text
+
+
+def compare(
+    folder: Path, name: str, measured: Collection[str], other: Path | None = None
+) -> Certificate | None:
+    """Compares a folder with another one.
+
+    Args:
+      folder: What was made.
+      name: The experiment's name.
+      measured: Names of files that hold measured times, as patterns.
+      other: The other folder; by default the one that the last commit of this checkout has.
+
+    Returns:
+      The certificate; None if there is no other folder.
+    """
+    published = published_ids(name) if other is None else ids(other)
+    published = {file: blob for file, blob in published.items() if _is_compared(file)}
+    if not published:
+        return None
+    made = {file: blob for file, blob in ids(folder).items() if _is_compared(file)}
+    if other is not None:  # it may hold files of others
+        known = made.keys() | {*stamped(other / STAMP)}
+        published = {file: blob for file, blob in published.items() if file in known}
+    apart = {file for file in made.keys() | published.keys() if any(fnmatchcase(file, each) for each in measured)}
+    compared = sorted((made.keys() | published.keys()) - apart)
+    differing = tuple(file for file in compared if made.get(file) != published.get(file))
+    distance = ""
+    if _SUMMARY in differing and _SUMMARY in made and _SUMMARY in published:
+        content = (other / _SUMMARY).read_bytes() if other else published_file(name, _SUMMARY)
+        distance = _distance(folder / _SUMMARY, content or b"")
+    return Certificate(
+        name=name,
+        identical=tuple(file for file in compared if file not in differing),
+        differing=differing,
+        measured=tuple(sorted(apart)),
+        distance=distance,
+        other=f"the files in {other}" if other else "the published results",
+    )
+
+
+def published_file(name: str, file: str) -> bytes | None:
+    """Returns the content of a file of the last commit's results; None if there is no such file."""
+    return _git("show", f"HEAD:results/{name}/{file}")
+
+
+def is_as_published(results: Path) -> bool:
+    """Returns whether a folder is that of the published results, and it and the code are as committed."""
+    changes = _git("status", "--porcelain", "--", "envs", "agents", "benchmark", "results", "README.md")
+    return changes == b"" and results.resolve() == REPOSITORY.resolve() / "results"
+
+
+def is_up_to_date(stamp: Path, inputs: str) -> bool:
+    """Returns whether the files of a stamp were made from these inputs and are as they were made."""
+    try:
+        noted = json.loads(stamp.read_text(encoding="utf-8"))
+        return bool(noted["inputs"] == inputs) and all(
+            _id(stamp.parent / name) == blob for name, blob in noted["files"].items()
+        )
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return False  # no stamp, or a damaged one; or a file is missing
+
+
+def write_stamp(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
+    """Notes what files were made from, see `digest_of_inputs`; files are named relative to the stamp's folder."""
+    noted = {os.path.relpath(path, stamp.parent): _id(path) for path in sorted(files)}
+    stamp.write_text(json.dumps({"inputs": inputs, "files": noted}, indent=1) + "\n", encoding="utf-8")
+
+
+def stamped(stamp: Path) -> list[str]:
+    """Lists the files of a stamp; none if there is no stamp, or a damaged one."""
+    try:
+        return [str(name) for name in json.loads(stamp.read_text(encoding="utf-8"))["files"]]
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+
+
+def digest_of_inputs(*parts: str) -> str:
+    """Returns the digest of inputs, together with this project's code and all installed packages."""
+    return hashlib.sha256("\0".join((_code(), *parts)).encode()).hexdigest()
+
+
+def ids(folder: Path) -> dict[str, str]:
+    """Returns git's ids of the contents of a folder's files by name."""
+    return {path.name: _id(path) for path in folder.iterdir() if path.is_file()}
+
+
+def published_ids(name: str) -> dict[str, str]:
+    """Returns the ids of the published files' contents by name."""
+    listing = _git("ls-tree", f"HEAD:results/{name}") or b""
+    entries = (line.split(maxsplit=3) for line in listing.decode().splitlines())
+    return {file: blob for _, kind, blob, file in entries if kind == "blob"}
+
+
+def _id(path: Path) -> str:
+    """Returns git's id of a file's content."""
+    content = path.read_bytes()
+    return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
+
+
+def _is_compared(file: str) -> bool:
+    """Returns whether a file of the folder is a result; the manifest says who made them, and when."""
+    return file not in (MANIFEST, "index.html") and not file.startswith(".")
+
+
+@cache
+def _code() -> str:
+    """Returns a digest of this project's sources, and of all installed packages."""
+    digest = hashlib.sha256(f"{platform.python_version()}\0{digest_of_code()}\0".encode())
+    for name, version in sorted({(each.name, each.version) for each in distributions()}):
+        digest.update(f"{name}=={version}\0".encode())
+    return digest.hexdigest()
+
+
+def _distance(path: Path, content: bytes) -> str:
+    """Says how far every number that has an interval is from its published value; "" without common keys."""
+    published, made = pd.read_csv(io.BytesIO(content)), pd.read_csv(path)
+    keys = [column for column in published if not pd.api.types.is_numeric_dtype(published[column])]
+    if not keys or not {*keys} <= {*made}:
+        return ""
+    texts = dict.fromkeys(keys, str)
+    merged = published.astype(texts).merge(made.astype(texts), on=keys, suffixes=("", "_made"))
+    equal = within = 0
+    outside: list[tuple[float, str]] = []
+    for column in map(str, published):
+        if not {f"{column}_low", f"{column}_high", f"{column}_made"} <= set(map(str, merged)):
+            continue
+        for row in merged.to_dict("records"):
+            value, new, low, high = (float(row[f"{column}{end}"]) for end in ("", "_made", "_low", "_high"))
+            if value == new:
+                equal += not math.isnan(low)
+            elif low <= new <= high:
+                within += 1
+            elif not math.isnan(low):
+                apart = abs(new - value) / (high - low) * 2 if high > low else math.inf
+                where = ", ".join(str(row[key]) for key in keys)
+                text = f"{column} of {where}: {new:.3g}, published {value:.3g} [{low:.3g}, {high:.3g}]"
+                outside.append((apart, text))
+    farthest = f" (the farthest: {max(outside, key=lambda each: each[0])[1]})" if outside else ""
+    n_missing = len(published) - len(merged)
+    return (
+        f"{path.name}: of {equal + within + len(outside)} numbers with a 95 % interval, equal to the published "
+        f"ones: {equal}; different, but within the published interval: {within}; outside it: "
+        f"{len(outside)}{farthest}{f'; rows that are missing: {n_missing}' if n_missing else ''}."
+    )
+
+
+def _git(*arguments: str) -> bytes | None:
+    """Returns what git prints about this checkout; None where there is none."""
+    git = ["git", "-C", str(REPOSITORY)]
+    try:
+        top = subprocess.run([*git, "rev-parse", "--show-toplevel"], check=True, capture_output=True).stdout
+        if Path(top.decode().strip()) != REPOSITORY.resolve():
+            return None  # it lies inside somebody else's repository
+        return subprocess.run([*git, *arguments], check=True, capture_output=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return None
