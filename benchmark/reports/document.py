@@ -51,7 +51,9 @@ class Document:
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
-        return any(item.name == name and (self.has_table(item) or self.has_figure(item)) for item in self.items)
+        return any(
+            item.name == name and (self.has_table(item) or self.has_figure(item)) for item in self.items
+        )
 
     def has_table(self, item: Item) -> bool:
         """Returns whether an item has a table here."""
@@ -113,8 +115,9 @@ class Document:
 
         def show(item: Item) -> str:
             parts = [f"![{item.caption}]({item.name}.png)"] if self.has_figure(item) else []
-            if self.has_table(item):
-                frame = self.shown(item).map(tables.plain)
+            frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
+            if not frame.empty:
+                frame = frame.map(tables.plain)
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 
@@ -134,7 +137,9 @@ class Document:
         rows = []
         for item in self.items:
             ends = [end for end in (".csv", ".png") if f"{item.name}{end}" in self.folder]
-            names = [name for name in item.files if name in self.folder] or [f"{item.name}{', '.join(ends)}"] * bool(ends)
+            names = [name for name in item.files if name in self.folder] or [
+                f"{item.name}{', '.join(ends)}"
+            ] * bool(ends)
             if names:
                 rows.append((", ".join(names), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))

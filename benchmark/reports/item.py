@@ -247,5 +247,8 @@ class Report:
     items: tuple[Item, ...]
     document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
     headline: Callable[["Folder"], Finding | None] = field(default=lambda _: None)
+    forecast: Callable[["Experiment"], str] = field(
+        default=lambda _: ""
+    )  # what its runs cannot show; or empty
     lead: str = ""  # the item whose figure stands above the headline on the page
     packages: tuple[str, ...] = ()  # that it needs beyond the basic ones

@@ -86,7 +86,9 @@ def compare(
     if other is not None:  # it may hold files of others
         known = made.keys() | {*stamped(other / STAMP)}
         published = {file: blob for file, blob in published.items() if file in known}
-    apart = {file for file in made.keys() | published.keys() if any(fnmatchcase(file, each) for each in measured)}
+    apart = {
+        file for file in made.keys() | published.keys() if any(fnmatchcase(file, each) for each in measured)
+    }
     compared = sorted((made.keys() | published.keys()) - apart)
     differing = tuple(file for file in compared if made.get(file) != published.get(file))
     distance = ""
