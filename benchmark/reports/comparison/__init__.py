@@ -30,7 +30,6 @@ REPORT = Report(
         training.threshold,
         results.effects,
         results.scenarios,
-        results.improvement,
         results.profile,
         results.region,
         results.maps,

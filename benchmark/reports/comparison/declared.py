@@ -194,8 +194,8 @@ def check(experiment: Experiment) -> None:
         unit = (experiment.settings | declared.settings).get("budget_unit", "steps")
         if unit != "steps":
             raise InputError(
-                f"{experiment.argument}: algorithms.{name}.settings.budget_unit = {unit}: accepted: steps, in "
-                "which a comparison counts."
+                f"{experiment.argument}: algorithms.{name}.settings.budget_unit = {unit}: accepted: steps, "
+                "in which a comparison counts."
             )
 
 
@@ -232,6 +232,6 @@ def cannot_show(n: int, n_pooled: int, n_tests: int, reporting: Reporting) -> st
     if n >= needed:
         return ""
     return (
-        f"With {n} runs and {n_tests} contrast{'' if n_tests == 1 else 's'}, equivalence within {margin:g} cannot "
-        f"be shown, even if all runs succeed: that takes {needed} runs per scenario and learner."
+        f"With {n} runs and {n_tests} contrast{'' if n_tests == 1 else 's'}, equivalence within {margin:g} "
+        f"cannot be shown, even if all runs succeed: that takes {needed} runs per scenario and learner."
     )

@@ -85,7 +85,7 @@ def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, 
             rows(axis, names, first=axis is axes[0, 0])
             axis.set(title=label, xlabel="difference")
             axis.locator_params(axis="x", nbins=5)
-        text = "thick: 90 %, thin: 95 % interval, not adjusted; grey band: margin; colour, marker and word: verdict"
+        text = "thick: 90 %, thin: 95 % interval, not adjusted; grey band: margin; colour and marker: verdict"
         figure.supxlabel(text, fontsize="small")
     return figure
 

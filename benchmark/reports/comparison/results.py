@@ -1,7 +1,6 @@
 """Items of a comparison: what each learner reached, how learners differ, and what they know."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from agents.memoryless import SEARCH
 from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED
 from benchmark.analysis.contrasts import Side as Means
-from benchmark.analysis.intervals import better_probability
 from benchmark.analysis.population import overlap
 from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
@@ -93,7 +91,7 @@ def _(tables: Frames, _: Context) -> "Figure | None":
 
 
 @contrasts.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> Iterator[Finding]:
+def _(table: pd.DataFrame, __: "Folder") -> Iterator[Finding]:
     """Tells every contrast, or of many those with a verdict, won or lost."""
     for _, row in table.iterrows():
         if len(table) <= _MOST_TOLD or row["success_verdict"] not in (UNDECIDED, NO_VERDICT):
@@ -133,10 +131,10 @@ def headline(folder: "Folder") -> Finding | None:
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
+    deep = words.listed([f"`{learner}`" for learner in declared.decisive])
     return Finding(
-        f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\nDeep RL earns its keep in a scenario if one of "
-        f"{words.listed([f'`{learner}`' for learner in declared.decisive])} succeeds more often there than "
-        f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
+        f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\nDeep RL earns its keep in a scenario if "
+        f"one of {deep} succeeds more often there than `{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
         "is not worse. The familywise error rate over all scenarios is at most about 5 %."
     )
 
@@ -150,17 +148,17 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: st
     winners = words.listed([f"`{x}`" for x in rows.loc[rows["success_verdict"] == BETTER, "x"]])
     subject = "the deep learner" if len(rows) == 1 else f"each of the {len(rows)} deep learners compared"
     text = {
-        "earns": f"deep RL earns its keep over a table: success is higher with {winners} than with `{baseline}`",
-        "another class": f"success is higher with {winners} than with `{baseline}`, but these are policies of "
-        "different classes, a stochastic and a greedy one, so it is not shown that the net makes the difference",
+        "earns": f"deep RL earns its keep over a table: {winners} succeeds more often than `{baseline}`",
+        "another class": f"{winners} succeeds more often than `{baseline}`, but their policies are of other "
+        "classes, a stochastic and a greedy one, so it is not shown that the net makes the difference",
         "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
         f"`{baseline}`, or equally often within {margin:g}",
         "neither learned": "no learner compared is shown to succeed more often than the random policy",
         "mixed": f"results are mixed: against `{baseline}`, {counted(rows)}",
         "undecided": f"it is undecided whether deep RL earns its keep over a table: against `{baseline}`, "
         f"{counted(rows)}",
-        "no verdict": "there is no verdict on whether deep RL earns its keep over a table: runs are missing, or "
-        f"there are fewer than {declared.reporting.fewest_runs} per scenario and learner",
+        "no verdict": "there is no verdict on whether deep RL earns its keep over a table: runs are missing, "
+        f"or there are fewer than {declared.reporting.fewest_runs} per scenario and learner",
     }[found]
     apart = {
         str(row["x"]): str(row["success_except"])
@@ -256,8 +254,9 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
                     f"{words.difference(row, 'wrong_pings', 'effects', 0)}"
                 )
         first = rows.iloc[0]
+        title = str(name)[0].upper() + str(name)[1:]
         yield (
-            f"{str(name)[0].upper()}{str(name)[1:]}: {first['x']} minus {first['y']}, in success and in wrong PINGs "
+            f"{title}: {first['x']} minus {first['y']}, in success and in wrong PINGs "
             f"per 1,000 steps of training (exploratory): {'; '.join(parts)}."
         )
 
@@ -343,8 +342,9 @@ def _dots(tables: Frames, context: Context) -> "Figure":
             reach = max(1.5 * margin, 1.1 * float(shown[["value_low", "value_high"]].abs().to_numpy().max()))
             axis.set(title="mean difference", xlim=(-reach, reach), xticks=(-margin, 0, margin))
             text += f"; last panel: difference from {baseline}, margin and verdict"
-        for axis in axes[0] if baseline in learners else ():
-            at = learners.index(baseline)
+        for at, axis in [
+            (learners.index(each), axis) for each in learners if each == baseline for axis in axes[0]
+        ]:
             axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
         figure.supxlabel(text, fontsize="small")
     return figure
@@ -430,7 +430,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> str | None:
         "iqm": "its interquartile mean",
     },
 )
-def aggregate(runs: Runs) -> Iterator[dict[str, Any]] | None:
+def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
     """`iqm` is rliable's interquartile mean of the scores without bounds; only if scenarios are pooled."""
     from rliable import metrics
 
@@ -500,7 +500,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> str | None:
 
 @item("scores", "every run at the end of training")
 def scores(runs: Runs) -> pd.DataFrame:
-    """`every_cell_` marks episodes that start in any cell; `diverged_at` is infinite if a run did not diverge."""
+    """`every_cell_` marks episodes that start in any cell; `diverged_at` is infinite if a run did not."""
     frames = []
     for cell in runs:
         columns: dict[str, Any] = {**cell.names, "policy": cell.policy, "seed": cell.population.seeds}
@@ -517,40 +517,6 @@ def scores(runs: Runs) -> pd.DataFrame:
         columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
-
-
-@item(
-    "improvement",
-    "exploratory, not tested: probability that a run of x scores higher than one of y in the same scenario",
-    {"x": "", "y": "", "probability": ""},
-    where=lambda frame: frame.iloc[::2],
-)
-def improvement(runs: Runs) -> Iterator[dict[str, Any]] | None:
-    """Scores are clipped to [0, 1], and a difference up to the margin is a tie, which counts half.
-
-    All scenarios weigh the same. A check is compared with the learner that it checks alone.
-    """
-    reporting, learners = runs.declared.reporting, runs.learners
-    if reporting.pool != "scenarios":
-        return
-    for x, y in [*combinations(runs.own.learners, 2), *runs.checks.items()]:
-        pairs = zip(learners[x], learners[y], strict=True)
-        found = [_improvement(a.final("score"), b.final("score"), reporting.margins.score) for a, b in pairs]
-        value, low, high = np.mean(found, axis=0)
-        reach = [np.linalg.norm([p - a for p, a, _ in found]), np.linalg.norm([b - p for p, _, b in found])]
-        low, high = value - reach[0] / len(found), value + reach[1] / len(found)
-        yield {"x": str(x), "y": str(y), "probability": Estimate(value, low, high)}
-        yield {"x": str(y), "y": str(x), "probability": Estimate(1 - value, 1 - high, 1 - low)}
-
-
-def _improvement(x: NDArray[np.float64], y: NDArray[np.float64], margin: float) -> tuple[float, float, float]:
-    """Returns the probability that a run of x is ahead by more than a margin, with its interval."""
-    ordered = np.sort(y)
-    n_below = np.searchsorted(ordered, x - margin - _ROUNDING, "left").sum()  # pairs that x wins
-    n_above = (len(y) - np.searchsorted(ordered, x + margin + _ROUNDING, "right")).sum()
-    pairs = len(x) * len(y)
-    p = float((pairs + n_below - n_above) / (2 * pairs))
-    return p, *better_probability(p, len(x), len(y))
 
 
 @item(
@@ -612,7 +578,7 @@ def _(tables: Frames, context: Context) -> "Figure | None":
     },
 )
 def region(runs: Runs) -> Iterator[dict[str, Any]]:
-    """Means over agents. Precision is of those that mark a cell, `n_marking`; overlap is intersection over union."""
+    """Means over agents; precision is of those that mark a cell, overlap is intersection over union."""
     for cell in runs:
         right, marked = _right_and_marked(cell)
         marking = marked > 0
@@ -721,7 +687,7 @@ def _(tables: Frames, context: Context) -> "Figure | None":
         "memoryless_success": "success of that policy",
     },
 )
-def scenarios(runs: Runs) -> Iterator[dict[str, Any]] | None:
+def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
     """Returns are sums of the grid's rewards over an episode.
 
     `optimal_return` is that of an agent that knows the state. `memoryless_return` is the best return of a
@@ -768,22 +734,22 @@ def _(tables: Frames, context: Context) -> "Figure | None":
 
 
 @scenarios.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, __: "Folder") -> str | None:
     """Says what is possible where something is hidden."""
     if "memoryless_score" not in table:
         return None
     short = table[table["memoryless_score"] < 1 - _NEARLY]
     parts = [
-        f"{row['scenario']} {link(f'{row.memoryless_score:.2f}', 'scenarios', row)} (hidden: {row['hidden']}; success "
-        f"{row['memoryless_success']:.2f})"
+        f"{row['scenario']} {link(f'{row.memoryless_score:.2f}', 'scenarios', row)} "
+        f"(hidden: {row['hidden']}; success {row['memoryless_success']:.2f})"
         for _, row in short.iterrows()
     ]
     rest, n = len(table) - len(short), int(table["restarts"].max())
     others = f"in {rest} of {len(table)} scenarios {1 - _NEARLY:g} or more"
     return (
-        f"Scores of the memoryless policy with the best return found in {n} local searches per scenario (1: the "
-        f"optimum of an agent that knows the state): {'; '.join([*parts, others])}. Better policies may exist, and "
-        "others succeed more often with a lower return."
+        f"Scores of the memoryless policy with the best return found in {n} local searches per scenario (1: "
+        f"the optimum of an agent that knows the state): {'; '.join([*parts, others])}. Better policies may "
+        "exist, and others succeed more often with a lower return."
     )
 
 

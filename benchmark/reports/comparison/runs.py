@@ -263,7 +263,8 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     }
     few = {learner for learner in order if len(_common_seeds(learner, there)) < 2}
     few |= {check for check, checked in checks.items() if checked in few}
-    cells, planners = [], []
+    cells: list[Cell] = []
+    planners: list[Cell] = []
 
     def rank(place: tuple[str, str, Learner]) -> tuple[int, bool, int]:
         learner = place[2]
@@ -283,8 +284,8 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         (planners if population.algorithm.family == "planner" else cells).append(cell)
     if len({cell.learner for cell in cells} - checks.keys()) < 2:
         raise InputError(
-            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners that are neither "
-            "checks nor planners, each with two runs of every scenario."
+            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners that are "
+            "neither checks nor planners, each with two runs of every scenario."
         )
     left_out = "left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
     return Runs(

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion_interval, student
 from benchmark.analysis.population import GOOD_SCORE
 from benchmark.analysis.snapshots import Shown, typical_agent
-from benchmark.drawing.tables import link, show
+from benchmark.drawing.tables import link
 from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Cell, Context, Runs, proportion
 from benchmark.reports.explorer import explorer_item
-from benchmark.reports.item import Estimate, Finding, Frames, drawing, item, writing
+from benchmark.reports.item import Frames, drawing, item, writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from benchmark.reports.folder import Folder
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
+_EARLY: Final = 0.15  # of training
 
 
 @item("curves", "success, score and wrong PINGs over training, against environment steps")
@@ -163,19 +164,15 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
     winners: dict[str, list[tuple[str, pd.DataFrame]]] = {}
     for scenario, here in table[~table["algorithm"].isin(checks)].groupby("scenario", sort=False):
         best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
-        kinds = {families[name] for name in best["algorithm"]}
-        kind = "both" if len(kinds) > 1 else "".join(kinds) or "none"
+        here_first = {families[name] for name in best["algorithm"]}
+        kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
         winners.setdefault(kind, []).append((str(scenario), best if len(best) else here))
-    parts = [
-        f"{text} in {link(str(len(found)), 'steps', *(rows for _, rows in found))} ({words.listed([name for name, _ in found])})"
-        for kind, text in (
-            ("tabular", "a table"),
-            ("deep", "a net"),
-            ("both", "a table and a net at the same evaluation"),
-            ("none", "none"),
-        )
-        if (found := winners.get(kind))
-    ]
+    kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation", "none": "none"}
+    parts = []
+    for kind, text in kinds.items():
+        if found := winners.get(kind):
+            count = link(str(len(found)), "steps", *(rows for _, rows in found))
+            parts.append(f"{text} in {count} ({words.listed([name for name, _ in found])})")
     if len(table["scenario"].unique()) > 1:
         yield f"The first learner whose mean success stays at or above {ENOUGH:g} is {'; '.join(parts)}."
 
@@ -217,7 +214,7 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
 
 @item(
     "speedups",
-    f"exploratory: how many times as many steps y needs as x, until half of the runs stay at a success of {ENOUGH:g}",
+    f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
     {
         "scenario": "",
         "condition": "",
@@ -229,7 +226,7 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     },
     where=lambda frame: frame[frame["ratio"].notna()],
 )
-def speedups(runs: Runs) -> Iterator[dict[str, Any]] | None:
+def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     """Of every deep learner against every table; a ratio above 1 is in favour of x, the net."""
     by_family: dict[str, list[Cell]] = {"deep": [], "tabular": []}
     for cell in runs.own:
@@ -242,7 +239,7 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]] | None:
 
 
 @speedups.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
+def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
     found: dict[str, list[str]] = {"net": [], "table": []}
     for scenario, here in table[table["ratio"].notna()].groupby("scenario", sort=False):
@@ -260,9 +257,9 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
     for side, other in (("net", "table"), ("table", "net")):
         if found[side]:
             yield (
-                f"Exploratory: the fastest {other} needs more steps than the fastest {side}, until half of the runs "
-                f"stay at a success of {ENOUGH:g}, in {words.listed(found[side])}. Brackets hold 95 % intervals "
-                "over runs and evaluations, not adjusted."
+                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
+                f"needs more steps than the fastest {side} in {words.listed(found[side])}. Brackets hold 95 % "
+                "intervals over runs and evaluations, not adjusted."
             )
 
 
@@ -302,10 +299,9 @@ def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
 
 
 @ahead.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
+def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
     """Says who is ahead early in training, whoever that is."""
-    early = table["largest_at"].min() if len(table) else 0
-    limit = max(0.15 * folder.frame("curves")["step"].max(), early) if "curves.csv" in folder else 0
+    limit = _EARLY * table["largest_at"].max()
     first = table[table["first_step"] <= limit]
     if len(table["scenario"].unique()) <= 1:
         return
@@ -315,7 +311,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
     ]
     if parts:
         yield (
-            f"Exploratory: early in training, at some step up to {limit:,.0f}, by 95 % intervals that are not "
+            f"Exploratory: early in training, at some step up to {limit:,.0f}, by 95 % intervals, not "
             f"adjusted: of {table['scenario'].nunique()} scenarios, {'; '.join(parts)}."
         )
 
@@ -363,12 +359,11 @@ def _(table: pd.DataFrame, folder: "Folder") -> str:
         for _, row in shown.iterrows()
     ]
     text = f"CPU time of a run, median: {words.listed(parts)}."
-    plain = shown[
-        [
-            algorithms[name]["family"] == "tabular" and not algorithms[name]["packages"]
-            for name in shown["algorithm"]
-        ]
+    is_plain = [
+        algorithms[name]["family"] == "tabular" and not algorithms[name]["packages"]
+        for name in shown["algorithm"]
     ]
+    plain = shown[is_plain]
     if plain.empty:
         return text
     deep = shown[[algorithms[name]["family"] == "deep" for name in shown["algorithm"]]]

@@ -48,7 +48,7 @@ Pairs = Sequence[tuple[Cell, Cell]]  # of a row: x and y in every scenario
 
 
 def contrasts_of(runs: Runs) -> list[dict[str, Any]]:
-    """Returns the contrasts with their verdicts, a row each, or one in every scenario if nothing is pooled."""
+    """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
     declared, reporting = runs.declared, runs.declared.reporting
     is_pooled = reporting.pool == "scenarios"
     cases = [case for x, y in declared.contrasts for case in _cases(runs, x, y, is_pooled=is_pooled)]
@@ -188,8 +188,8 @@ def _sides(pairs: Pairs, endpoint: str) -> tuple[Means, Means]:
 def _over_scenarios(verdict: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
     """Returns a verdict on a mean over scenarios as these allow, and which of them stand apart.
 
-    Those that contradict it make it mixed. Otherwise, of a verdict, these are the scenarios that are not shown
-    by themselves, by a 90 % interval, to be less than the margin on the other side of it.
+    Those that contradict it make it mixed. Otherwise, these are the scenarios that are not shown by
+    themselves, by a 90 % interval, to be less than the margin on the other side of it.
     """
     if len(x.means) == 1 or verdict not in (BETTER, WORSE, EQUIVALENT):
         return verdict, []

@@ -24,7 +24,8 @@ def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
     found = str(row["success_verdict"])
     place = f"In {row['scenario']}, " if "scenario" in row else ""
     text = _IN_WORDS.get(found, "against `{}` is undecided in success").format(row["y"])
-    text = f"{place}`{row['x']}`{_policy(row, 'x')} {text}{_policy(row, 'y')}: {difference(row, 'success', table)}"
+    text = f"{place}`{row['x']}`{_policy(row, 'x')} {text}{_policy(row, 'y')}"
+    text += f": {difference(row, 'success', table)}"
     if found == EQUIVALENT and row["success_p_different"] <= 0.05:
         text += f", which is measurable but smaller than {row['success_margin']:g}"
     if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
@@ -34,10 +35,8 @@ def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
         text += f"; {contradicts} {apart}"
     text += f". In score: {row['score_verdict']}, {difference(row, 'score', table)}."
     wrong = [f"{row[f'wrong_pings_{side}']:.0f}" for side in "xy"]
-    return Finding(
-        f"{text} Wrong PINGs per 1,000 steps of training: {link(wrong[0], table, row)} against {wrong[1]}.",
-        found,
-    )
+    text += f" Wrong PINGs per 1,000 steps of training: {link(wrong[0], table, row)} against {wrong[1]}."
+    return Finding(text, found)
 
 
 def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
