@@ -81,10 +81,7 @@ class Declared:
         """
         facts = manifest["facts"]
         reporting = Reporting.model_validate_json(facts["declared"])
-        families = {
-            Learner.of(name): manifest["algorithms"][Learner.of(name).algorithm]["family"]
-            for name in facts["learners"]
-        }
+        families = {Learner.of(name): family for name, family in facts["learners"].items()}
         return cls._resolved(reporting, families, facts["axes"], manifest["experiment"])
 
     @classmethod

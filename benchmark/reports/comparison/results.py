@@ -134,8 +134,8 @@ def headline(folder: "Folder") -> Finding | None:
     deep = words.listed([f"`{learner}`" for learner in declared.decisive])
     return Finding(
         f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\nDeep RL earns its keep in a scenario if "
-        f"one of {deep} succeeds more often there than `{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
-        "is not worse. The familywise error rate over all scenarios is at most about 5 %."
+        f"one of {deep} succeeds more often there than `{declared.baseline}` and than the random policy, with "
+        "a policy of the same class and a score that is not worse. The familywise error rate over all scenarios is at most about 5 %."
     )
 
 
@@ -240,25 +240,22 @@ def _(tables: Frames, context: Context) -> "Figure | None":
 
 @effects.sentence
 def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
-    """Tells what each effect does to the learners that are compared."""
+    """Tells where an effect on success excludes 0, and all effects that are not one per learner."""
     compared = {str(learner) for learner in Declared.from_manifest(folder.manifest).compared}
     for name, rows in table.groupby("effect", sort=False):
         parts = []
         for _, row in rows.iterrows():
-            learner = (
-                words.name_of(row) if isinstance(row.get("algorithm"), str) else str(row.get("scenario", ""))
+            is_of_learner = isinstance(row.get("algorithm"), str)
+            is_shown = row["success_difference_low"] > 0 or row["success_difference_high"] < 0
+            if not is_of_learner or (is_shown and words.name_of(row) in compared):
+                learner = f"`{words.name_of(row)}` " if is_of_learner else ""
+                parts.append(f"{learner}{words.difference(row, 'success', 'effects', 2)}")
+        if parts:
+            first = rows.iloc[0]
+            yield (
+                f"Exploratory, {name}: the difference in success, {first['x']} minus {first['y']}, is "
+                f"{words.listed(parts)} (95 % intervals, not adjusted)."
             )
-            if learner in compared or not isinstance(row.get("algorithm"), str):
-                parts.append(
-                    f"`{learner}` {words.difference(row, 'success', 'effects', 2)} and "
-                    f"{words.difference(row, 'wrong_pings', 'effects', 0)}"
-                )
-        first = rows.iloc[0]
-        title = str(name)[0].upper() + str(name)[1:]
-        yield (
-            f"{title}: {first['x']} minus {first['y']}, in success and in wrong PINGs "
-            f"per 1,000 steps of training (exploratory): {'; '.join(parts)}."
-        )
 
 
 @item(

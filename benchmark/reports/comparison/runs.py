@@ -187,7 +187,7 @@ class Runs:
         everyone = [*self.cells, *self.planners]
         return {
             "declared": self.declared.reporting.model_dump_json(),
-            "learners": [*map(str, self.declared.families)],
+            "learners": {str(learner): family for learner, family in self.declared.families.items()},
             "axes": {
                 "scenarios": list(dict.fromkeys(cell.scenario for cell in everyone)),
                 "conditions": list(dict.fromkeys(cell.condition for cell in everyone)),

@@ -248,7 +248,9 @@ def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
         if low <= 1 <= high:
             continue
         side, more = ("net", "y") if low > 1 else ("table", "x")
-        values = (ratio, low, high) if side == "net" else (1 / ratio, 1 / high, 1 / low)
+        values = (ratio, low, high)
+        if side == "table":
+            values = (1 / ratio, 1 / high, 1 / low if low > 0 else math.inf)
         bound = "at least " if math.isinf(fastest[f"{more}_step"]) else ""
         times = link(f"{bound}{words.times(values[0])}", "speedups", fastest)
         ends = f"[{words.times(values[1])}, {words.times(values[2])}]"
@@ -257,8 +259,8 @@ def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
     for side, other in (("net", "table"), ("table", "net")):
         if found[side]:
             yield (
-                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
-                f"needs more steps than the fastest {side} in {words.listed(found[side])}. Brackets hold 95 % "
+                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} needs "
+                f"more steps than the fastest {side} in {words.listed(found[side])}. Brackets hold 95 % "
                 "intervals over runs and evaluations, not adjusted."
             )
 

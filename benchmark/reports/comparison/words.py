@@ -113,7 +113,9 @@ def interval(row: pd.Series, key: str, table: str) -> str:
 
 def times(ratio: float) -> str:
     """Returns a ratio with at least two digits."""
-    return f"{ratio:.2g}" if ratio < 10 or ratio == float("inf") else f"{ratio:,.0f}"
+    if ratio == float("inf"):
+        return "∞"
+    return f"{ratio:.2g}" if ratio < 10 else f"{ratio:,.0f}"
 
 
 def duration(seconds: float) -> str:
