@@ -132,11 +132,12 @@ def headline(folder: "Folder") -> Finding | None:
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
     deep = words.listed([f"`{learner}`" for learner in declared.decisive])
-    return Finding(
-        f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\nDeep RL earns its keep in a scenario if "
-        f"one of {deep} succeeds more often there than `{declared.baseline}` and than the random policy, with "
-        "a policy of the same class and a score that is not worse. The familywise error rate over all scenarios is at most about 5 %."
+    rule = (
+        f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there than "
+        f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
+        "is not worse. The familywise error rate over all scenarios is at most about 5 %."
     )
+    return Finding(f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
 
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: str) -> Finding:

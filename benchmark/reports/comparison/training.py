@@ -258,10 +258,11 @@ def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
         found[side].append(f"{scenario} ({times} times {ends}: `{names[1]}` against `{names[0]}`)")
     for side, other in (("net", "table"), ("table", "net")):
         if found[side]:
+            where = words.listed(found[side])
             yield (
-                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} needs "
-                f"more steps than the fastest {side} in {words.listed(found[side])}. Brackets hold 95 % "
-                "intervals over runs and evaluations, not adjusted."
+                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
+                f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over runs "
+                "and evaluations, not adjusted."
             )
 
 
