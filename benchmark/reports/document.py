@@ -21,6 +21,7 @@ from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Finding, Item
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
+_FRONT: Final = Path(__file__).parent / "front.md.jinja"
 Place = Callable[[Item], str]
 
 
@@ -153,6 +154,46 @@ class Document:
     def plain(self, finding: Finding) -> str:
         """Returns a finding without the links of its numbers."""
         return tables.plain(finding.text)
+
+
+def front(results: Path) -> str:
+    """Returns the README of the repository, whose numbers and verdicts are those of published tables.
+
+    Args:
+      results: The folder with the folders of results.
+
+    Raises:
+      InputError: A folder of results is damaged, or lacks what README cites.
+    """
+
+    def row(name: str, table: str, where: dict[str, str]) -> pd.Series:
+        frame = Folder(results / name).frame(table)
+        for key, value in where.items():
+            frame = frame[frame[key] == value]
+        return frame.iloc[0]
+
+    def interval(name: str, table: str, column: str, **where: str) -> str:
+        found = row(name, table, where)
+        return f"{found[column]:.2f} [{found[f'{column}_low']:.2f}, {found[f'{column}_high']:.2f}]"
+
+    def value(name: str, table: str, column: str, **where: str) -> str:
+        return f"{row(name, table, where)[column]:.2f}"
+
+    def duration(name: str, table: str, column: str, **where: str) -> str:
+        seconds = float(row(name, table, where)[column])
+        return f"{seconds * 1000:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
+
+    def headline(name: str) -> str:
+        found = Document(results / name).headline
+        return "" if found is None else tables.plain(found.text).partition("\n\n")[0]
+
+    functions = {"interval": interval, "value": value, "duration": duration, "headline": headline}
+    with Folder(results / "compare_deep").reading():
+        return (
+            jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
+            .from_string(_FRONT.read_text(encoding="utf-8"))
+            .render(functions)
+        )
 
 
 def write(path: Path) -> None:
