@@ -64,7 +64,6 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
         "success_difference": "difference in success",
         "success_p_different": "p, no difference",
         "success_p_equivalent": "p, not equivalent",
-        "success_deciding_runs": "runs to decide",
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },

@@ -254,8 +254,8 @@ def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
             where = words.listed(found[side])
             yield (
                 f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
-                f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over runs "
-                "and evaluations, not adjusted."
+                f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over "
+                "runs and evaluations, not adjusted."
             )
 
 
