@@ -1,6 +1,5 @@
 """The replication of the paper: its figure, its claims, and how far learning got."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -8,16 +7,9 @@ from benchmark.analysis.snapshots import Shown
 from benchmark.reports.explorer import explorer_item
 from benchmark.reports.item import Report
 from benchmark.reports.replication import learned, verdicts
-from benchmark.reports.replication.data import Data, check, load
+from benchmark.reports.replication.data import check, load
 
 __all__ = ["REPORT"]
-
-
-def _shown(data: Data) -> Iterator[Shown]:
-    """Yields what the explorer shows."""
-    for population in data.default:
-        yield Shown(data.arm, data.observation, population)
-
 
 REPORT: Final = Report(
     name="replication",
@@ -35,7 +27,7 @@ REPORT: Final = Report(
         learned.optimal,
         learned.optimal_cells,
         learned.q_values,
-        explorer_item(_shown),
+        explorer_item(lambda data: [Shown(data.arm, data.observation, each) for each in data.default]),
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=verdicts.headline,

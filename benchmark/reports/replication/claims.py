@@ -5,14 +5,10 @@ if its whole 95 % interval lies on the right side, and `fails` if it lies on the
 there is no number, it is `undecided`. If all parts pass, the claim `holds`; if one fails, it `does not hold`;
 otherwise it is `undecided`.
 
-The method of an interval depends on the number:
-
-- Ratios of standard deviations and of distances, and means without bounds: bootstrap over agents.
-- Shares of agents: the exact binomial interval. Overlaps of agents' own maps, which vary much less than
-  shares do: Student's interval, and Welch's of a difference.
-- Functions of which cells have a mean above zero: simultaneous intervals of the means of all cells
-  (`benchmark.analysis.intervals.simultaneous`). A resampled count of signs is biased, since noise turns
-  means near zero more often one way than the other.
+Ratios, and means without bounds, have bootstrap intervals over agents; shares exact binomial ones; overlaps
+of agents' own maps, which vary much less than shares do, Student's or Welch's. What depends on which cells
+have a mean above zero has simultaneous intervals of all cells' means: a resampled count of signs is biased,
+since noise turns means near zero more often one way than the other.
 """
 
 import math
@@ -32,6 +28,7 @@ from envs.model import PING
 from envs.regions import target_distance
 
 Populations = Mapping[str, Population]  # by scenario: S1, S2, S3
+Cells = NDArray[np.bool_]  # (O,)
 Samples = NDArray[np.float64]  # (RESAMPLES + 1,) as measured, then resampled
 
 SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
@@ -84,7 +81,8 @@ def judge_claim(claim: Claim, populations: Populations, curve: str) -> list[dict
     """Measures a claim; returns its rows of `judge`.
 
     `effect` is a part's distance from the threshold, in standard deviations of a single agent, positive on
-    the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding.
+    the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding. If it is
+    the true one, `agents_needed` agents decide an undecided part with a probability of 80 %.
     """
     n_agents = len(next(iter(populations.values())).seeds)
     rows: list[dict[str, Any]] = []
@@ -94,24 +92,14 @@ def judge_claim(claim: Claim, populations: Populations, curve: str) -> list[dict
         state = "passes" if np.min(ends) > 0 else "fails" if np.max(ends) <= 0 else "undecided"  # NaN, too
         deviation = math.sqrt(n_agents) * part.standard_error
         effect = margin / deviation if deviation > _LEAST_DEVIATION else math.nan
-        rows.append(
-            {"claim": claim.id, "part": part.name, "agents": n_agents, "value": part.value, "low": part.low}
-            | {"high": part.high, "right_side": claim.right_side, "threshold": claim.threshold}
-            | {"state": state, "verdict": "", "effect": effect}
-            | {"agents_needed": agents_needed(effect) if state == "undecided" else math.nan}
-            | {"note": part.note, "drawn": part.drawn}
-        )
+        needed = float(np.ceil((_REACH / effect) ** 2)) if effect and state == "undecided" else math.nan
+        row = {"claim": claim.id, "part": part.name, "agents": n_agents}
+        row |= {"value": part.value, "low": part.low, "high": part.high}
+        row |= {"right_side": claim.right_side, "threshold": claim.threshold, "state": state, "verdict": ""}
+        row |= {"effect": effect, "agents_needed": needed, "note": part.note, "drawn": part.drawn}
+        rows.append(row)
     worst = max((row["state"] for row in rows), key=STATES.index)
     return [row | {"verdict": VERDICTS[STATES.index(worst)]} for row in rows]
-
-
-def agents_needed(effect: float) -> float:
-    """Returns how many agents decide a part with a probability of 80 %, if its effect is the true one.
-
-    >>> agents_needed(0.28)  # ((1.96 + 0.84) / 0.28)**2
-    101.0
-    """
-    return float(np.ceil((_REACH / effect) ** 2)) if effect else math.nan  # NaN stays NaN
 
 
 def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
@@ -133,32 +121,17 @@ def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
 
 
 def agreement(judged: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Returns in how many sets of agents each claim has the same verdict as here.
+    """Returns in how many of these sets of agents each claim has the same verdict as in `judged`.
 
-    Args:
-      judged: What `judge` returned.
-      sets: What it returned of each set.
-
-    Returns:
-      A row per row of `judged`: sets, sets_agreeing, share, share_low, share_high (95 %, exact); the shares
-      are NaN without sets.
+    Its columns: sets, sets_agreeing, share, share_low, share_high (95 %, exact; NaN without sets).
     """
-    n_sets = len(sets)
-    verdicts = [frame.drop_duplicates("claim").set_index("claim")["verdict"] for frame in sets]
-    agreeing = sum(
-        ((judged["claim"].map(each) == judged["verdict"]).to_numpy(dtype=int) for each in verdicts),
-        start=np.zeros(len(judged), dtype=int),
-    )
-    share = agreeing / n_sets if sets else np.full(len(judged), np.nan)
-    low, high = proportion_interval(share, n_sets) if sets else (share, share)
-    columns = {
-        "sets": n_sets,
-        "sets_agreeing": agreeing,
-        "share": share,
-        "share_low": low,
-        "share_high": high,
-    }
-    return pd.DataFrame(columns, index=judged.index)
+    agreeing = np.zeros(len(judged), dtype=int)
+    for each in sets:
+        agreeing += judged["claim"].map(each.groupby("claim")["verdict"].first()) == judged["verdict"]
+    share = agreeing / len(sets) if sets else np.full(len(judged), np.nan)
+    low, high = proportion_interval(share, len(sets)) if sets else (share, share)
+    frame = pd.DataFrame({"sets": len(sets), "sets_agreeing": agreeing, "share": share}, judged.index)
+    return frame.assign(share_low=low, share_high=high)
 
 
 # Parts by the method of their intervals
@@ -171,42 +144,32 @@ def _resampled(name: str, samples: Samples, drawn: float, note: str = "") -> Par
         return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
 
 
-def _averaged(name: str, values: NDArray[np.float64], note: str) -> Part:
-    """Makes a part of a mean over agents, (N,), with Student's interval."""
-    low, high = student(values)
-    error = float(values.std(ddof=1)) / math.sqrt(len(values))
-    return Part(name, float(values.mean()), float(low), float(high), error, note)
+def _own_overlap(population: Population) -> NDArray[np.float64]:
+    """Returns how each agent's own map overlaps with the target region, (N,)."""
+    return overlap(population.values_ping, population.in_target)
 
 
-def _averaged_difference(name: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> Part:
-    """Makes a part of the difference of two means over agents, x - y, with Welch's interval."""
-    squares = np.array([each.var(ddof=1) / len(each) for each in (x, y)])
-    error, difference = math.sqrt(squares.sum()), float(x.mean() - y.mean())
-    reach = 0.0
-    if error > 0:
-        freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
-        reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
-    return Part(name, difference, difference - reach, difference + reach, error)
-
-
-class _Signs(NamedTuple):
-    """In which cells the mean over agents of PING's Q-value is above zero, (O,) each."""
-
-    measured: NDArray[np.bool_]
-    surely: NDArray[np.bool_]
-    possibly: NDArray[np.bool_]
+def _own_maps(population: Population) -> Part:
+    """Makes a part of the overlap of agents' own maps with the target region, with Student's interval."""
+    own, valued, in_target = _own_overlap(population), population.values_ping, population.in_target
+    found = (valued & in_target).sum(axis=1)
+    precision, recall = found.sum() / max(valued.sum(), 1), found.mean() / in_target.sum()
+    low, high = student(own)
+    error = float(own.std(ddof=1)) / math.sqrt(len(own))
+    note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
+    return Part(f"own maps {population.scenario}", float(own.mean()), float(low), float(high), error, note)
 
 
 @lru_cache(maxsize=64)
-def _signs(population: Population, level: float) -> _Signs:
-    """Returns in which cells the mean is above zero: as measured, surely, and possibly.
+def _signs(population: Population, level: float) -> tuple[Cells, Cells, Cells]:
+    """Returns in which cells the mean of PING's Q-value is above zero: as measured, surely, and possibly.
 
     Surely and possibly are right for all cells at once, with a confidence of `level`. A cell where no agent
     ever chose PING has 0 throughout, and is not above zero.
     """
     q = population.arrays["q"][:, :, PING]
     low, high = simultaneous(q, level)
-    return _Signs(q.mean(axis=0) > 0, low > 0, high > 0)
+    return q.mean(axis=0) > 0, low > 0, high > 0
 
 
 def _map_overlap(population: Population, level: float) -> tuple[float, float, float]:
@@ -215,11 +178,10 @@ def _map_overlap(population: Population, level: float) -> tuple[float, float, fl
     With T target cells it is at least (sure inside) / (T + possible outside), and at most (possible inside) /
     (T + sure outside), where possible cells include the sure ones.
     """
-    signs, in_target = _signs(population, level), population.in_target
-    least = np.where(in_target, signs.surely, signs.possibly)
-    greatest = np.where(in_target, signs.possibly, signs.surely)
-    measured, low, high = (float(overlap(cells, in_target)) for cells in (signs.measured, least, greatest))
-    return measured, low, high
+    in_target, (measured, surely, possibly) = population.in_target, _signs(population, level)
+    least, greatest = np.where(in_target, surely, possibly), np.where(in_target, possibly, surely)
+    value, low, high = (float(overlap(cells, in_target)) for cells in (measured, least, greatest))
+    return value, low, high
 
 
 # The parts of each claim
@@ -230,20 +192,17 @@ def _curves(population: Population, curve: str) -> NDArray[np.float64]:
     return np.asarray(population.arrays["table_max_q" if curve == "table" else "max_q"])
 
 
-def _shaded(population: Population, curve: str) -> float:
-    """Returns the height of the paper's shaded area, least to largest agent, averaged over steps."""
-    return float(np.ptp(_curves(population, curve), axis=0).mean())
-
-
 @lru_cache(maxsize=64)
-def _variability(population: Population, curve: str) -> Samples:
-    """Returns the standard deviation over agents of their maximum Q, averaged over steps."""
-    curves = _curves(population, curve)
-    n = len(curves)
-    weights = population.weights
-    mean = weights @ curves / n
-    variance = weights @ curves**2 / n - mean**2
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)).mean(axis=1))
+def _variability(population: Population, curve: str) -> tuple[Samples, float]:
+    """Returns the standard deviation over agents of their maximum Q, averaged over steps.
+
+    With it goes what the paper draws: the height of the area from the least to the largest agent.
+    """
+    curves, weights = _curves(population, curve), population.weights
+    mean = weights @ curves / len(curves)
+    variance = weights @ curves**2 / len(curves) - mean**2
+    deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
+    return deviation, float(np.ptp(curves, axis=0).mean())
 
 
 def _ratio(numerator: Samples | float, denominator: Samples | float) -> Samples:
@@ -256,15 +215,11 @@ def _variability_against(scenario: str) -> Parts:
     """Compares one scenario's variability with that of each other."""
 
     def parts(populations: Populations, curve: str) -> list[Part]:
-        own = populations[scenario]
+        found = {name: _variability(population, curve) for name, population in populations.items()}
+        own, shaded = found.pop(scenario)
         return [
-            _resampled(
-                f"{scenario}/{name}",
-                _ratio(_variability(own, curve), _variability(other, curve)),
-                drawn=float(_ratio(_shaded(own, curve), _shaded(other, curve))),
-            )
-            for name, other in populations.items()
-            if name != scenario
+            _resampled(f"{scenario}/{name}", _ratio(own, other), drawn=float(_ratio(shaded, other_shaded)))
+            for name, (other, other_shaded) in found.items()
         ]
 
     return parts
@@ -311,12 +266,9 @@ def _valued_outside(scenario: str) -> Parts:
     """
 
     def parts(populations: Populations, _: str) -> list[Part]:
-        population = populations[scenario]
-        signs, in_target = _signs(population, LEVEL), population.in_target
-        inside = int(signs.measured[in_target].sum())
-        if not inside:
-            return [Part(scenario, math.nan, math.nan, math.nan, note="no target cell has one")]
-        value, low, high = (float(cells[~in_target].sum()) for cells in signs)
+        in_target, signs = populations[scenario].in_target, _signs(populations[scenario], LEVEL)
+        inside = signs[0][in_target].sum()
+        value, low, high = (float(cells[~in_target].sum()) if inside else math.nan for cells in signs)
         return [Part(scenario, value, low, high, note=f"{inside} of {in_target.sum()} target cells have one")]
 
     return parts
@@ -324,8 +276,8 @@ def _valued_outside(scenario: str) -> Parts:
 
 def _missing_inside(populations: Populations, _: str) -> list[Part]:
     """Counts the target cells without a positive mean PING Q-value."""
-    population = populations["S3"]
-    value, high, low = (float((population.in_target & ~cells).sum()) for cells in _signs(population, LEVEL))
+    in_target, signs = populations["S3"].in_target, _signs(populations["S3"], LEVEL)
+    value, high, low = (float((~cells[in_target]).sum()) for cells in signs)
     return [Part("S3", value, low, high)]
 
 
@@ -337,27 +289,19 @@ def _reaches(populations: Populations, _: str) -> list[Part]:
     return [Part("S1", share, float(low), float(high), math.sqrt(share * (1 - share) / n))]
 
 
-def _own_overlap(population: Population) -> NDArray[np.float64]:
-    """Returns how each agent's own map overlaps with the target region, (N,)."""
-    return overlap(population.values_ping, population.in_target)
-
-
-def _precision_and_recall(population: Population) -> str:
-    """Returns precision and recall of the agents' maps, which explain how they overlap."""
-    valued, in_target = population.values_ping, population.in_target
-    found = (valued & in_target).sum(axis=1)
-    precision = found.sum() / max(valued.sum(), 1)
-    recall = found.mean() / in_target.sum()
-    return f"precision {precision:.2f}, recall {recall:.2f}"
-
-
 def _random_helps(populations: Populations, _: str) -> list[Part]:
+    """Compares the overlaps in S2 with those in S1; that of agents' own maps has Welch's interval."""
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
     s1, s2 = (_map_overlap(populations[name], level) for name in ("S1", "S2"))
-    own = [_own_overlap(populations[name]) for name in ("S2", "S1")]
+    x, y = (_own_overlap(populations[name]) for name in ("S2", "S1"))
+    squares = np.array([each.var(ddof=1) / len(each) for each in (x, y)])
+    error, difference, reach = math.sqrt(squares.sum()), float(x.mean() - y.mean()), 0.0
+    if error > 0:
+        freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
+        reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
     return [
         Part("mean map", s2[0] - s1[0], s2[1] - s1[2], s2[2] - s1[1]),
-        _averaged_difference("own maps", *own),
+        Part("own maps", difference, difference - reach, difference + reach, error),
     ]
 
 
@@ -365,14 +309,8 @@ def _identifies(*scenarios: str) -> Parts:
     """Measures how maps overlap with the target region: the mean map, and the agents' own."""
 
     def parts(populations: Populations, _: str) -> list[Part]:
-        chosen = {name: populations[name] for name in scenarios}
-        return [
-            *(Part(f"mean map {name}", *_map_overlap(each, LEVEL)) for name, each in chosen.items()),
-            *(
-                _averaged(f"own maps {name}", _own_overlap(each), _precision_and_recall(each))
-                for name, each in chosen.items()
-            ),
-        ]
+        mean_maps = [Part(f"mean map {name}", *_map_overlap(populations[name], LEVEL)) for name in scenarios]
+        return mean_maps + [_own_maps(populations[name]) for name in scenarios]
 
     return parts
 

@@ -40,10 +40,9 @@ class Data:
 
     @cached_property
     def sets(self) -> Sequence[Mapping[str, Population]]:
-        """Disjoint sets of the agents under the default reading, each as large as the paper's.
+        """Disjoint sets of agents under the default reading, as large as the paper's, by consecutive seeds.
 
-        They are made of consecutive seeds. The first is that of the tables and figures. If there is no second
-        one, there are no sets.
+        The first is that of the tables and figures. If there is no second one, there are no sets.
         """
         first = self.readings[DEFAULT_CONDITION]
         size, total = (len(next(iter(each.values())).seeds) for each in (first, self.everyone))
@@ -54,20 +53,20 @@ class Data:
         ]
         return [first, *others] if others else []
 
-    @property
-    def has_claims(self) -> bool:
-        """Whether the paper's scenarios are there, which its claims are about."""
-        return set(SCENARIOS) <= set(self.everyone)
-
     @cached_property
     def judged_readings(self) -> Mapping[str, pd.DataFrame]:
-        """The claims under every reading, each with as many agents as the paper has."""
+        """The claims under every reading, each with as many agents as the paper has.
+
+        There are none without the paper's scenarios, which its claims are about.
+        """
+        if not set(SCENARIOS) <= set(self.everyone):
+            return {}
         return {name: judge(populations, self.curves[name]) for name, populations in self.readings.items()}
 
     @cached_property
     def judged_sets(self) -> Sequence[pd.DataFrame]:
-        """The claims in each of `sets`."""
-        return [judge(each, self.curves[DEFAULT_CONDITION]) for each in self.sets]
+        """The claims in each of `sets`, if there are claims."""
+        return [judge(each, self.curves[DEFAULT_CONDITION]) for each in self.sets if self.judged_readings]
 
     @property
     def context(self) -> Mapping[str, Model]:
@@ -92,7 +91,7 @@ def check(experiment: Experiment) -> None:
     Raises:
       InputError: It has something else, or declares what a comparison decides.
     """
-    arms = list(experiment.algorithms.values())
+    source, arms = experiment.argument, list(experiment.algorithms.values())
     algorithm = load_algorithm(arms[0].algorithm)
     if (
         len(arms) > 1
@@ -100,8 +99,8 @@ def check(experiment: Experiment) -> None:
         or "record_every" not in algorithm.settings.model_fields
     ):
         raise InputError(
-            f"{experiment.argument}: algorithms: a replication takes exactly one, and a tabular one that "
-            "records the maximum Q."
+            f"{source}: algorithms: a replication takes exactly one, and a tabular one that records the "
+            "maximum Q."
         )
     for scenario, name, observation in experiment.populations:
         for condition in experiment.conditions:
@@ -109,19 +108,15 @@ def check(experiment: Experiment) -> None:
             model = compile_scenario(run.scenario)
             if not model.has_cell_maps or len(model.starts) > 1 or run.scenario.regions.target_radius is None:
                 raise InputError(
-                    f"{experiment.argument}: scenarios: {run.scenario.name} ({condition}): a replication "
+                    f"{source}: scenarios: {run.scenario.name} ({condition}): a replication "
                     "takes scenarios like the paper's: the agent observes its cell alone, there is one start "
                     "and one phase, no wall, and the regions are squares by their radii."
                 )
     if experiment.sweep:
-        raise InputError(
-            f"{experiment.argument}: sweep: accepted: none, since a replication varies its readings alone."
-        )
+        raise InputError(f"{source}: sweep: accepted: none, since a replication varies its readings alone.")
     for key, field in Reporting.model_fields.items():
         if key not in _TAKEN and getattr(experiment.report, key, field.default) != field.default:
-            raise InputError(
-                f"{experiment.argument}: report.{key}: a replication takes none; accepted: in a comparison."
-            )
+            raise InputError(f"{source}: report.{key}: a replication takes none; accepted: in a comparison.")
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:

@@ -1,8 +1,4 @@
-"""The items on what was learned: the paper's figure, the curves, and the distance from the exact optimum.
-
-Means of numbers in [0, 1] have exact binomial 95 % intervals. Means of scores and returns have none: a greedy
-policy may bump into a wall until the horizon, and no method bounds such a mean if failures are rare.
-"""
+"""The items on what was learned: the paper's figure, the curves, and the distance from the exact optimum."""
 
 from collections.abc import Mapping
 from string import ascii_lowercase
@@ -12,7 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -29,7 +24,6 @@ from benchmark.reports.replication.verdicts import listed
 from envs import ACTIONS, Model
 from envs.scene import scene_of
 
-_BAND = {"color": COLOURS[9], "alpha": 0.55, "lw": 0}
 _DASHES = ("-", "--", ":")
 
 
@@ -51,9 +45,10 @@ def figure(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
             curve = curves[curves["scenario"] == name]
             letters = [f"({letter})" for letter in ascii_lowercase[column :: len(models)]]  # as the paper's
             axis = axes[0, column]
-            axis.fill_between(curve["step"], curve["min"], curve["max"], **_BAND)
-            axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9)
-            axis.axhline(1.0, color="0.35", lw=0.8, ls=":")
+            band = {"color": COLOURS[9], "alpha": 0.55, "lw": 0, "label": "least to largest agent"}
+            axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
+            axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9, label="mean of the agents")
+            axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a right PING pays in S1")
             axis.set(title=f"{letters[0]} max Q, {name}: {model.scenario.issuer.feedback.label}")
             axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
             axis.set(ylim=(bottom - room, top + room))
@@ -65,12 +60,7 @@ def figure(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
             axes[2, column].set(title=f"{letters[2]} PING, {name}")
             dots(axes[2, column], ping[ping["mean"] > 0])
         axes[0, 0].set(ylabel="max Q of the visited cell")
-        axes[0, 0].legend(
-            [Line2D([], [], color=COLOURS[0]), Patch(**_BAND), Line2D([], [], color="0.35", lw=0.8, ls=":")],
-            ["mean of the agents", "least to largest agent", "what a right PING pays in S1"],
-            loc="upper left",
-            frameon=False,
-        )
+        axes[0, 0].legend(loc="upper left", frameon=False)
         colour_bar(figure, axes[1], norm_of(moves["mean"]), "mean final Q of the moves")
         colour_bar(figure, axes[2], norm_of(pings["mean"]), "mean final Q of PING")
         region_legend(
@@ -99,19 +89,13 @@ def _(table: pd.DataFrame, _: Folder) -> str:
     """Says how high the averaged curves get."""
     peaks = table.loc[table.groupby("scenario", sort=False)["mean"].idxmax()]
     texts = [f"{link(show(row['mean']), 'max_q', row)} in {row['scenario']}" for _, row in peaks.iterrows()]
-    return f"The figure's curves of max Q, averages over agents, peak at {listed(texts)}."
+    return f"Where the paper writes 'around 1', the averaged curves of max Q peak at {listed(texts)}."
 
 
 @item(
     "learning",
     "success, score of the greedy policy, and the share of optimal agents, over training",
-    {
-        "scenario": "",
-        "success": "success probability",
-        "score": "mean score",
-        "optimal_share": "share of optimal agents",
-        "unbounded_score": "mean of unbounded scores",
-    },
+    dict.fromkeys(("scenario", "success", "score", "optimal_share", "unbounded_score"), ""),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
 )
 def learning(data: Data) -> pd.DataFrame:
@@ -148,9 +132,8 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure:
             axis.set(xlabel="environment step", title=label, xlim=(0, max(frame["step"].max(), 1)))
             axis.set(ylim=(-0.03, 1.03))
             axis.xaxis.set_major_locator(MaxNLocator(4))
-        handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(
-            handles, labels, loc="outside lower center", ncols=len(models), frameon=False,
+            *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False,
             title="line: mean over agents; shade: 95 % interval",
         )  # fmt: skip
     return figure
@@ -159,12 +142,7 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure:
 @item(
     "success",
     "success and share of optimal agents after training, with all agents as well",
-    {
-        "scenario": "",
-        "agents": "",
-        "success": "success probability",
-        "optimal_share": "share of optimal agents",
-    },
+    dict.fromkeys(("scenario", "agents", "success", "optimal_share"), ""),
 )
 def success(data: Data) -> pd.DataFrame:
     """Tabulates success and the share of optimal agents after training, a row per population."""
@@ -198,17 +176,13 @@ def optimal(data: Data) -> pd.DataFrame:
         row: dict[str, Any] = {"scenario": population.scenario, "agents": len(scores)}
         for name, (random, best) in population.anchors.items():
             learned = population.arrays[name][:, -1].mean()
-            row |= {
-                f"{name}_random": random,
-                f"{name}_optimal": best,
-                f"{name}_learned": learned,
-                f"{name}_regret": best - learned,
-            }
+            row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
+            row[f"{name}_regret"] = best - learned
         row["optimal_share"] = _is_optimal(scores).mean()
         model = population.model
         start = model.observation[model.start]
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[start]
-        row["start_value_learned"] = _largest_values(population)[start]
+        row["start_value_learned"] = population.arrays["q"].max(axis=-1).mean(axis=0)[start]
         row["cells_differing"] = differing(population)[~model.is_over[model.fresh_state]].mean()
         rows.append(row)
     return pd.DataFrame(rows)
@@ -217,11 +191,8 @@ def optimal(data: Data) -> pd.DataFrame:
 @optimal.shown
 def _(frame: pd.DataFrame) -> pd.DataFrame:
     keys = [str(key) for key in frame if key != "scenario"]
-    columns = {"": [key.replace("_", " ") for key in keys]}
-    return pd.DataFrame(
-        columns
-        | {row["scenario"]: [entry(row, key, "optimal") for key in keys] for _, row in frame.iterrows()}
-    )
+    columns = {row["scenario"]: [entry(row, key, "optimal") for key in keys] for _, row in frame.iterrows()}
+    return pd.DataFrame({"": [key.replace("_", " ") for key in keys]} | columns)
 
 
 @optimal.figure("The exact optimum, what learning made of it, and where agents act optimally.")
@@ -274,10 +245,11 @@ def optimal_cells(data: Data) -> pd.DataFrame:
     """
     frames = []
     for population in data.default:
-        best, learned = optimal_values(population), population.arrays["q"].mean(axis=0)
+        best, q = optimal_values(population), population.arrays["q"]
+        learned = q.mean(axis=0)
         columns = {"q_learned": learned, "q_optimal": best, "difference": learned - best}
         columns["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
-        columns["largest_learned"] = _largest_values(population).repeat(len(ACTIONS))
+        columns["largest_learned"] = q.max(axis=-1).mean(axis=0).repeat(len(ACTIONS))
         columns["differs"] = differing(population).repeat(len(ACTIONS))
         frames.append(_by_cell(population, **columns))
     return pd.concat(frames, ignore_index=True)
@@ -300,11 +272,6 @@ def differing(population: Population) -> NDArray[np.float64]:
     greedy = contains(population.arrays["greedy"][:, -1])  # (N, O, A)
     wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
     return np.asarray(wrong.mean(axis=0))
-
-
-def _largest_values(population: Population) -> NDArray[np.float64]:
-    """Returns the mean over agents of their largest Q in every cell, (O,)."""
-    return np.asarray(population.arrays["q"].max(axis=-1).mean(axis=0))
 
 
 def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

@@ -1,12 +1,10 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pandas as pd
-from matplotlib.artist import Artist
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
@@ -19,6 +17,7 @@ from benchmark.reports.replication.claims import CLAIMS, STATES, VERDICTS, agree
 from benchmark.reports.replication.data import Data
 
 _SIGNS = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
+_SIGNED = {verdict: f"{sign} {verdict}" for verdict, sign in _SIGNS.items()}
 _STATE_SIGNS = dict(zip(STATES, _SIGNS.values(), strict=True))
 _COLOURS = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # differ in brightness, too
 _SINGULAR = dict(zip(VERDICTS, ("holds", "is undecided", "does not hold"), strict=True))
@@ -28,7 +27,7 @@ _PLURAL = dict(zip(VERDICTS, ("hold", "are undecided", "do not hold"), strict=Tr
 @item("claims", "every part of every claim, with its 95 % interval, its state and the verdict, by agents")
 def claims(data: Data) -> pd.DataFrame | None:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
-    if not data.has_claims:
+    if not data.judged_readings:
         return None
     judged = [data.judged_readings[DEFAULT_CONDITION]]
     if data.sets:
@@ -48,7 +47,7 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
         by_size = {size: parts[parts["agents"] == size] for size in sizes}
         for place, (_, part) in enumerate(by_size[sizes[0]].iterrows()):
             row = {"claim": f"`{claim}`"}
-            row |= {f"verdict, {size:,}": _signed(of["verdict"].iloc[0]) for size, of in by_size.items()}
+            row |= {f"verdict, {size:,}": _SIGNED[of["verdict"].iloc[0]] for size, of in by_size.items()}
             if len(sizes) > 1:
                 interval = f"[{part['share_low']:.0%}, {part['share_high']:.0%}]"
                 agreeing = link(str(part["sets_agreeing"]), "claims", part)
@@ -60,9 +59,9 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
                 here = of.iloc[place]
                 value = entry(here.rename({"low": "value_low", "high": "value_high"}), "value", "claims")
                 row[f"value, {size:,}"] = f"{value} {_STATE_SIGNS[here['state']]}"
-            for key in ("drawn", "effect", "agents_needed"):
+            for key, shown in (("drawn", here), ("effect", part), ("agents_needed", part)):
                 if key in frame:  # it is left out of files if no part has one
-                    row[key.replace("_", " ")] = entry(part, key, "claims")
+                    row[key.replace("_", " ")] = entry(shown, key, "claims")
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -74,7 +73,7 @@ def _(frames: Frames, _: object) -> Figure | None:
     frame = frames["claims"]
     names, sizes = frame["claim"].unique(), _sizes(frame)[::-1]
     styles = [{"color": "0.45", "marker": "s", "mfc": "white"}, {"color": COLOURS[0], "marker": "o"}]
-    styles = styles[-len(sizes) :]
+    drawn = dict(zip(sizes, styles[-len(sizes) :], strict=True))
     columns = 3
     n_rows = -(-len(names) // columns)
     with figure_of(n_rows, columns, (11.0, 2.5 * n_rows)) as (figure, axes):
@@ -84,90 +83,59 @@ def _(frames: Frames, _: object) -> Figure | None:
             rows = frame[frame["claim"] == name]
             parts = list(rows["part"].unique())
             side, threshold = rows[["right_side", "threshold"]].iloc[0]
-            for i, size in enumerate(sizes):
+            for i, (size, style) in enumerate(drawn.items()):
                 shown = rows[(rows["agents"] == size) & rows["value"].map(np.isfinite)]
                 places = shown["part"].map(parts.index) + 0.3 * (i - (len(sizes) - 1) / 2)
                 ends = (shown["value"] - shown["low"], shown["high"] - shown["value"])
-                axis.errorbar(
-                    shown["value"], places, xerr=np.maximum(ends, 0), ls="", ms=4.5, capsize=2.5, **styles[i]
-                )
+                style |= {"ls": "", "ms": 4.5, "capsize": 2.5, "label": f"{size:,} agents"}
+                axis.errorbar(shown["value"], places, xerr=np.maximum(ends, 0), **style)
             axis.margins(x=0.1)
-            axis.axvline(threshold, color="black", lw=0.9, ls="--")
+            axis.axvline(threshold, color="black", lw=0.9, ls="--", label="threshold")
             low, high = axis.get_xlim()
-            axis.axvspan(
-                *((threshold, high) if side == ">" else (low, threshold)),
-                color=COLOURS[9], alpha=0.3, lw=0, zorder=0,
-            )  # fmt: skip
+            ends = (threshold, high) if side == ">" else (low, threshold)
+            axis.axvspan(*ends, color=COLOURS[9], alpha=0.3, lw=0, zorder=0, label="right side")
             axis.set(xlim=(low, high), ylim=(len(parts) - 0.4, -0.6))
             axis.set_yticks(range(len(parts)), parts)
             axis.xaxis.set_major_locator(MaxNLocator(4))
             verdicts = [rows.loc[rows["agents"] == size, "verdict"].iloc[0] for size in sizes]
             axis.set_title(f"{name}  {' '.join(_SIGNS[verdict] for verdict in verdicts)}")
-        handles: list[Artist] = [
-            Line2D([], [], ls="", ms=4.5, label=f"{size:,} agents", **style)
-            for size, style in zip(sizes, styles, strict=True)
-        ]
-        handles.append(Line2D([], [], color="black", lw=0.9, ls="--", label="threshold"))
-        handles.append(Patch(color=COLOURS[9], alpha=0.3, lw=0, label="right side"))
         order = f", with {' and '.join(f'{size:,}' for size in sizes)} agents" if len(sizes) > 1 else ""
-        meaning = ", ".join(f"{sign} {verdict}" for verdict, sign in _SIGNS.items())
         figure.legend(
-            handles=handles, loc="outside lower center", ncols=len(handles), frameon=False,
-            title=f"bars: 95 % intervals; verdict on the claim{order}: {meaning}",
+            *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False,
+            title=f"bars: 95 % intervals; verdict on the claim{order}: {', '.join(_SIGNED.values())}",
         )  # fmt: skip
     return figure
 
 
 @claims.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says which verdicts differ between the numbers of agents."""
-    many, few = (_sizes(table) * 2)[:2]
-    if many == few:
-        return None
-    rows, before = (weakest(table[table["agents"] == size]) for size in (many, few))
-    changed = [
-        f"`{row['claim']}` ({old} with {few:,}, {link(row['verdict'], 'claims', row)} with {many:,})"
-        for (_, row), old in zip(rows.iterrows(), before["verdict"], strict=True)
-        if row["verdict"] != old
-    ]
-    if changed:
-        return f"The verdict depends on the number of agents for {listed(changed)}."
-    return f"No verdict with {many:,} agents differs from that with {few:,}."
-
-
-@claims.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says which verdicts are not those of all sets of agents."""
-    many, few = (_sizes(table) * 2)[:2]
-    if many == few:
-        return None
-    rows = weakest(table[table["agents"] == many])
-    n_sets = rows["sets"].iloc[0]
-    n_used, n_every = n_sets * few, (rows["sets_agreeing"] == n_sets).sum()
-    whole = f"The {many:,} agents are" if n_used == many else f"Of the {many:,} agents, {n_used:,} are"
-    some = [
-        f"`{row['claim']}` {'has the same verdict ' if i == 0 else ''}in "
-        f"{link(str(row['sets_agreeing']), 'claims', row)} of {n_sets} (a share of "
-        f"{row['share']:.2g} [{row['share_low']:.2g}, {row['share_high']:.2g}])"
-        for i, (_, row) in enumerate(rows[rows["sets_agreeing"] < n_sets].iterrows())
-    ]
-    return (
-        f"{whole} {n_sets} disjoint sets of {few:,}, by consecutive seeds. {n_every} of the "
-        f"{len(rows)} verdicts with {many:,} agents {'is' if n_every == 1 else 'are'} the same in every set"
-        f"{'; ' if some else ''}{listed(some)}."
-    )
-
-
-@claims.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says how many parts of each claim fail with all agents."""
-    texts = []
-    for claim, parts in table[table["agents"] == table["agents"].max()].groupby("claim", sort=False):
-        failing = parts[parts["state"] == "fails"]
-        if len(failing):
-            verb = "fails" if len(failing) == 1 else "fail"
-            texts.append(f"{link(f'{len(failing)} of {len(parts)}', 'claims', failing)} of `{claim}` {verb}")
-    return f"Of the parts of claims, {listed(texts)}." if texts else None
+def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
+    """Says which verdicts differ between the numbers of agents, and which are not those of all sets."""
+    many, *others = _sizes(table)
+    for few in others:
+        rows, before = (weakest(table[table["agents"] == size]) for size in (many, few))
+        changed = [
+            f"`{row['claim']}` ({old} with {few:,}, {link(row['verdict'], 'claims', row)} with {many:,})"
+            for (_, row), old in zip(rows.iterrows(), before["verdict"], strict=True)
+            if row["verdict"] != old
+        ]
+        if changed:
+            yield f"The verdict depends on the number of agents for {listed(changed)}."
+        else:
+            yield f"No verdict with {many:,} agents differs from that with {few:,}."
+        n_sets = rows["sets"].iloc[0]
+        n_used, n_every = n_sets * few, (rows["sets_agreeing"] == n_sets).sum()
+        whole = f"The {many:,} agents are" if n_used == many else f"Of the {many:,} agents, {n_used:,} are"
+        some = [
+            f"`{row['claim']}` {'has the same verdict ' if i == 0 else ''}in "
+            f"{link(str(row['sets_agreeing']), 'claims', row)} of {n_sets} (a share of "
+            f"{row['share']:.2g} [{row['share_low']:.2g}, {row['share_high']:.2g}])"
+            for i, (_, row) in enumerate(rows[rows["sets_agreeing"] < n_sets].iterrows())
+        ]
+        yield (
+            f"{whole} {n_sets} disjoint sets of {few:,}, by consecutive seeds. {n_every} of the {len(rows)} "
+            f"verdicts with all {'is' if n_every == 1 else 'are'} the same in every set"
+            f"{'; ' if some else ''}{listed(some)}."
+        )
 
 
 def headline(folder: Folder) -> Finding | None:
@@ -177,40 +145,35 @@ def headline(folder: Folder) -> Finding | None:
     rows = weakest(folder.frame("claims"), "agents")
     texts: list[str] = []
     for size in _sizes(rows):
-        which = "as many as the paper has" if texts else f"of the paper's {rows['claim'].nunique()} claims"
+        which = "as many as the paper has," if texts else f"of the paper's {rows['claim'].nunique()} claims"
         counts = []
         for verdict in VERDICTS:
             found = rows[(rows["agents"] == size) & (rows["verdict"] == verdict)]
-            verb = (_SINGULAR if len(found) == 1 else _PLURAL)[verdict]
-            counts += [f"{link(str(len(found)), 'claims', found)} {verb}"] * bool(len(found))
-        texts.append(f"With {size:,} agents per scenario, {which}{',' * bool(texts)} {listed(counts)}.")
+            if len(found):
+                verb = (_SINGULAR if len(found) == 1 else _PLURAL)[verdict]
+                counts.append(f"{link(str(len(found)), 'claims', found)} {verb}")
+        texts.append(f"With {size:,} agents per scenario, {which} {listed(counts)}.")
     return Finding("\n\n".join(texts))
 
 
 @item("claim_sets", "every part of every claim in each of the disjoint sets of agents, and the verdicts")
 def claim_sets(data: Data) -> pd.DataFrame | None:
     """Tabulates the parts of every claim in each set."""
-    if not data.has_claims or not data.sets:
-        return None
-    frames = []
-    for populations, judged in zip(data.sets, data.judged_sets, strict=True):
-        seeds = next(iter(populations.values())).seeds
-        frames.append(judged.assign(first_seed=seeds[0], last_seed=seeds[-1]))
     columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
-    return pd.concat(frames, ignore_index=True)[columns]
+    frames = []
+    for populations, judged in zip(data.sets, data.judged_sets, strict=False):
+        first, *_, last = next(iter(populations.values())).seeds
+        frames.append(judged.assign(first_seed=first, last_seed=last)[columns])
+    return pd.concat(frames, ignore_index=True) if frames else None
 
 
 @item("sensitivity", "every part of every claim, its state and the verdict, under every reading of the paper")
 def sensitivity(data: Data) -> pd.DataFrame | None:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
-    if not data.has_claims:
-        return None
-    columns = [
-        "claim", "reading", "part", "agents", "value", "low", "high", "right_side", "threshold", "state",
-        "verdict",
-    ]  # fmt: skip
+    columns = ["claim", "reading", "part", "agents", "value", "low", "high"]
+    columns += ["right_side", "threshold", "state", "verdict"]
     frames = [frame.assign(reading=name)[columns] for name, frame in data.judged_readings.items()]
-    return pd.concat(frames, ignore_index=True)
+    return pd.concat(frames, ignore_index=True) if frames else None
 
 
 @sensitivity.shown
@@ -221,7 +184,7 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
         texts = [
             f"`{row['reading']}`: {link(row['verdict'], 'sensitivity', row)}" for _, row in others.iterrows()
         ]
-        default = _signed(here["by_default"].iloc[0])
+        default = _SIGNED[here["by_default"].iloc[0]]
         rows.append((f"`{claim}`", default, "; ".join(texts) or "no reading changes it"))
     return pd.DataFrame(rows, columns=["claim", "verdict by default", "other verdicts under"])
 
@@ -269,7 +232,7 @@ def _(frames: Frames, _: object) -> Figure | None:
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
         figure.legend(
-            handles=[Patch(color=_COLOURS[v], label=f"{_SIGNS[v]}  {v}") for v in VERDICTS],
+            handles=[Patch(color=_COLOURS[verdict], label=text) for verdict, text in _SIGNED.items()],
             loc="outside lower center", ncols=3, frameon=False,
             title="number: the value of the claim's weakest part; in brackets: where all parts must lie",
         )  # fmt: skip
@@ -285,11 +248,6 @@ def listed(texts: Iterable[str]) -> str:
 def _sizes(frame: pd.DataFrame) -> list[int]:
     """Returns the numbers of agents, the largest first."""
     return sorted(map(int, frame["agents"].unique()), reverse=True)
-
-
-def _signed(verdict: str) -> str:
-    """Returns a verdict with its sign."""
-    return f"{_SIGNS[verdict]} {verdict}"
 
 
 def _changed(frame: pd.DataFrame) -> pd.DataFrame:
