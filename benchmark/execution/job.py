@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from agents import check_training, load_algorithm
 from agents.dynamic_programming import Evaluation, evaluate, every_cell
-from agents.policy import Policy, mask_policy
+from agents.policy import mask_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.execution.store import VALUE_DECIMALS, Record, evaluated
-from envs import InputError, Model, compile_scenario
+from envs import InputError, compile_scenario
 
 
 def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
@@ -109,15 +109,11 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
     shape = training.greedy.shape[:2]  # (N, T)
     for start in first.evaluated_from:
-        for name, values in _evaluate(model, mask_policy(masks), first.horizon, start).items():
-            greedy = values[where.ravel()].reshape(*shape, *values.shape[1:])
-            columns[evaluated(name, "greedy", start)] = greedy
-        for name, values in _evaluate(model, training.stochastic, first.horizon, start).items():
-            columns[evaluated(name, "stochastic", start)] = values
+        starts = every_cell(model) if start == "every_cell" else None
+        greedy = evaluate(model, mask_policy(masks), first.horizon, starts)
+        stochastic = evaluate(model, training.stochastic, first.horizon, starts)
+        for name in (field.name for field in fields(Evaluation)):
+            values = getattr(greedy, name)[where.ravel()]
+            columns[evaluated(name, "greedy", start)] = values.reshape(*shape, *values.shape[1:])
+            columns[evaluated(name, "stochastic", start)] = getattr(stochastic, name)
     return columns
-
-
-def _evaluate(model: Model, policy: Policy, horizon: int, start: str) -> dict[str, NDArray[np.float64]]:
-    """Returns the fields of an evaluation, (..., as policy's leading axes)."""
-    evaluation = evaluate(model, policy, horizon, every_cell(model) if start == "every_cell" else None)
-    return {field.name: getattr(evaluation, field.name) for field in fields(Evaluation)}

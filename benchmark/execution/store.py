@@ -133,7 +133,7 @@ class Store:
     """An open `runs.db`, used as a context manager.
 
     A file that turns out to be damaged is replaced by one with its whole records if it may be written; the
-    damaged one is kept beside it, which is said on stderr and by `salvaged`.
+    damaged one is kept beside it, which is said on stderr.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
@@ -146,7 +146,6 @@ class Store:
         self._path = path  # where the file is, not a link to it
         self._read_only = read_only
         self._inode: int | None = None  # of the file, once it is open
-        self.salvaged = ""  # what was saved from a damaged file, in words
         try:
             if path.is_symlink():
                 self._path = Path(os.path.realpath(path))
@@ -300,21 +299,25 @@ class Store:
             return True
         return False
 
-    def remove_damaged(self, digests: Iterable[str]) -> int:
+    def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes the records of these runs that are damaged, all or none; returns how many are.
 
-        They are looked at again, since another driver may have replaced some by whole ones.
+        If the structure of the file is damaged, it is replaced by one with its whole records first.
         """
-        wanted = list(digests)
+        if self.problem():
+            with self._input_errors():
+                self._salvage()
+        damaged = self.damaged(digests)
 
         def remove() -> int:
             with self._transaction():
                 self._connection.execute("REINDEX")  # an index may be what is damaged
-                rows = [(digest,) for digest in wanted if self._is_damaged(digest)]
+                # Meanwhile another driver may have replaced some by whole ones.
+                rows = [(digest,) for digest in damaged if self._is_damaged(digest)]
                 self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
             return len(rows)
 
-        return self._do(remove)
+        return self._do(remove) if damaged else 0
 
     def problem(self) -> str:
         """Returns what is wrong with the file's structure; empty if nothing."""
@@ -326,12 +329,6 @@ class Store:
                     raise
                 found = str(error)
         return "" if found == "ok" else " ".join(str(found).split())
-
-    def repair(self) -> None:
-        """Replaces the file by one with its whole records if its structure is damaged; `salvaged` says so."""
-        if self.problem():
-            with self._input_errors():
-                self._salvage()
 
     def _do(self, action: Callable[[], _T]) -> _T:
         """Returns what an action on the database returns.
@@ -382,11 +379,8 @@ class Store:
             except OSError:  # where a file has but one name
                 shutil.copyfile(self._path, kept)
             fresh.replace(self._path)
-            self.salvaged = (
-                f"{self._path} was damaged: its {n_records} intact records have been saved; the damaged "
-                f"file is kept as {kept}."
-            )
-            print(self.salvaged, file=sys.stderr)
+            what = f"{self._path} was damaged: its {n_records} intact records have been saved"
+            print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
         self._connection.close()
         self._connect()
 

@@ -52,12 +52,7 @@ class Processes:
         self._pool.shutdown(cancel_futures=True)
 
     def _execute(self, job: Job, logs: Path | None) -> list[Record]:
-        """Has this thread's worker execute a job.
-
-        Raises:
-          WorkerDiedError: It died.
-          CancelledError: It was killed by `cancel`, or would have been.
-        """
+        """Has this thread's worker execute a job, unless it dies or is killed by `cancel`."""
         if getattr(self._worker, "connection", None) is None:
             self._start()
         try:
