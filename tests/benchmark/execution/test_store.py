@@ -242,7 +242,7 @@ def test_no_flipped_bit_is_used_silently(tmp_path: Path) -> None:
     path = tmp_path / "runs.db"
     with Store(path) as store:
         for i in range(12):
-            arrays = {"q": rng.random((30, 5)), "greedy": rng.integers(0, 31, 120, dtype=np.uint8)}
+            arrays: dict[str, NDArray[Any]] = {"q": rng.random((30, 5)), "greedy": rng.integers(0, 31, 120)}
             store.add([record(f"{i:064x}", "failed" if i == 3 else "done", arrays)])
         expected = {digest: content_of(store.get([digest])[0]) for digest in store.statuses()}
     whole = path.read_bytes()
