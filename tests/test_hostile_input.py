@@ -66,7 +66,10 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (f"[{'.'.join('a' * 3000)}]", "nested too deeply"),
         (f"{'.'.join('a' * 3000)} = 1", "nested too deeply"),
         (f"{EXPERIMENT}[sweep.size.small.scenario]\n'{'.'.join('a' * 1200)}' = 1", "nested too deeply"),
-        (f"extends = 'reproduce'\n[changes]\n'{'.'.join('a' * 3000)}' = 1", "nested too deeply"),
+        (
+            f"extends = 'reproduce'\ndescription = 'x'\n[changes]\n'{'.'.join('a' * 3000)}' = 1",
+            "nested too deeply",
+        ),
         (f"horizon = {'9' * 5000}", "too many digits"),
         (EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"), "horizon: too many digits"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
