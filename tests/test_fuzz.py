@@ -8,7 +8,7 @@ import pytest
 
 from tests import fuzz
 
-NUMBER = 500
+NUMBER = 400
 
 
 def test_drawn_inputs_are_accepted_or_refused_by_one_line() -> None:

@@ -65,23 +65,11 @@ def recorded(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def failures(job: Job, error: BaseException, started_at: str, wall_time_s: float) -> list[Record]:
-    """Returns the records of a job that failed.
-
-    Args:
-      job: Its runs.
-      error: Why it failed.
-      started_at: When it started, as `now` says it.
-      wall_time_s: How long it took until it failed.
-    """
-    measured: dict[str, Any] = {}
+    """Returns the records of a job that failed, given when it started (`now`), and how long it took."""
+    seconds = wall_time_s / len(job)
+    measured = {"started_at": started_at, "wall_time_s": seconds, "peak_memory_mb": None, "cpu_time_s": []}
     with suppress(InputError):  # an algorithm that cannot be imported here has no versions
         measured |= provenance(job[0].algorithm)
-    measured |= {
-        "started_at": started_at,
-        "wall_time_s": wall_time_s / len(job),
-        "peak_memory_mb": None,
-        "cpu_time_s": [],
-    }
     message = f"{type(error).__name__}: {error}"
     return [Record(run.digest, run.content, "failed", measured, {}, message) for run in job]
 

@@ -118,8 +118,7 @@ class Cluster:
             raise InputError(f"a new worker does not have this project's code: {error}") from error
         if isinstance(found, str):
             raise InputError(found)
-        records: list[Record] = found
-        return records
+        return list(found)
 
 
 class _Call:

@@ -57,7 +57,7 @@ class Processes:
             self._start()
         try:
             self._worker.connection.send((job, logs))
-            records: list[Record] = self._worker.connection.recv()
+            return list(self._worker.connection.recv())
         except (EOFError, OSError):
             if self._is_cancelled:
                 raise CancelledError from None
@@ -66,7 +66,6 @@ class Processes:
             code = self._worker.process.exitcode
             reason = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
             raise WorkerDiedError(f"its process {reason}") from None
-        return records
 
     def _start(self) -> None:
         """Starts this thread's worker."""
