@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmark.commands import parse_jobs
-from benchmark.commands.report import check, folder_name
+from benchmark.commands.report import folder_name
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, Record, Store
 from benchmark.experiments import (
@@ -20,9 +20,8 @@ from benchmark.experiments import (
     experiment_names,
     load_experiment,
 )
-from benchmark.reports import certificate, draw, files, load_items, load_report
-from benchmark.reports.item import measured_files
-from benchmark.reports.published import MANIFEST
+from benchmark.reports import draw, files, sameness
+from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
 
@@ -120,14 +119,11 @@ def _difference(before: Record, after: Record) -> str:
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path, jobs: int) -> Iterator[str]:
     """Draws an experiment again; yields what differs from its folder."""
-    check(experiment, is_required=True)
+    _, items = draw.report_of(experiment)
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
     draw.draw(experiment, store, made, jobs=jobs)
-    report = load_report(experiment.report, experiment.argument)
-    items = load_items(report, experiment.items, experiment.argument)
-    was_made = draw.was_made(folder, items)
-    found = certificate.compare_folders(made, folder, experiment.name, measured_files(items), was_made)
+    found = sameness.compare(made, experiment.name, draw.measured_files(items), folder)
     assert found is not None  # there is a manifest
     if found.is_identical:
         print(found)
