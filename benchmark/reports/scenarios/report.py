@@ -82,7 +82,7 @@ def _display_effects(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _draw_scenarios(_: Frames, context: Context) -> "Figure":
-    from benchmark.drawing.gallery import gallery
+    from benchmark.drawing.maps import gallery
 
     return gallery(list(context.models.values()))
 
