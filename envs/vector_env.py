@@ -69,9 +69,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             accepted = "at least 1, or None or -1 for no limit"
             self._limit = _whole_number("max_episode_steps", max_episode_steps, accepted)
         if render_mode is not None:
-            raise InputError(
-                f"render_mode = {render_mode!r}; accepted: None, because a batch cannot be rendered."
-            )
+            raise InputError(f"render_mode = {render_mode!r}; accepted: None, for a batch.")
         try:
             self._mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -184,8 +182,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         fresh = np.flatnonzero(self._over)
         if len(fresh) and self._mode is AutoresetMode.DISABLED:
             raise InputError(
-                f"actions: the episodes of envs {fresh.tolist()} are over; "
-                "accepted: actions after a reset of these envs."
+                f"actions: the episodes of envs {fresh.tolist()} are over; accepted: a reset first."
             )
         # An env that is about to be reset takes no draws for its step.
         uniform = self._draw(np.flatnonzero(~self._over)) if self.model.is_noisy else None
@@ -312,11 +309,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         info["zone"][envs] = self._zone[self._state[envs]]
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
-        """Returns a reset mask.
-
-        Raises:
-          InputError: It is not (N,) bool, or selects no env.
-        """
+        """Returns a reset mask, which must be (N,) bool and select an env."""
         if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             given = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
             raise InputError(f"reset_mask: {given}; accepted: a bool array of shape ({self.num_envs},).")
@@ -325,11 +318,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return mask
 
     def _seeds(self, seed: int | np.integer | Sequence[int | None]) -> Sequence[int | None]:
-        """Returns a seed for each env.
-
-        Raises:
-          InputError: There are fewer or more seeds than envs.
-        """
+        """Returns a seed for each env, of which there must be as many."""
         if isinstance(seed, int | np.integer):
             return range(int(seed), int(seed) + self.num_envs)
         if len(seed) != self.num_envs:
@@ -338,11 +327,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
 
 def _whole_number(name: str, value: Any, accepted: str) -> int:
-    """Returns an argument as a Python integer.
-
-    Raises:
-      InputError: It is not a whole number of at least 1.
-    """
+    """Returns an argument as a Python integer, which must be at least 1."""
     try:
         number = operator.index(value)
     except TypeError:

@@ -215,15 +215,15 @@ def write(frames: Sequence[Image.Image], path: Path) -> None:
     """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours.
 
     Raises:
-      InputError: The file name has another ending.
-      OSError: The file cannot be written.
+      InputError: The file name has another ending, or the file cannot be written.
     """
     check_animation(path)
+    options: dict[str, Any] = {"save_all": True, "append_images": list(frames[1:]), "loop": 0, "quality": 70}
     durations = [_FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
-    form = path.suffix.lower().removeprefix(".")
-    frames[0].save(
-        path, form, save_all=True, append_images=list(frames[1:]), duration=durations, loop=0, quality=70
-    )
+    try:
+        frames[0].save(path, path.suffix.lower().removeprefix("."), duration=durations, **options)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}.") from error
 
 
 def check_animation(path: Path) -> None:
@@ -234,6 +234,8 @@ def check_animation(path: Path) -> None:
     """
     if path.suffix.lower() not in (".webp", ".gif"):
         raise InputError(f"{path}: accepted: a name that ends in .webp or .gif.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
 def _fitting(cell_pixels: int, rows: int, columns: int) -> int:
