@@ -105,7 +105,7 @@ class Assessment:
             "steps": f"{float(exact.steps):g}",
             "wrong PINGs": f"{float(exact.wrong_pings):g}",
             "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
-            "region overlap": f"{self.region_overlap:<10g} (of where PING is likeliest with the target region)",
+            "region overlap": f"{self.region_overlap:<10g} (of where it PINGs with the target region)",
         }
         lines = [
             f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over episodes "
@@ -222,7 +222,7 @@ def policy_of(act: Act, model: Model, observation: str) -> Policy:
     for o in np.random.default_rng(0).permutation(len(given))[:_ASKED_AGAIN].tolist():
         if abs(ask(o) - policy[o]).max() > _TOLERANCE:
             raise InputError(
-                f"act: returned another answer, asked again, for {_named(model, o)}; accepted: an answer without "
+                f"act: returned another answer, asked again, for {_named(model, o)}; accepted: one without "
                 f"memory; an agent that draws its actions returns {len(ACTIONS)} probabilities."
             )
     return policy

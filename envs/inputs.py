@@ -91,8 +91,11 @@ class Table(BaseModel):
     later: ClassVar[frozenset[str]] = frozenset()
 
     def _given(self) -> dict[str, Any]:
-        """The values by key, without what a table has cached, which is neither copied nor pickled."""
+        """The values by key, without what is cached, which is neither compared nor copied nor pickled."""
         return {key: self.__dict__[key] for key in type(self).model_fields}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Table) and type(self) is type(other) and self._given() == other._given()
 
     def __hash__(self) -> int:
         values = self._given().values()

@@ -90,9 +90,7 @@ def has_window() -> bool:
 
 
 def in_window(film: Film) -> None:
-    """Plays the film in a window until the reader closes it.
-
-    Space pauses, the left and right arrow keys go to the previous and next map, q quits.
+    """Plays the film in a window until the reader closes it; the title says which keys do what.
 
     Raises:
       InputError: There is no window, or no screen to show it on.
@@ -133,11 +131,7 @@ def in_terminal(film: Film, console: Console) -> None:
 
 
 def to_file(film: Film, path: Path) -> None:
-    """Writes the film as an animated GIF or WebP, one frame per map.
-
-    Raises:
-      InputError: The file name has another ending, or the file cannot be written.
-    """
+    """Writes the film as an animated GIF or WebP, one frame per map; raises as `film.write` does."""
     write([picture(film, end_of(film, place), 32) for place in range(len(film.steps))], path)
 
 

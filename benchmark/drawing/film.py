@@ -95,14 +95,9 @@ class Film:
         first = moment.state - int(self.model.cell[moment.state])
         observed = self.model.observation[first : first + len(self.model.position)]
         context = int(self.model.context[moment.state])
-        return replace(
-            self,
-            scene=scene_of(self.model, context),
-            values=self.values[:, observed],
-            greedy=self.greedy[:, observed],
-            scale=self.limits,
-            model=None,
-        )
+        values, greedy = self.values[:, observed], self.greedy[:, observed]
+        scene = scene_of(self.model, context)
+        return replace(self, scene=scene, values=values, greedy=greedy, scale=self.limits, model=None)
 
     def place_at(self, step: int) -> int:
         """Returns the place of the last map that is not later than a step."""
@@ -215,23 +210,17 @@ def write(frames: Sequence[Image.Image], path: Path) -> None:
     """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours.
 
     Raises:
-      InputError: The file name has another ending, or the file cannot be written.
+      InputError: The file name has another ending, or there is no such folder.
+      OSError: The file cannot be written.
     """
     check_animation(path)
     options: dict[str, Any] = {"save_all": True, "append_images": list(frames[1:]), "loop": 0, "quality": 70}
     durations = [_FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
-    try:
-        frames[0].save(path, path.suffix.lower().removeprefix("."), duration=durations, **options)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}.") from error
+    frames[0].save(path, path.suffix.lower().removeprefix("."), duration=durations, **options)
 
 
 def check_animation(path: Path) -> None:
-    """Checks that a film can be written to a file of this name.
-
-    Raises:
-      InputError: It cannot.
-    """
+    """Checks that a film can be written to a file of this name; raises InputError if it cannot."""
     if path.suffix.lower() not in (".webp", ".gif"):
         raise InputError(f"{path}: accepted: a name that ends in .webp or .gif.")
     if not path.parent.is_dir():
