@@ -128,13 +128,10 @@ class Assessment:
         return "\n".join(lines)
 
     def draw(self, path: str | Path) -> None:
-        """Draws where the agent PINGs, and which moves are its likeliest elsewhere.
+        """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
         If an observation is more than the agent's cell, the map is of the first place of the issuer and of
         the first phase, before any wrong PING.
-
-        Args:
-          path: A .png or .svg file.
 
         Raises:
           InputError: The file name has another ending, or the file cannot be written.
@@ -229,12 +226,7 @@ def policy_of(act: Act, model: Model, observation: str) -> Policy:
 
 
 def standing_of(score: float, published: pd.DataFrame) -> Standing:
-    """Ranks a score among learners by their mean scores.
-
-    Args:
-      score: Of the agent, in [0, 1].
-      published: A row per run: experiment, learner, score.
-    """
+    """Ranks a score in [0, 1] by mean score among learners; a row per run: experiment, learner, score."""
     runs = published.assign(
         lower=published["score"] < score - _ROUNDING,
         equal=(published["score"] - score).abs() <= _ROUNDING,
@@ -250,11 +242,7 @@ def standing_of(score: float, published: pd.DataFrame) -> Standing:
 
 
 def check_picture(path: Path) -> None:
-    """Checks that a map can be written to a file.
-
-    Raises:
-      InputError: The file name has an ending other than .png and .svg, or its folder is missing.
-    """
+    """Checks that a map can be written to a file of this name; raises InputError if it cannot."""
     if path.suffix.lower() not in (".png", ".svg"):
         raise InputError(f"{path}: accepted: a name that ends in .png or .svg.")
     if not path.parent.is_dir():
@@ -375,11 +363,10 @@ def draw_map(assessment: Assessment) -> Figure:
 
 def _where(model: Model, phase: str) -> str:
     """Returns which of the agent's observations a map shows; empty if it shows all."""
-    if tuple(model.scenario.observe) == ("agent",) and not model.context.any():
+    if model.scenario.observe == ("agent",) and not model.context.any():
         return ""
     row, column = model.scenario.people[0][0][0].cell
-    issuer = f"the issuer in row {row}, column {column}"
-    if model.n_places > 1:
-        issuer += f", the first of {model.n_places} places"
+    of_places = f", the first of {model.n_places} places" if model.n_places > 1 else ""
     pings = "no wrong PING yet" if "wrong_pings" in model.scenario.observe else ""
+    issuer = f"the issuer in row {row}, column {column}{of_places}"
     return "; ".join(filter(None, [issuer, phase and f"phase: {phase}", pings]))

@@ -246,12 +246,7 @@ def _check_texts(value: object, source: str, key: str = "", depth: int = 1) -> N
 
 
 def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """Returns a copy of nested tables with some values replaced.
-
-    Args:
-      data: Tables as read from TOML.
-      overrides: Dotted key to new value, for example `{"issuer.position": [8, 6]}`.
-      source: The origin of `data`, for the message.
+    """Returns a copy of nested tables with some values replaced, by dotted key: `{"grid.start": [8, 6]}`.
 
     Raises:
       InputError: A key passes through a value that is not a table, or through too many tables.
@@ -271,12 +266,12 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
 
 
 def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any) -> TableT:
-    """Checks tables and returns them as a typed object.
+    """Checks tables, as read from TOML, and returns them as a typed object.
 
     Args:
       cls: Class of the object.
-      data: Tables as read from TOML.
-      source: The file of `data`, for the message.
+      data: The tables.
+      source: Their file, for the message.
       **given: Values that are not in the file; the file must not contain these keys.
 
     Raises:

@@ -53,9 +53,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Args:
           num_envs: N, at least 1.
-          scenario: A name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's values.
-          observation: `"index"`, `"one_hot"` or `"coordinates"`.
-          overrides: New values for keys of the scenario.
+          scenario, observation, overrides: As for `ProxemicEnv`.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
           render_mode: None; a batch cannot be rendered.
@@ -222,9 +220,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ) -> tuple[
         NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
     ]:
-        """Moves every env by one action: the core of `step`, for loops that need no info.
-
-        It neither checks actions nor resets envs: see `observe` and `restart`.
+        """Moves every env by one action: the core of `step`, without checks, resets and info.
 
         Args:
           actions: (N,) integers, 0 to 4.
@@ -232,8 +228,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
           outcome: (N,) draws from [0, 1) for the outcomes; unused if there is one each.
 
         Returns:
-          (N,) each: `state * A + action` before the move; the grid's reward; the issuer's reward;
-          terminated; truncated.
+          (N,) `state * A + action` before the move, grid's and issuer's rewards, terminated, truncated.
         """
         taken = self._state * len(ACTIONS) + actions
         if self.model.n_outcomes > 1:
@@ -251,17 +246,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
     def restart(self, envs: NDArray[np.intp], uniform: NDArray[np.float64] | None) -> None:
-        """Moves the agents of these envs to a start.
-
-        Args:
-          envs: (n,) which envs.
-          uniform: (n,) draws from [0, 1), which choose among several starts; unused if there is one.
-        """
-        if len(self._starts) > 1:
-            assert uniform is not None
-            self._state[envs] = self._starts[(uniform * len(self._starts)).astype(np.intp)]
-        else:
-            self._state[envs] = self._starts[0]
+        """Moves the agents of these envs, (n,), to a start, of several by (n,) draws from [0, 1)."""
+        place = 0 if uniform is None else (uniform * len(self._starts)).astype(np.intp)
+        self._state[envs] = self._starts[place]
         self._steps[envs] = 0
 
     def draw_starts(self, envs: NDArray[np.intp]) -> NDArray[np.float64] | None:

@@ -26,7 +26,7 @@ from envs.observations import observation_blocks, observation_table
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.envs.reference import Reference, Tables
 
-MOST_STATES = 200  # that a test compares
+MOST_STATES = 600  # that a test compares: all of S1 to S3
 REWARDS = read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"] | {"wrong_ping_uncomfortable": -0.6}
 heading = st.sampled_from(["up", "down", "left", "right"])
 feedback = st.one_of(

@@ -7,64 +7,29 @@ import pytest
 
 from envs import ACTIONS, EVENTS, ZONES, compile_scenario, load_scenario
 
-SCENARIOS = ("S1", "S2", "S3")
-STEP = {"UP": (-1, 0), "DOWN": (1, 0), "LEFT": (0, -1), "RIGHT": (0, 1)}
 
-
-def paper_zone(row: int, column: int) -> str:
-    distance = max(abs(row - 6), abs(column - 8))
-    return {0: "issuer", 1: "uncomfortable", 2: "target"}.get(distance, "outside")
-
-
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_every_state_and_action_follows_the_reward_table(name: str) -> None:
-    model = compile_scenario(load_scenario(name))
-    assert len(model.observation) == 600
-    assert model.start == 0
-    for pings in range(5):
-        for row in range(10):
-            for column in range(12):
-                state = pings * 120 + row * 12 + column
-                zone = paper_zone(row, column)
-                assert ZONES[model.zone[state]] == zone
-                assert model.observation[state] == row * 12 + column
-                if zone == "issuer":  # the episode is over: absorbing, worth nothing
-                    assert (model.next_state[state] == state).all()
-                    assert not model.grid_reward[state].any()
-                    assert not model.issuer_reward[state].any()
-                    assert model.terminated[state].all()
-                    continue
-                for action, name_of_action in enumerate(ACTIONS):
-                    cell, reward, over, event, wrong = (row, column), 0.0, False, "", 0
-                    if name_of_action == "PING":
-                        if zone == "target":
-                            reward, over, event = 1.0, True, "target_ping"
-                        elif pings == 4:
-                            reward, over, event, wrong = -1.0, True, "last_wrong_ping", 1
-                        else:
-                            reward, event, wrong = -0.4, "wrong_ping", 1
-                    else:
-                        moved = row + STEP[name_of_action][0], column + STEP[name_of_action][1]
-                        if 0 <= moved[0] < 10 and 0 <= moved[1] < 12:
-                            cell = moved
-                        entered = paper_zone(*cell)
-                        if entered == "issuer":
-                            reward, over, event = -1.0, True, "issuer_reached"
-                        elif entered == "uncomfortable":
-                            reward, event = -0.8, "uncomfortable"
-                        else:
-                            reward, event = -0.1, "move"
-                    assert model.grid_reward[state, action] == reward
-                    assert model.terminated[state, action] == over
-                    assert EVENTS[model.event[state, action]] == event
-                    assert model.wrong_pings[state, action] == pings + wrong
-                    following = model.next_state[state, action, 0]
-                    assert following == min(pings + wrong, 4) * 120 + cell[0] * 12 + cell[1]
-                    is_ping = name_of_action == "PING"
-                    distance = abs(row - 6) + abs(column - 8)
-                    mean = -distance / 14 if name == "S3" and is_ping else 0.0
-                    assert model.issuer_reward[state, action] == pytest.approx(mean, abs=1e-15)
-                    assert model.issuer_noise[state, action] == (1.0 if name == "S2" and is_ping else 0.0)
+@pytest.mark.parametrize(
+    ("name", "feedback"),
+    [
+        ("S1", {"kind": "none"}),
+        ("S2", {"kind": "uniform", "low": -1, "high": 1}),
+        ("S3", {"kind": "distance"}),
+    ],
+)
+def test_tables_are_those_of_the_paper(name: str, feedback: dict[str, object]) -> None:
+    """`test_dynamics` compares the models with the tables, `test_regions` the zones with the paper."""
+    scenario = load_scenario(name)
+    assert (scenario.grid.size, scenario.grid.start, scenario.issuer.position) == ((10, 12), (0, 0), (6, 8))
+    assert (scenario.ping_limit, scenario.issuer.feedback.model_dump()) == (5, feedback)
+    assert scenario.rewards.model_dump() == {
+        "issuer_reached": -1.0,
+        "target_ping": 1.0,
+        "last_wrong_ping": -1.0,
+        "wrong_ping": -0.4,
+        "wrong_ping_uncomfortable": -0.4,
+        "uncomfortable": -0.8,
+        "other": -0.1,
+    }
 
 
 def test_fresh_states_have_no_wrong_ping_and_states_that_are_over_absorb() -> None:

@@ -175,24 +175,6 @@ def test_the_walker_waits_for_the_agent_and_bumps_into_nobody() -> None:
     assert model.context[int(model.next_state[behind, PING, 0])] == 2
 
 
-def test_two_people_share_the_room() -> None:
-    model = compile_scenario(load_scenario("TwoPeople"))
-    zone = {
-        at: ZONES[model.zone[cell(*at)]] for at in ((6, 8), (2, 10), (4, 7), (4, 8), (5, 8), (5, 10), (0, 7))
-    }
-    assert zone == {
-        (6, 8): "issuer",
-        (2, 10): "issuer",
-        (4, 7): "target",  # of both: two from the one, three from the other
-        (4, 8): "uncomfortable",  # target of the one, too near to the other
-        (5, 8): "uncomfortable",  # too near to the one, target of the other
-        (5, 10): "target",
-        (0, 7): "target",
-    }
-    assert EVENTS[model.event[cell(2, 9), RIGHT]] == "issuer_reached"
-    assert EVENTS[model.event[cell(6, 7), RIGHT]] == "issuer_reached"
-
-
 def test_the_nearest_person_answers() -> None:
     other = {"position": [0, 11], "feedback": {"kind": "uniform", "low": 0.0, "high": 1.0}}
     model = compiled({"others": [other | {"regions": SHY}]}, "S3")
@@ -208,16 +190,6 @@ def test_the_nearest_person_answers() -> None:
     tied = compiled({"others": [other | {"position": [2, 8], "regions": SHY}]}, "S3")
     assert not tied.issuer_noise[cell(4, 9), PING]
     assert tied.issuer_noise[cell(3, 9), PING] == 0.5
-
-
-def test_feedback_by_hand() -> None:
-    binary = compile_scenario(load_scenario("YesNo"))
-    assert binary.issuer_reward[[cell(4, 6), cell(5, 7), cell(0, 0)], PING].tolist() == [1.0, -1.0, -1.0]
-    assert not binary.issuer_reward[:, :PING].any()
-    noisy = compiled({"issuer.feedback": {"kind": "noisy", "noise": 0.25}})
-    assert noisy.issuer_reward[cell(6, 6), PING] == pytest.approx(-2 / 14)
-    assert noisy.issuer_noise[cell(6, 6), PING] == 0.25
-    assert not noisy.issuer_noise[:, :PING].any()
 
 
 def test_delayed_feedback_comes_with_the_next_action() -> None:
@@ -240,12 +212,6 @@ def test_feedback_is_relative_to_the_farthest_start_of_the_same_place() -> None:
     phases = [{"name": "a", "steps": 1, "position": [0, 0]}, {"name": "b", "steps": 1, "position": [6, 8]}]
     moving = compiled({"phases": phases, "first_phase": "any"}, "S3")
     assert moving.issuer_reward[600 + cell(6, 6), PING] == pytest.approx(-2 / 14)
-
-
-def test_starts_are_all_allowed_cells() -> None:
-    model = compile_scenario(load_scenario("AnyStart"))
-    outside = [cell(r, c) for r in range(10) for c in range(12) if max(abs(r - 6), abs(c - 8)) > 2]
-    assert sorted(model.starts.tolist()) == outside
 
 
 def test_the_issuer_stands_anywhere_but_beside_the_start() -> None:
