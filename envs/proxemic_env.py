@@ -92,9 +92,6 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     ## References
     Millan-Arias, Fernandes and Cruz (2021), Learning Proxemic Behavior Using Reinforcement Learning
     with Cognitive Agents, arXiv 2108.03730.
-
-    ## Version History
-    - v0: first version
     """
 
     metadata = {"render_modes": list(render.MODES), "render_fps": 8}  # noqa: RUF012, as declared by Env

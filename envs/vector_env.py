@@ -53,7 +53,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Args:
           num_envs: N, at least 1.
-          scenario, observation, overrides: As for `ProxemicEnv`.
+          scenario: As for `ProxemicEnv`.
+          observation: As for `ProxemicEnv`.
+          overrides: As for `ProxemicEnv`.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
           render_mode: None; a batch cannot be rendered.

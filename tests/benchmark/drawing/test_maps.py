@@ -127,7 +127,7 @@ def test_gallery_shows_zones_walls_people_starts_and_the_way() -> None:
     (mesh,) = drawn(shown[3].collections, QuadMesh)
     expected = [COLOURS[zone] for zone in scene_of(models[1]).zone]
     assert np.asarray(mesh.get_array()).reshape(-1, 3) * 255 == pytest.approx(np.array(expected))
-    assert [len(line.get_xydata()) for line in shown[4].lines] == [95, 1]
+    assert [len(np.asarray(line.get_xydata())) for line in shown[4].lines] == [95, 1]
     path = drawn(shown[5].patches, PathPatch)[0].get_path()
     inside = [path.contains_point((column, row)) for row, column in scene_of(models[3]).position]
     assert inside == load_scenario("Walls").grid.is_wall.tolist()
