@@ -193,15 +193,15 @@ def learning(films: Sequence[Sequence[Film]], cell_pixels: int = 21) -> list[Ima
             for row in films
         ]
         width = max(panel.width for row in panels for panel in row) + gap
-        size = max(map(len, panels)) * width - gap, 3 * int(0.7 * cell_pixels)
-        frame = Image.new("RGB", (size[0], sum(row[0].height + size[1] for row in panels)))
-        frame.paste(COLOURS["outside"], (0, 0, *frame.size))
+        bar = max(map(len, panels)) * width - gap, 3 * int(0.7 * cell_pixels)
+        heights = [max(panel.height for panel in row) for row in panels]
+        frame = Image.new("RGB", (bar[0], sum(heights) + len(panels) * bar[1]), COLOURS["outside"])
         top = 0
-        for row, shown in zip(panels, films, strict=True):
+        for row, shown, height in zip(panels, films, heights, strict=True):
             for j, panel in enumerate(row):
                 frame.paste(panel, (j * width, top))
-            frame.paste(_colour_bar(shown[0], size), (0, top + row[0].height))
-            top += row[0].height + size[1]
+            frame.paste(_colour_bar(shown[0], bar), (0, top + height))
+            top += height + bar[1]
         frames.append(frame)
     return frames
 

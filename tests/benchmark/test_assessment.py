@@ -16,30 +16,21 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
 from benchmark.assessment import Act, assess, draw_map, standing_of
-from envs import EVENTS, InputError, compile_scenario, load_scenario
+from envs import EVENTS, InputError, Scenario, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
-DOWN, RIGHT = 1, 3
+DOWN = 1
+TWO_PLACES = load_scenario("S1", {"issuer.position": [[6, 8], [3, 8]], "observe": ["agent", "issuer"]})
 
 
 def optimal(scenario: str) -> Act:
-    """An optimal policy over the numbers of observations: where nothing that matters is hidden."""
+    """An optimal policy over the numbers of observations, if nothing that matters is hidden."""
     model = compile_scenario(load_scenario(scenario))
     best = solve(model, 1.0, 200, issuer_rewards=False).q.argmax(axis=1)
     action = dict(zip(model.observation[model.fresh_state].tolist(), best[model.fresh_state], strict=True))
     return lambda o: action.get(o, 0)
-
-
-def approach(o: NDArray[np.float32]) -> int:
-    """Reads its cell and the issuer's, of 10 rows and 12 columns; PINGs at Chebyshev distance 2."""
-    down, right = np.rint((o[2:4] - o[:2]) * (9, 11)).astype(int)
-    if max(abs(down), abs(right)) == 2:
-        return PING
-    if abs(down) > abs(right):
-        return DOWN if down > 0 else 0
-    return RIGHT if right > 0 else 2
 
 
 # Exact numbers
@@ -99,32 +90,6 @@ def test_episodes_of_the_environment_agree() -> None:
     assert 0.1 < assessment.success < 0.9
     assert successes / n == pytest.approx(assessment.success, abs=4 * 0.5 / math.sqrt(n))
     assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.08)
-
-
-# Several parts
-
-
-def test_issuer_anywhere_is_found_by_hand() -> None:
-    assessment = assess(approach, scenario="Anywhere", observation="coordinates")
-    assert assessment.score == pytest.approx(1)
-    assert assessment.success == pytest.approx(1)
-    assert assessment.region_overlap == 1  # over all places of the issuer
-
-
-def test_moods_are_seen_and_overlap_is_over_all_of_them() -> None:
-    radius = (2, 3, 1)  # of the target region when calm, tense and cheerful
-
-    def act(o: int) -> int:
-        phase, cell = divmod(o, 120)
-        row, column = divmod(cell, 12)
-        return PING if max(abs(row - 6), abs(column - 8)) == radius[phase] else DOWN
-
-    always_calm = assess(lambda o: act(o % 120), scenario="Moody", observation="index")
-    # Rings of 16, 24 and 8 cells, of which the last column lies outside the tense ring's 7 x 7 square; the
-    # ring of 16 is marked in each of three moods.
-    tense = sum(max(abs(r - 6), abs(c - 8)) == 3 for r in range(10) for c in range(12))
-    assert tense == 24
-    assert always_calm.region_overlap == pytest.approx(16 / (3 * 16 + 24 + 8))
 
 
 def test_overlap_by_hand() -> None:
@@ -366,11 +331,13 @@ def test_equal_maps_give_equal_bytes(tmp_path: Path) -> None:
     [
         ("Walls", []),
         ("MoodyHidden", ["the issuer in row 6, column 8; phase: calm"]),
-        ("Anywhere", ["the issuer in row 0, column 3, the first of 111 places"]),
+        (TWO_PLACES, ["the issuer in row 6, column 8, the first of 2 places"]),
         ("Counted", ["the issuer in row 6, column 8; no wrong PING yet"]),
     ],
 )
-def test_a_map_says_which_observations_it_shows_unless_it_shows_all(scenario: str, shown: list[str]) -> None:
+def test_a_map_says_which_observations_it_shows_unless_it_shows_all(
+    scenario: str | Scenario, shown: list[str]
+) -> None:
     figure = draw_map(assess(lambda _: PING, scenario=scenario, observation="index"))
     _, *rest = figure.axes[0].get_title().split("\n")
     assert rest == shown
