@@ -192,7 +192,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     except InputError:
         raise
     except ValueError as error:  # Python refuses to read such a number
-        raise InputError(f"{path}: a number has more than {_MOST_DIGITS:,} digits.") from error
+        accepted = f"at most {_MOST_DIGITS:,}"
+        raise InputError(f"{path}: a number has too many digits; accepted: {accepted}.") from error
     return data
 
 

@@ -9,7 +9,12 @@ from agents.policy import contains
 from benchmark.drawing.film import ENDINGS, Film, Moment
 from envs.scene import ARROWS
 
-_BRACKETS: Final = {"outside": "  ", "target": "[]", "uncomfortable": "{}", "issuer": "  "}
+_BRACKETS: Final = {
+    "outside": "  ",
+    "target": "[]",
+    "uncomfortable": "{}",
+    "issuer": "  ",
+}  # before and after a cell
 _LEGEND: Final = f"""\
 {ARROWS} greedy move   P greedy PING   + several   . all alike
 [ ] target region   {{ }} uncomfortable region
@@ -33,10 +38,10 @@ def to_text(film: Film, moment: Moment) -> Text:
         else:
             (first, *more) = np.flatnonzero(greedy[cell]).tolist()
             sign = "." if greedy[cell].all() else "+" if more else f"{ARROWS}P"[first]
-        before, after = _BRACKETS[scene.zone[cell]]
+        brackets = _BRACKETS[scene.zone[cell]]
         ink = "rgb(0,0,0)" if red + green + blue > 330 else "rgb(255,255,255)"
         style = f"{'bold ' if cell == agent else ''}{ink} on rgb({red},{green},{blue})"
-        text.append(f"{before}{sign}{after}", style=style)
+        text.append(f"{brackets[0]}{sign}{brackets[1]}", style=style)
         if (cell + 1) % scene.columns == 0:
             text.append("\n")
     text.append(_LEGEND + ("          # wall" if scene.is_wall.any() else ""), style="dim")

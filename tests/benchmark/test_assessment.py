@@ -63,7 +63,7 @@ def test_random_policy_scores_zero(scenario: str) -> None:
 
 def test_an_agent_that_never_pings_by_hand() -> None:
     assessment = assess(lambda _: 0, scenario="S1", observation="index")
-    assert (assessment.success, assessment.evaluation.steps, assessment.score) == (0, 200, 0)
+    assert (assessment.success, float(assessment.evaluation.steps), assessment.score) == (0, 200, 0)
     # 200 steps cost 20; the optimum pays 0; the random policy's return is what gives it a score of 0.
     random = float(evaluate(S1, uniform_policy(S1), 200).grid_return)
     assert assessment.unbounded_score == pytest.approx((-20 - random) / -random)
@@ -102,7 +102,7 @@ def test_overlap_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    "answer", [4, np.int64(4), np.array(4), (0, 0, 0, 0, 1), np.float32([0, 0, 0, 0, 1])]
+    "answer", [4, np.int64(4), np.array(4), (0, 0, 0, 0, 1), np.eye(5, dtype=np.float32)[4]]
 )
 def test_answers_that_mean_ping(answer: object) -> None:
     policy = assess(lambda _: answer, scenario="S1", observation="index").policy
@@ -217,7 +217,7 @@ def test_saved_actor_draws_its_actions_on_request(saved: dict[str, Path]) -> Non
 
     agent = stable_baselines3.PPO.load(saved["PPO"], device="cpu")
     model = compile_scenario(load_scenario("Moody"))
-    options = {"scenario": "Moody", "observation": "one_hot", "stochastic": True}
+    options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot", "stochastic": True}
     drawn = assess(str(saved["PPO"]), algorithm="stable_baselines3:PPO", **options)
     with torch.no_grad():
         latent = agent.policy.mlp_extractor.forward_actor(
