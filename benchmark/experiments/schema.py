@@ -304,14 +304,16 @@ def _path(experiment: str | Path) -> Path:
 def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Reads an experiment's tables; those of an extension are those of its base with changes."""
     data = read_toml(path)
-    if "extends" not in data:
-        return data
-    extension = parse(_Extension, data, str(path))
-    base = _path(extension.extends)
-    if base in (path, *extended_by):
-        raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
-    changes = {"description": extension.description} | extension.changes
-    return override(_read(base, (path, *extended_by)), changes, str(path))
+    if "extends" in data:
+        extension = parse(_Extension, data, str(path))
+        base = _path(extension.extends)
+        if base in (path, *extended_by):
+            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
+        changes = {"description": extension.description} | extension.changes
+        data = override(_read(base, (path, *extended_by)), changes, str(path))
+    if isinstance(data.get("report"), str):
+        data["report"] = {"kind": data["report"]}
+    return data
 
 
 def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
