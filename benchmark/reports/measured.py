@@ -84,6 +84,7 @@ def manifest(report: Measuring) -> dict[str, Any]:
         "argument": "",  # none: the command `report` does not draw it
         "report": Reporting(kind=REPORTS[report.name]).model_dump(mode="json"),
         "partial": "",
+        "note": "",
         "scenarios": {},
         "algorithms": {},
     }

@@ -34,7 +34,6 @@ from agents.tabular import learner
 from benchmark.execution.executors.processes import Processes
 from benchmark.experiments import (
     DEFAULT_CONDITION,
-    Experiment,
     RunSpecification,
     load_experiment,
     specifications,
@@ -47,19 +46,16 @@ from envs.inputs import needed_by
 
 _ENV: Final = "envs:Proxemic/S1-v0"
 _SHORTEST: Final = 200  # steps that a net can be trained
-Rates = Sequence[float]  # of this project and of the alternative
-Turns = tuple[
-    list[tuple[float, float]], list[tuple[float, float]]
-]  # the same: units and seconds of each turn
+Turn = tuple[float, float]  # units and seconds
+Rates = list[float]  # of this project and of the alternative
 
 
 class Row(NamedTuple):
-    """Two ways to do the same; each callable works once and returns how many units it has done."""
+    """Two ways to do the same."""
 
     name: str
     unit: str
-    ours: Callable[[], float]
-    stock: Callable[[], float]
+    sides: Sequence[Callable[[], float]]  # ours and the other; each works once, and returns how many units
     against: str
     products: float = 0.0  # multiplications and additions in products of matrices, per unit
 
@@ -98,34 +94,38 @@ def _measure(_: Path, smoke: bool) -> Measured:
     try:
         rows = [*_rows(smoke), *_deep_rows(smoke, workers)]
         for row in rows:  # compile, import and fill caches first
-            row.ours()
-            row.stock()
-        turns = _take_turns(rows, 1 if smoke else 15, time.perf_counter)
+            for work in row.sides:
+                work()
+        taken = _take_turns(rows, 1 if smoke else 15, time.perf_counter, _best)
     finally:
         workers.cancel()
-    best = [[max(done / seconds for done, seconds in side) for side in sides] for sides in turns]
     trained = [_products_row(smoke), *_net_rows(smoke)]
-    turns = _take_turns(trained, 1 if smoke else 4, time.process_time)
-    totals = [
-        [sum(done) / sum(seconds) for done, seconds in (zip(*side, strict=True) for side in sides)]
-        for sides in turns
-    ]
-    taken = list(zip([*rows, *trained], [*best, *totals], strict=True))
+    taken += _take_turns(trained, 1 if smoke else 4, time.process_time, _overall)
     for row, (ours, stock) in taken:
         print(f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.3g} times {row.against}")
     return Measured(taken)
 
 
-def _take_turns(rows: Sequence[Row], n_turns: int, clock: Callable[[], float]) -> list[Turns]:
-    """Returns what both sides of every row did and how long it took, turn by turn."""
-    turns: list[Turns] = [([], []) for _ in rows]
+def _take_turns(
+    rows: Sequence[Row], n_turns: int, clock: Callable[[], float], rate: Callable[[list[Turn]], float]
+) -> list[tuple[Row, Rates]]:
+    """Returns the rates of both sides of every row, of all their turns."""
+    turns: list[list[list[Turn]]] = [[[], []] for _ in rows]
     for _ in track(range(n_turns), "measuring", console=Console(stderr=True)):
         for row, sides in zip(rows, turns, strict=True):
-            for call, taken in zip((row.ours, row.stock), sides, strict=True):
+            for work, taken in zip(row.sides, sides, strict=True):
                 started = clock()
-                done = call()
+                done = work()
                 taken.append((done, clock() - started))
-    return turns
+    return [(row, [rate(taken) for taken in sides]) for row, sides in zip(rows, turns, strict=True)]
+
+
+def _best(turns: list[Turn]) -> float:
+    return max(done / seconds for done, seconds in turns)
+
+
+def _overall(turns: list[Turn]) -> float:
+    return sum(done for done, _ in turns) / sum(seconds for _, seconds in turns)
 
 
 REPORT: Final = Measuring(
@@ -162,12 +162,12 @@ def _rows(smoke: bool) -> list[Row]:
     tuned = "the same loop tuned: Q in lists, Python's own random numbers"
     in_s1 = f"the same in S1; Anywhere has {len(largest.observation):,} states"
     return [
-        Row("q_learning_kernel", "updates", kernel, partial(_numpy_q_learning, middle), plain),
-        Row("q_learning_kernel_lists", "updates", kernel, partial(_list_q_learning, long), tuned),
-        Row("q_learning_threads", "updates", *threads, "one thread, by two"),
-        Row("q_learning_anywhere", "updates", *models, in_s1),
-        Row("vector_env_1000", "steps", *steps, "gymnasium.vector.SyncVectorEnv"),
-        Row("evaluate", "policies", exact, simulated, "1,000 simulated episodes, uniform random policy"),
+        Row("q_learning_kernel", "updates", (kernel, partial(_numpy_q_learning, middle)), plain),
+        Row("q_learning_kernel_lists", "updates", (kernel, partial(_list_q_learning, long)), tuned),
+        Row("q_learning_threads", "updates", threads, "one thread, by two"),
+        Row("q_learning_anywhere", "updates", models, in_s1),
+        Row("vector_env_1000", "steps", steps, "gymnasium.vector.SyncVectorEnv"),
+        Row("evaluate", "policies", (exact, simulated), "1,000 simulated episodes, uniform random policy"),
     ]
 
 
@@ -231,11 +231,11 @@ def _step(envs: Any, times: int) -> float:
     return float(times * envs.num_envs)
 
 
-def _repeat(times: int, call: Callable[[], object]) -> float:
-    """Calls a function so many times."""
+def _repeat(times: int, call: Callable[[], object], units: float = 1) -> float:
+    """Calls a function so many times; returns how many units it has done, which are given for one call."""
     for _ in range(times):
         call()
-    return times
+    return times * units
 
 
 def _simulated(model: Model, episodes: int) -> float:
@@ -260,10 +260,7 @@ def _simulated(model: Model, episodes: int) -> float:
 # Rows of deep learning, with the settings of `compare_deep`, on S1
 
 
-@cache
-def _compared() -> Experiment:
-    """Returns `compare_deep`."""
-    return load_experiment("compare_deep")
+_compared = cache(partial(load_experiment, "compare_deep"))
 
 
 def _runs(arm: str, observation: str, budget: int, seeds: Sequence[int]) -> list[RunSpecification]:
@@ -311,14 +308,16 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
         return budget
 
     pool = f"the same over DummyVecEnv([Monitor(env)]), one process of {torch.get_num_threads()} threads"
-    rows = [Row(f"sb3_{name}", "steps", partial(ours, name), partial(stock, name), pool) for name in methods]
+    rows = [
+        Row(f"sb3_{name}", "steps", (partial(ours, name), partial(stock, name)), pool) for name in methods
+    ]
     for n_envs, times in ((8, 1000), (64, 300)):
         both: tuple[Any, Any] = native(n_envs), DummyVecEnv([make_env] * n_envs)
         both[0].reset()
         both[1].reset()
         n_steps = (5, 5) if smoke else (times, times // 4)
         sides = [partial(_step, envs, n) for envs, n in zip(both, n_steps, strict=True)]
-        rows.append(Row(f"vec_env_{n_envs}", "steps", *sides, "stable_baselines3's DummyVecEnv"))
+        rows.append(Row(f"vec_env_{n_envs}", "steps", sides, "stable_baselines3's DummyVecEnv"))
 
     agent = make_agent(methods["dqn"], dqn, native(1))
     table = np.eye(120, dtype=np.float32)  # all one-hot observations in S1
@@ -329,7 +328,7 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
 
     many = partial(_repeat, 5 if smoke else 500, partial(policy_table, agent, torch.as_tensor(table)))
     few = partial(_repeat, 1 if smoke else 10, single_maps)
-    return [*rows, Row("map_all_cells", "maps", many, few, "120 single predicts")]
+    return [*rows, Row("map_all_cells", "maps", (many, few), "120 single predicts")]
 
 
 def _products_row(smoke: bool) -> Row:
@@ -342,19 +341,14 @@ def _products_row(smoke: bool) -> Row:
         for _ in range(times):
             arithmetic.multiply(shape, (zeros, 0), (a, 0, 128, 1), (b, 0, 128, 1), (c, 0, 128, 1))
 
-    compiled = numba.njit(multiply)
-
-    def ours() -> float:
-        compiled(a.ravel(), b.ravel(), c.ravel(), zeros, times)
-        return 2.0 * np.prod(shape) * times
-
-    def stock() -> float:
-        for _ in range(times):
-            np.dot(a, b, out=c)
-        return 2.0 * np.prod(shape) * times
-
-    ours()
-    return Row("matrix_products", "operations", ours, stock, "NumPy's BLAS, 64 × 128 by 128 × 128, float32")
+    units = 2.0 * math.prod(shape)
+    compiled = partial(numba.njit(multiply), a.ravel(), b.ravel(), c.ravel(), zeros, times)
+    compiled()
+    sides = (
+        partial(_repeat, 1, compiled, times * units),
+        partial(_repeat, times, partial(np.dot, a, b, out=c), units),
+    )
+    return Row("matrix_products", "operations", sides, "NumPy's BLAS, 64 × 128 by 128 × 128, float32")
 
 
 def _net_rows(smoke: bool) -> list[Row]:
@@ -378,7 +372,7 @@ def _net_rows(smoke: bool) -> list[Row]:
         products = _products(_runs(arm, observation, budget, [0])[0].settings, observation)
         against = "Stable-Baselines3, trained as in compare_deep, by CPU time"
         name = arm if arm == "dqn_linear" else f"{arm}_{observation}"
-        return Row(f"net_{name}", "steps", *sides, against, products)
+        return Row(f"net_{name}", "steps", sides, against, products)
 
     learners = ("dqn", "one_hot"), ("dqn", "coordinates"), ("dqn_linear", "one_hot")
     return [row(*learner) for learner in (*learners, ("ppo", "one_hot"), ("ppo", "coordinates"))]
