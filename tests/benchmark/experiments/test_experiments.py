@@ -192,7 +192,7 @@ def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
     assert {(run.scenario.name, run.arm, run.observation) for run in first} == set(COMPARED.populations)
     assert {run.seed for run in first} == {0}
     assert len({run.folder for run in runs}) == len(runs)
-    assert first[0].folder == "compare_deep_smoke/S1/q_learning_tuned_index/seed_0"
+    assert first[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_0"
 
 
 # Mistakes
