@@ -348,6 +348,6 @@ def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
 def test_reports_refuse_experiments_that_they_cannot_report_on(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="algorithms: a replication takes"):
         load_report("replication").check(COMPARED)
-    swept = extended(tmp_path, "mine", sweep={"rate": {"low": {"settings": {"learning_rate": 0.1}}}})
+    swept = extended(tmp_path, "mine", sweep__rate__low__settings__learning_rate=0.1)
     with pytest.raises(InputError, match="sweep"):
         load_report("replication").check(swept)
