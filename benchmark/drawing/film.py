@@ -19,7 +19,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from agents.policy import contains
 from benchmark.analysis.population import Population
-from benchmark.analysis.snapshots import AGENT
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from envs import InputError, Model
 from envs.model import PING
@@ -119,7 +118,7 @@ class Moment:
     state: int = 0  # the last one, which says where the issuer stands and in which phase
 
 
-def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
+def film_of(title: str, population: Population, agent: int = 0) -> Film:
     """Returns the film of one agent of a population."""
     places = population.map_places
     arrays = population.of_agent(agent)
