@@ -112,7 +112,9 @@ class Reporting(Table):
     margins: Margins = Margins()
     fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
     contrasts: tuple[tuple[str, str], ...] = ()  # x against y, with verdicts
-    effects: tuple[tuple[str, str, str], ...] = ()  # x minus y, and what differs: exploratory, without verdicts
+    effects: tuple[
+        tuple[str, str, str], ...
+    ] = ()  # x minus y, and what differs: exploratory, without verdicts
 
 
 class Experiment(Table):

@@ -1,8 +1,8 @@
-"""Writes the page: one HTML file with every report's document and the explorer, made of published files alone.
+"""Writes the page: one HTML file with every report's document and the explorer, made of published files.
 
-Nothing is computed here. A document is the same as in README, with a figure or a sortable table in the place of
-every item. A number is an entry of a CSV file beside the page, and links to its row, counted as by RFC 7111.
-So the page can be made from folders of results without a single run.
+Nothing is computed here, so no run is needed. A document is the same as in README, with a figure or a sortable
+table in the place of every item. A number is an entry of a CSV file beside the page, and links to its row,
+counted as by RFC 7111.
 """
 
 import base64
@@ -10,17 +10,18 @@ import gzip
 import io
 import json
 import re
+import zlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
-import pandas as pd
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 from PIL import Image
 
+from benchmark.drawing.tables import inert
 from benchmark.execution.provenance import digest_of_file, digest_of_source
 from benchmark.reports import explorer, files, sameness
 from benchmark.reports.document import Document
@@ -119,7 +120,9 @@ def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
 def _inputs(results: Path, names: Sequence[str]) -> str:
     """Returns the digest of all files that a page is made of, and of the code that lies elsewhere."""
     paths = [path for name in names for path in sorted((results / name).glob("[!.]*")) if path.is_file()]
-    parts = [f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.suffix != ".html"]
+    parts = [
+        f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.suffix != ".html"
+    ]
     declared = [Folder(results / name).manifest["report"] for name in names]
     named = [name for each in declared for name in (each["kind"], *each["items"]) if ":" in name]
     return sameness.digest_of_inputs(*parts, *(digest_of_source(name.partition(":")[0]) for name in named))
@@ -167,11 +170,12 @@ class _Part:
             "question": document.question,
             "headline": self._paragraphs(document.headline),
             "lead": self._figure(lead) if lead is not None and has_lead else None,
-            "description": self.inline(self.folder.manifest["description"]),
-            "note": self.inline(self.folder.manifest.get("note", "")),
-            "findings": [self.inline(finding.text) for finding in document.findings],
+            "description": self.inline(inert(self.folder.manifest["description"])),
+            "note": self.inline(inert(self.folder.manifest.get("note", ""))),
+            "findings": [self.inline(inert(finding.text)) for finding in document.findings],
             "sections": [
-                each | {"body": Markup(_PLACED.sub(content, each["body"]))} for each in sections  # ours
+                each | {"body": Markup(_PLACED.sub(content, each["body"]))}
+                for each in sections  # ours
             ],
             "readme": self.link("README.md"),
             "manifest": self.link(MANIFEST),
@@ -277,12 +281,12 @@ def _render(parts: Sequence[_Part]) -> str:
         "reports": reports,
         "partial": [note for note in (each.get("partial") for each in manifests) if note],
         "scenarios": {
-            name: part.inline(declared["description"])
+            name: part.inline(inert(declared["description"]))
             for part in parts
             for name, declared in part.folder.manifest["scenarios"].items()
         },
         "horizon": manifests[0].get("horizon"),
-        "agents": [(part.name, part.prefix, _packed_agents(part)) for part in explored],
+        "agents": [(part.name, part.prefix, _agents(part.folder)) for part in explored],
         "maps_link": explored[0].link("README.md") if explored else "",
         "command": "make report" if len(parts) > 1 else manifests[0]["command"],
         "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
@@ -306,9 +310,15 @@ def pack(data: object) -> str:
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
-def _packed_agents(part: _Part) -> str:
-    """Returns what the explorer shows of a folder."""
-    return base64.b64encode((part.folder.path / explorer.FILE).read_bytes()).decode("ascii")
+def _agents(folder: Folder) -> str:
+    """Returns what the explorer shows of a folder, in base64."""
+    content = (folder.path / explorer.FILE).read_bytes()
+    with folder.reading():
+        try:
+            json.loads(gzip.decompress(content))["agents"]
+        except (EOFError, zlib.error) as error:
+            raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
+    return base64.b64encode(content).decode("ascii")
 
 
 def _script() -> str:
@@ -360,7 +370,7 @@ shows what one agent of every learner knows over training, cell by cell, and how
 {folders}
 
 The README of a folder says what each file is, what made it, and with which command. Tables are `.csv` (six
-digits, all columns), figures are `.png`; `python -m benchmark report EXPERIMENT --format svg` (or `pdf`, `tex`)
-makes other forms. `manifest.json` holds versions, commit, machine and times. `runs.db`, which is not in the
-repository, holds every run made here.
+digits, all columns), figures are `.png`; `python -m benchmark report EXPERIMENT --format svg` (or `pdf` or
+`tex`) makes other forms. `manifest.json` holds versions, commit, machine and times. `runs.db`, which is not in
+the repository, holds every run made here.
 """

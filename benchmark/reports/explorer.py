@@ -1,4 +1,4 @@
-"""What the page's explorer shows: what one agent of every learner knows over training, and how all others end.
+"""The page's explorer: what one agent of every learner knows over training, and how all others end.
 
 Values over training are those of the first seed's agent, which was chosen before any result was seen. Of the
 other agents there is the final greedy policy. The exact optimum goes with both, for every discount that a
@@ -43,11 +43,13 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
     """Returns the item with the explorer's file.
 
     Args:
-      lister: Returns what is shown of a report's data. Populations in scenarios that one map does not show, or
-        in which chance acts, are left out.
+      lister: Returns what is shown of a report's data. Scenarios that one map does not show, or in which
+        chance acts, are left out.
     """
 
-    @writing("agents", "what the explorer on the page shows: maps and final policies, as compressed JSON", FILE)
+    @writing(
+        "agents", "what the explorer on the page shows: maps and final policies, as compressed JSON", FILE
+    )
     def agents(data: Any, directory: Path) -> None:
         shown = [each for each in lister(data) if _has_map(each.population.model)]
         if shown:
@@ -69,7 +71,7 @@ def packed(shown: Sequence[Shown]) -> dict[str, Any]:
         "decimals": VALUE_DECIMALS,
         "no_number": _NO_NUMBER,
         "colours": [to_hex(colour) for colour in colours],
-        "palette": {name: to_hex([part / 255 for part in scenes.COLOURS[name]]) for name in _PALETTE},
+        "palette": {name: "#{:02x}{:02x}{:02x}".format(*scenes.COLOURS[name]) for name in _PALETTE},
         "clipped_share": scenes.CLIPPED_SHARE,
         "scenes": [_scene(model) for model in models.values()],
         "optima": [_optimum(each) for each in solved.values()],
@@ -167,8 +169,7 @@ def _integers(maps: NDArray[Any]) -> list[int]:
     scaled = np.rint(maps.astype(np.float64) * 10**VALUE_DECIMALS)
     # Only the values of nets about to diverge exceed two million; their digits are noise.
     whole = np.where(np.isnan(scaled), _NO_NUMBER, np.clip(scaled, _NO_NUMBER + 1, -_NO_NUMBER - 1))
-    changes: list[int] = np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel().tolist()
-    return changes
+    return [int(change) for change in np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel()]
 
 
 def _bytes(masks: NDArray[np.uint8]) -> str:

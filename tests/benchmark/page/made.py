@@ -1,4 +1,4 @@
-"""A small report of one's own, whose page is tested: two items, sentences, agents for the explorer."""
+"""A small report, whose page is tested: tables, figures, sentences, and agents for the explorer."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,12 +14,16 @@ from benchmark.execution.store import Store
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
 from benchmark.reports.explorer import Shown, explorer_item
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Estimate, Finding, Frames, Report, item
+from benchmark.reports.item import Estimate, Finding, Frames, Report, drawing, item
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# HTML, an entity, a script's link, a picture of somebody else's, and blocks of Markdown.
+TEXT = r"""<script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1)) <img src=x onerror=alert(1)>
+![y](https://example.com/y.png) # heading"""
 NAMES = ("scenario", "algorithm", "observation")
+SHOWN = {**dict.fromkeys(NAMES, ""), "score": "", "reached": "steps to 0.5", "remark": "", "verdict": ""}
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,8 @@ class Learners:
 
     @property
     def facts(self) -> dict[str, object]:
-        """How many there are."""
-        return {"learners": len(self.shown)}
+        """Nothing."""
+        return {}
 
     @property
     def rows(self) -> Iterator[tuple[dict[str, str], Population]]:
@@ -44,61 +48,71 @@ class Learners:
             yield dict(zip(NAMES, names, strict=True)), each.population
 
 
-def _load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Learners:
+def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Learners:
+    """Loads all runs; a partial report is not partial."""
     shown = []
     for scenario, arm, observation in experiment.populations:
         runs = specifications(experiment, DEFAULT_CONDITION, scenario, arm, observation, seeds)
         shown.append(Shown(arm, observation, load_population(runs, store)))
-    return Learners(shown, note="Partial: of a test." if partial else "")
+    return Learners(shown, note="Partial: said a test." if partial else "")
 
 
-@item("summary", "success and score after training", {**dict.fromkeys(NAMES, ""), "score": "", "reached": "steps to 0.5", "verdict": ""})
+@item("summary", "success and score after training", SHOWN)
 def summary(data: Learners) -> Iterator[dict[str, Any]]:
-    """A table with intervals, a missing number and one that is never reached."""
+    """A table with intervals, and with steps that are never reached."""
     for names, population in data.rows:
         good = population.scores.mean(axis=0) >= 0.5
         reached = population.evaluation_steps[int(good.argmax())] if good.any() else float("inf")
         final = population.scores[:, -1].clip(0, 1)
-        score = Estimate(final.mean(), final.min(), final.max())
-        verdict = "holds" if good.any() else "does not hold"
-        yield names | {"n": len(population.seeds), "score": score, "reached": float(reached), "verdict": verdict}
+        values = {"score": Estimate(final.mean(), final.min(), final.max()), "reached": float(reached)}
+        yield names | values | {"remark": TEXT, "verdict": "holds" if good.any() else "does not hold"}
 
 
 @summary.sentence
-def _(table: pd.DataFrame, folder: Folder) -> Iterator[Finding]:
+def _(table: pd.DataFrame, _: Folder) -> Iterator[Finding]:
     row = table.iloc[0]
-    yield Finding(f"In {row['scenario']} the score of `{row['algorithm']}` is {link(show(row['score']), 'summary', row)}.")
+    yield Finding(f"`{row['algorithm']}` has {link(show(row['score']), 'summary', row)}. {TEXT}")
     yield Finding(f"The mean score of all is {link(show(table['score'].mean()), 'summary', table)}.")
 
 
 @item("curves", "mean score over training")
 def curves(data: Learners) -> Iterator[dict[str, Any]]:
-    """A table that is shown on demand, with a figure."""
+    """A table that is shown on demand."""
     for names, population in data.rows:
         for step, scores in zip(population.evaluation_steps, population.scores.T, strict=True):
             yield names | {"step": step, "score": Estimate(scores.mean(), scores.min(), scores.max())}
 
 
-@curves.figure("Mean score over training.")
-def _(frames: Frames, context: Any) -> "Figure":
+def _lines(frames: Frames, column: str) -> "Figure":
     with figure_of(1, 1, (6.0, 3.0)) as (figure, axes):
         for _, rows in frames["curves"].groupby([*NAMES]):
-            axes[0, 0].plot(rows["step"], rows["score"].clip(0, 1))
+            axes[0, 0].plot(rows["step"], rows[column].clip(0, 1))
     return figure
+
+
+@curves.figure("Mean score over training.")
+def _(frames: Frames, _: Any) -> "Figure":
+    return _lines(frames, "score")
+
+
+@drawing("highest", "highest score of any run", "Highest score over training.")
+def highest(frames: Frames, _: Any) -> "Figure":
+    """A figure without a table."""
+    return _lines(frames, "score_high")
 
 
 def _headline(folder: Folder) -> Finding:
     table = folder.frame("summary")
-    best = table.loc[table["score"].idxmax()]
-    return Finding(f"The best score is {link(show(best['score']), 'summary', best)} (a test).\n\nThis is the rest.")
+    worst = table.iloc[int(table["score"].argmin())]
+    return Finding(f"The worst score is {link(show(worst['score']), 'summary', worst)}.\n\nThis is the rest.")
 
 
 REPORT = Report(
     name="tested",
     question="Is the page right?",
     check=lambda _: None,
-    load=_load,
-    items=(summary, curves, explorer_item(lambda data: data.shown)),
+    load=load,
+    items=(summary, curves, highest, explorer_item(lambda data: data.shown)),
     document=Path(__file__).parent / "made.md.jinja",
     headline=_headline,
     lead="curves",
