@@ -7,7 +7,7 @@ that of any wrong claim of equivalence. Equivalence takes two one-sided tests (S
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,9 +19,10 @@ from benchmark.analysis.intervals import LEVEL, combined, p_above
 BETTER: Final = "better"
 WORSE: Final = "worse"
 EQUIVALENT: Final = "equivalent"
+MIXED: Final = "mixed"  # on a mean over scenarios: some contradict the others
 UNDECIDED: Final = "undecided"
 NO_VERDICT: Final = "no verdict"  # too few runs, or runs are missing
-VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, UNDECIDED, NO_VERDICT)
+VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT)
 POWER: Final = 0.8  # probability with which a number of runs or agents that is called needed decides
 _MOST_RUNS: Final = 1_000_000
 
@@ -78,6 +79,47 @@ def contrast(x: Side, y: Side, margin: float) -> Contrast:
         p_different=min(2 * min(above, below), 1.0),
         p_equivalent=max(not_less, not_more),
     )
+
+
+def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int]:
+    """Returns which scenarios contradict a verdict on their mean; if any does, the verdict is *mixed*.
+
+    A mean may not cancel: no scenario may be worse by the margin than the verdict says of all together.
+
+    Args:
+      verdict: On the mean over scenarios.
+      differences: x - y in each scenario.
+      margin: A smaller difference does not matter.
+
+    >>> mixed(EQUIVALENT, [0.3, -0.15, -0.15], 0.1), mixed(BETTER, [0.3, 0.0, -0.05], 0.1)
+    ([0, 1, 2], [])
+    """
+    low, high = (-margin, margin) if verdict == EQUIVALENT else (-math.inf, math.inf)
+    if verdict in (BETTER, EQUIVALENT):
+        low = -margin
+    if verdict in (WORSE, EQUIVALENT):
+        high = margin
+    return [i for i, difference in enumerate(differences) if not low < difference < high]
+
+
+def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) -> int:
+    """Returns how few runs can show that two learners are equivalent, if all runs of both succeed.
+
+    Args:
+      margin: As for `contrast`.
+      n_scenarios: Over which means are.
+      n_contrasts: Which p-values are adjusted for.
+
+    >>> runs_for_any_equivalence(0.1, 1, 1), runs_for_any_equivalence(0.1, 1, 51)
+    (29, 66)
+    """
+    n, step = 1, 512
+    while step:  # the smallest n is found bit by bit
+        side = Side([1.0] * n_scenarios, [n + step - 1] * n_scenarios)
+        if contrast(side, side, margin).p_equivalent * n_contrasts > 1 - LEVEL:
+            n += step
+        step //= 2
+    return n
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -167,15 +209,21 @@ def _rounded_up(value: float) -> float:
     return float(math.ceil(value / unit) * unit)
 
 
-def decide(contrasts: Sequence[Contrast], *, is_allowed: Sequence[bool]) -> list[Mapping[str, object]]:
-    """Returns the adjusted p-values of a set of contrasts, and their verdicts.
+def decide(
+    contrasts: Sequence[Contrast],
+    *,
+    is_allowed: Sequence[bool],
+    adjust: Callable[[Sequence[float]], list[float]] = holm,
+) -> list[Mapping[str, object]]:
+    """Returns the p-values of a set of contrasts, and their verdicts.
 
     Args:
       contrasts: All of the set.
       is_allowed: Which of them may have a verdict; p-values are adjusted for all.
+      adjust: Adjusts p-values for their number; `list` leaves them as they are.
     """
-    different = holm([each.p_different for each in contrasts])
-    equivalent = holm([each.p_equivalent for each in contrasts])
+    different = adjust([each.p_different for each in contrasts])
+    equivalent = adjust([each.p_equivalent for each in contrasts])
     return [
         {
             "p_different": p,

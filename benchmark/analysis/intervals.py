@@ -140,29 +140,6 @@ def student(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     return mean - reach, mean + reach
 
 
-def better_probability(p: float, n_x: int, n_y: int) -> tuple[float, float]:
-    """Returns the ends of the 95 % interval of the probability that a run of x outscores a run of y.
-
-    It has a width even if all runs of x do: a score interval by Newcombe (2006), Statistics in Medicine
-    25:559-573, method 5.
-
-    Args:
-      p: The share of pairs in which x is ahead, ties counted half.
-      n_x: Runs of x.
-      n_y: Runs of y.
-    """
-    pairs, spread = n_x * n_y, (n_x + n_y) / 2 - 1
-    z = float(stats.norm.ppf((1 + LEVEL) / 2))
-
-    def distance(theta: float) -> float:
-        variance = theta * (1 - theta) * (1 + spread * ((1 - theta) / (2 - theta) + theta / (1 + theta)))
-        return abs(p - theta) - z * float(np.sqrt(variance / pairs))
-
-    low = optimize.brentq(distance, 0.0, min(p, 1 - _NONE)) if p > 0 else 0.0
-    high = optimize.brentq(distance, max(p, _NONE), 1.0) if p < 1 else 1.0
-    return float(low), float(high)
-
-
 def simultaneous(
     values: NDArray[np.float64], level: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

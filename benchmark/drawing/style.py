@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 COLOURS: Final = sns.color_palette("colorblind")
 # Of an experiment's arms, in their order. The shipped comparison declares its tables first: black and grey.
-_ARM_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
-_ARM_MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
+_VARIANT_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
+_VARIANT_MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
 _RC: Final = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),
@@ -76,7 +76,7 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
                 axis.label_outer()  # the maps of a figure share their axes
 
 
-def arm_style(place: int) -> dict[str, Any]:
+def variant_style(place: int) -> dict[str, Any]:
     """Returns the colour and marker of an arm; no two places share both.
 
     Colours and markers are each used in turn. Their numbers, 8 and 15, have no common divisor, so that
@@ -85,9 +85,9 @@ def arm_style(place: int) -> dict[str, Any]:
     Args:
       place: Of the arm in its experiment, from 0.
     """
-    n_pairs = len(_ARM_COLOURS) * len(_ARM_MARKERS)
-    marker = _ARM_MARKERS[place % len(_ARM_MARKERS)] if place < n_pairs else f"${place}$"
-    return {"color": _ARM_COLOURS[place % len(_ARM_COLOURS)], "marker": marker}
+    n_pairs = len(_VARIANT_COLOURS) * len(_VARIANT_MARKERS)
+    marker = _VARIANT_MARKERS[place % len(_VARIANT_MARKERS)] if place < n_pairs else f"${place}$"
+    return {"color": _VARIANT_COLOURS[place % len(_VARIANT_COLOURS)], "marker": marker}
 
 
 def norm_of(values: pd.Series) -> Normalize:

@@ -14,7 +14,7 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from envs import InputError
 from envs.inputs import (
@@ -139,11 +139,6 @@ class Experiment(Table):
         }
     )
     sweep: dict[Name, dict[Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
-
-    @field_validator("report", mode="before")
-    @classmethod
-    def _kind_alone(cls, report: object) -> object:
-        return {"kind": report} if isinstance(report, str) else report
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
@@ -280,7 +275,10 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
         raise InputError(
             f"{path}: results are named after the file; accepted: any name but {', '.join(_RESERVED)}."
         )
-    read = parse(Experiment, _with_checks(_read(path), str(path)), str(path), name=path.stem)
+    data = _with_checks(_read(path), str(path))
+    if isinstance(data.get("report"), str):
+        data["report"] = {"kind": data["report"]}
+    read = parse(Experiment, data, str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     return read, path

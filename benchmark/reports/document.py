@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import jinja2
 import pandas as pd
@@ -21,6 +21,7 @@ from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Finding, Item
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
+_FRONT: Final = Path(__file__).parent / "front.md.jinja"
 Place = Callable[[Item], str]
 
 
@@ -51,7 +52,9 @@ class Document:
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
-        return any(item.name == name and (self.has_table(item) or self.has_figure(item)) for item in self.items)
+        return any(
+            item.name == name and (self.has_table(item) or self.has_figure(item)) for item in self.items
+        )
 
     def has_table(self, item: Item) -> bool:
         """Returns whether an item has a table here."""
@@ -113,8 +116,9 @@ class Document:
 
         def show(item: Item) -> str:
             parts = [f"![{item.caption}]({item.name}.png)"] if self.has_figure(item) else []
-            if self.has_table(item):
-                frame = self.shown(item).map(tables.plain)
+            frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
+            if not frame.empty:
+                frame = frame.map(tables.plain)
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 
@@ -134,7 +138,9 @@ class Document:
         rows = []
         for item in self.items:
             ends = [end for end in (".csv", ".png") if f"{item.name}{end}" in self.folder]
-            names = [name for name in item.files if name in self.folder] or [f"{item.name}{', '.join(ends)}"] * bool(ends)
+            names = [name for name in item.files if name in self.folder] or [
+                f"{item.name}{', '.join(ends)}"
+            ] * bool(ends)
             if names:
                 rows.append((", ".join(names), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
@@ -148,6 +154,46 @@ class Document:
     def plain(self, finding: Finding) -> str:
         """Returns a finding without the links of its numbers."""
         return tables.plain(finding.text)
+
+
+def front(results: Path) -> str:
+    """Returns the README of the repository, whose numbers and verdicts are those of published tables.
+
+    Args:
+      results: The folder with the folders of results.
+
+    Raises:
+      InputError: A folder of results is damaged, or lacks what README cites.
+    """
+
+    def row(name: str, table: str, where: dict[str, str]) -> pd.Series:
+        frame = Folder(results / name).frame(table)
+        for key, value in where.items():
+            frame = frame[frame[key] == value]
+        return frame.iloc[0]
+
+    def interval(name: str, table: str, column: str, **where: str) -> str:
+        found = row(name, table, where)
+        return f"{found[column]:.2f} [{found[f'{column}_low']:.2f}, {found[f'{column}_high']:.2f}]"
+
+    def value(name: str, table: str, column: str, **where: str) -> str:
+        return f"{row(name, table, where)[column]:.2f}"
+
+    def duration(name: str, table: str, column: str, **where: str) -> str:
+        seconds = float(row(name, table, where)[column])
+        return f"{seconds * 1000:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
+
+    def headline(name: str) -> str:
+        found = Document(results / name).headline
+        return "" if found is None else tables.plain(found.text).partition("\n\n")[0]
+
+    functions = {"interval": interval, "value": value, "duration": duration, "headline": headline}
+    with Folder(results / "compare_deep").reading():
+        return (
+            jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
+            .from_string(_FRONT.read_text(encoding="utf-8"))
+            .render(functions)
+        )
 
 
 def write(path: Path) -> None:

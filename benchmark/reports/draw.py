@@ -267,7 +267,9 @@ def _looks(path: Path, manifest: Mapping[str, Any]) -> list[int]:
     """Returns how many runs earlier reports on this folder's experiment had, if fewer than there are now."""
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
-        looks = {*before["looks"], before["runs"]} if before["experiment"] == manifest["experiment"] else set()
+        looks = (
+            {*before["looks"], before["runs"]} if before["experiment"] == manifest["experiment"] else set()
+        )
     except (OSError, ValueError, LookupError, TypeError):
         looks = set()
     return sorted(n for n in looks if isinstance(n, int) and n < manifest["runs"])

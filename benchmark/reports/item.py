@@ -11,7 +11,7 @@
     @threshold.sentence
     def _(table, folder): ...
 
-The folder of results, its README, the page and the certificate iterate over the items; nothing else lists them.
+The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 
 import math
@@ -76,7 +76,7 @@ class Item:
         self._tell: list[Callable[[pd.DataFrame, Folder], Any]] = []
 
     def figure(self, caption: str) -> Callable[[Any], Any]:
-        """Decorates what draws the figure: a function of all tables and the data's context; it may return None."""
+        """Decorates what draws the figure: a function of all tables and the context; it may return None."""
 
         def register(function: Any) -> Any:
             self.caption, self.draw = caption, function
@@ -191,7 +191,7 @@ def expanded(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def entry(row: pd.Series, key: str, table: str) -> str:
-    """Returns an entry of a table as Markdown: a text, or a number with its interval and a link to its row."""
+    """Returns an entry of a table as Markdown: a text, or a number with its interval and a link."""
     value = row[key]
     if isinstance(value, str):
         return inert(value)
@@ -238,7 +238,7 @@ class Data(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Report:
-    """A kind of report: what it demands of an experiment, how it loads it, what it shows and in which text."""
+    """A kind of report: what it demands of an experiment, how it loads it, and what it shows."""
 
     name: str
     question: str  # the page's heading
@@ -247,5 +247,8 @@ class Report:
     items: tuple[Item, ...]
     document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
     headline: Callable[["Folder"], Finding | None] = field(default=lambda _: None)
+    forecast: Callable[["Experiment"], str] = field(
+        default=lambda _: ""
+    )  # what its runs cannot show; or empty
     lead: str = ""  # the item whose figure stands above the headline on the page
     packages: tuple[str, ...] = ()  # that it needs beyond the basic ones

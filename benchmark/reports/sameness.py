@@ -14,7 +14,7 @@ import math
 import os
 import platform
 import subprocess
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
@@ -86,7 +86,9 @@ def compare(
     if other is not None:  # it may hold files of others
         known = made.keys() | {*stamped(other / STAMP)}
         published = {file: blob for file, blob in published.items() if file in known}
-    apart = {file for file in made.keys() | published.keys() if any(fnmatchcase(file, each) for each in measured)}
+    apart = {
+        file for file in made.keys() | published.keys() if any(fnmatchcase(file, each) for each in measured)
+    }
     compared = sorted((made.keys() | published.keys()) - apart)
     differing = tuple(file for file in compared if made.get(file) != published.get(file))
     distance = ""
@@ -126,7 +128,7 @@ def is_up_to_date(stamp: Path, inputs: str) -> bool:
 
 
 def write_stamp(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
-    """Notes what files were made from, see `digest_of_inputs`; files are named relative to the stamp's folder."""
+    """Notes what files were made from, see `digest_of_inputs`; paths are relative to the stamp's folder."""
     noted = {os.path.relpath(path, stamp.parent): _id(path) for path in sorted(files)}
     stamp.write_text(json.dumps({"inputs": inputs, "files": noted}, indent=1) + "\n", encoding="utf-8")
 
@@ -203,8 +205,8 @@ def _distance(path: Path, content: bytes) -> str:
     farthest = f" (the farthest: {max(outside, key=lambda each: each[0])[1]})" if outside else ""
     n_missing = len(published) - len(merged)
     return (
-        f"{path.name}: of {equal + within + len(outside)} numbers with a 95 % interval, equal to the published "
-        f"ones: {equal}; different, but within the published interval: {within}; outside it: "
+        f"{path.name}: of {equal + within + len(outside)} numbers with a 95 % interval, equal to the "
+        f"published ones: {equal}; different, but within the published interval: {within}; outside it: "
         f"{len(outside)}{farthest}{f'; rows that are missing: {n_missing}' if n_missing else ''}."
     )
 

@@ -1,5 +1,47 @@
-"""The comparison of tables with deep learners: scores, what they cost, and what they know."""
+"""Comparisons of learners: what each reached, how cells of the table differ, what it cost, and what it knows.
 
-from benchmark.reports.comparison.report import REPORT
+The table has an axis for scenarios, one for conditions and one for learners. Every contrast of a protocol,
+every effect, every check of an implementation and every control is the difference between two of its cells,
+or between means of cells over scenarios.
+"""
+
+from pathlib import Path
+
+from benchmark.reports.comparison import results, training
+from benchmark.reports.comparison.declared import check, forecast
+from benchmark.reports.comparison.runs import load
+from benchmark.reports.item import Report
 
 __all__ = ["REPORT"]
+
+REPORT = Report(
+    name="comparison",
+    question="When does deep RL earn its keep over a table?",
+    check=check,
+    load=load,
+    items=(
+        results.contrasts,
+        results.summary,
+        results.aggregate,
+        training.curves,
+        training.steps,
+        training.speedups,
+        training.ahead,
+        training.threshold,
+        results.effects,
+        results.scenarios,
+        results.profile,
+        results.region,
+        results.maps,
+        training.wrong_pings,
+        training.cost,
+        results.scores,
+        training.learning,
+        training.agents,
+    ),
+    document=Path(__file__).parent / "document.md.jinja",
+    headline=results.headline,
+    forecast=forecast,
+    lead="summary",
+    packages=("rliable",),
+)

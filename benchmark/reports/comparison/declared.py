@@ -1,0 +1,234 @@
+"""What a comparison decides, as its experiment declares it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+from agents import load_algorithm
+from benchmark.analysis.contrasts import runs_for_any_equivalence
+from benchmark.experiments import Experiment, Reporting
+from benchmark.experiments.schema import MOST_CONTRASTS
+from envs import InputError
+from envs.inputs import unknown_name
+
+
+class Learner(NamedTuple):
+    """An algorithm with settings, as the experiment names it, with one form of observation."""
+
+    algorithm: str
+    observation: str
+
+    @classmethod
+    def of(cls, name: str) -> Self:
+        """Returns the learner of this name, as `str` gives it."""
+        algorithm, _, observation = name.partition(", ")
+        return cls(algorithm, observation)
+
+    def __str__(self) -> str:
+        """Its name for readers."""
+        return f"{self.algorithm}, {self.observation}"
+
+
+class Side(NamedTuple):
+    """Cells of the table of scenarios, conditions and learners: those with the names that are not None."""
+
+    scenario: str | None = None
+    condition: str | None = None
+    learner: Learner | None = None
+
+    @property
+    def axes(self) -> frozenset[str]:
+        """The axes on which it names a cell."""
+        return frozenset(axis for axis, name in self._asdict().items() if name is not None)
+
+
+@dataclass(frozen=True)
+class Declared:
+    """The contrasts and effects of a comparison."""
+
+    reporting: Reporting  # as declared; by default every deep learner against the first table
+    contrasts: Sequence[tuple[Side, Side]]
+    effects: Sequence[tuple[Side, Side, str]]
+    families: Mapping[Learner, str]
+
+    @property
+    def baseline(self) -> Learner | None:
+        """The table that deep learners have to beat; None if the question is another."""
+        return Learner.of(self.reporting.baseline) if self.reporting.baseline else None
+
+    @property
+    def decisive(self) -> list[Learner]:
+        """The deep learners that are compared with the baseline."""
+        return [
+            x.learner
+            for x, y in self.contrasts
+            if y.learner == self.baseline and x.learner is not None and self.families[x.learner] == "deep"
+        ]
+
+    @property
+    def compared(self) -> list[Learner]:
+        """The learners of the contrasts."""
+        sides = [side.learner for pair in self.contrasts for side in pair]
+        return [learner for learner in self.families if learner in sides]
+
+    @classmethod
+    def from_manifest(cls, manifest: Mapping[str, Any]) -> Self:
+        """Returns it as a manifest has it.
+
+        Raises:
+          LookupError: The manifest is one of another version of this project.
+        """
+        facts = manifest["facts"]
+        reporting = Reporting.model_validate_json(facts["declared"])
+        families = {Learner.of(name): family for name, family in facts["learners"].items()}
+        return cls._resolved(reporting, families, facts["axes"], manifest["experiment"])
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> Self:
+        """Returns what an experiment decides.
+
+        Raises:
+          InputError: A name is unknown, a contrast is of a cell with itself or is declared twice, the
+            baseline is no table, or there are too many deep learners to compare each with a table.
+        """
+        assert experiment.report is not None
+        families = {
+            Learner(name, observation): load_algorithm(declared.algorithm).family
+            for name, declared in experiment.algorithms.items()
+            for observation in declared.observations
+        }
+        axes = {
+            "scenarios": [Path(name).stem for name in experiment.scenarios],
+            "conditions": [*experiment.conditions],
+        }
+        reporting = experiment.report
+        if not reporting.contrasts and not reporting.baseline and not reporting.effects:
+            checks = {name for name, declared in experiment.algorithms.items() if declared.check_of}
+            own = [learner for learner in families if learner.algorithm not in checks]
+            table = next((learner for learner in own if families[learner] == "tabular"), None)
+            deep = [learner for learner in own if families[learner] == "deep"]
+            if len(deep) > MOST_CONTRASTS:
+                raise InputError(
+                    f"{experiment.argument}: report: there are {len(deep)} deep learners; accepted: a key "
+                    f"contrasts in [report], unless there are at most {MOST_CONTRASTS}."
+                )
+            if table is not None and deep:
+                pairs = tuple((str(learner), str(table)) for learner in deep)
+                reporting = reporting.model_copy(update={"baseline": str(table), "contrasts": pairs})
+        return cls._resolved(reporting, families, axes, experiment.argument)
+
+    @classmethod
+    def _resolved(
+        cls,
+        reporting: Reporting,
+        families: Mapping[Learner, str],
+        axes: Mapping[str, Sequence[str]],
+        source: str,
+    ) -> Self:
+        """Returns what is declared, with the cells that it names."""
+
+        def side(where: str, name: str) -> Side:
+            found: dict[str, Any] = {}
+            for part in name.split(" @ "):
+                for axis, known in (
+                    ("scenario", axes["scenarios"]),
+                    ("condition", axes["conditions"]),
+                    ("learner", [*map(str, families)]),
+                ):
+                    if part in known and axis not in found:
+                        found[axis] = Learner.of(part) if axis == "learner" else part
+                        break
+                else:
+                    known = [*map(str, families), *axes["scenarios"], *axes["conditions"]]
+                    unknown_name(where, "learner, scenario or condition", part, known)
+            return Side(**found)
+
+        def sides(where: str, x: str, y: str, others: Sequence[tuple[Side, Side]]) -> tuple[Side, Side]:
+            pair = side(where, x), side(where, y)
+            if pair[0] == pair[1] or pair[0].axes != pair[1].axes:
+                raise InputError(f"{where} = {[x, y]}: accepted: two different names of the same kind.")
+            if pair in others or pair[::-1] in others:
+                raise InputError(f"{where} = {[x, y]}: it is declared twice; remove one.")
+            return pair
+
+        contrasts: list[tuple[Side, Side]] = []
+        for i, (x, y) in enumerate(reporting.contrasts):
+            contrasts.append(sides(f"{source}: report.contrasts.{i}", x, y, contrasts))
+            if x == reporting.baseline and families[Learner.of(y)] == "deep":
+                raise InputError(
+                    f"{source}: report.contrasts.{i} = {[x, y]}: accepted: the baseline second, since the "
+                    "question is whether deep RL is better."
+                )
+        effects = [
+            (*sides(f"{source}: report.effects.{i}", x, y, []), name)
+            for i, (x, y, name) in enumerate(reporting.effects)
+        ]
+        made = cls(reporting, contrasts, effects, families)
+        if reporting.baseline:
+            tables = [str(learner) for learner, family in families.items() if family == "tabular"]
+            if reporting.baseline not in tables:
+                unknown_name(f"{source}: report.baseline", "table", reporting.baseline, tables)
+            if not made.decisive:
+                raise InputError(
+                    f"{source}: report.contrasts: none compares a deep learner with {reporting.baseline}; "
+                    f'accepted: at least one like ["LEARNER", "{reporting.baseline}"].'
+                )
+        return made
+
+
+def check(experiment: Experiment) -> None:
+    """Checks what an experiment declares to be compared.
+
+    Raises:
+      InputError: See `Declared.of`; or all algorithms are planners, or budgets are not in steps.
+    """
+    Declared.of(experiment)
+    families = {load_algorithm(declared.algorithm).family for declared in experiment.algorithms.values()}
+    if families == {"planner"}:
+        raise InputError(f"{experiment.argument}: algorithms: accepted: at least one that is not a planner.")
+    for name, declared in experiment.algorithms.items():
+        unit = (experiment.settings | declared.settings).get("budget_unit", "steps")
+        if unit != "steps":
+            raise InputError(
+                f"{experiment.argument}: algorithms.{name}.settings.budget_unit = {unit}: accepted: steps, "
+                "in which a comparison counts."
+            )
+
+
+def forecast(experiment: Experiment) -> str:
+    """Says before any run if the declared runs cannot show equivalence, even if all succeed; else empty."""
+    declared = Declared.of(experiment)
+    reporting = declared.reporting
+    if not declared.contrasts:
+        return ""
+    n = min(
+        len(experiment.declared_seeds(side.learner.algorithm, condition))
+        for pair in declared.contrasts
+        for side in pair
+        for condition in experiment.conditions
+        if side.learner is not None
+    )
+    n_scenarios = len(experiment.scenarios)
+    n_pooled = n_scenarios if reporting.pool == "scenarios" else 1
+    n_tests = len(declared.contrasts) * (n_scenarios // n_pooled) * len(experiment.conditions)
+    return cannot_show(n, n_pooled, n_tests, reporting)
+
+
+def cannot_show(n: int, n_pooled: int, n_tests: int, reporting: Reporting) -> str:
+    """Says if so many runs cannot show equivalence, even if all succeed; else empty.
+
+    Args:
+      n: Runs per scenario and learner.
+      n_pooled: Scenarios of one mean.
+      n_tests: Contrasts that p-values are adjusted for.
+      reporting: With the margin, and whether p-values are adjusted.
+    """
+    margin, adjusted = reporting.margins.success, reporting.adjust == "holm"
+    needed = runs_for_any_equivalence(margin, n_pooled, n_tests if adjusted else 1)
+    if n >= needed:
+        return ""
+    return (
+        f"With {n} runs and {n_tests} contrast{'' if n_tests == 1 else 's'}, equivalence within {margin:g} "
+        f"cannot be shown, even if all runs succeed: that takes {needed} runs per scenario and learner."
+    )

@@ -1,0 +1,767 @@
+"""Items of a comparison: what each learner reached, how learners differ, and what they know."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from agents.memoryless import SEARCH
+from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED
+from benchmark.analysis.contrasts import Side as Means
+from benchmark.analysis.population import overlap
+from benchmark.drawing.tables import link
+from benchmark.execution.store import evaluated
+from benchmark.reports.comparison import words
+from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
+from benchmark.reports.comparison.runs import Cell, Context, Runs, proportion
+from benchmark.reports.comparison.verdicts import (
+    ENDPOINTS,
+    OUTCOMES,
+    Outcome,
+    contrasts_of,
+    counted,
+    decisive_rows,
+    effects_of,
+    outcome,
+)
+from benchmark.reports.item import Estimate, Finding, Frames, item
+from envs import ACTIONS, ZONES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from benchmark.reports.folder import Folder
+
+PROFILE: Final = np.round(np.linspace(0, 1, 51), 2)  # scores at which performance profiles are tabulated
+_ROUNDING: Final = 1e-9
+_LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
+_FEW: Final = 4  # scenarios whose table readers see; of more, the figure
+_MOST_TOLD: Final = 10  # contrasts that are told whatever their verdict
+_NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
+_OUTCOMES: Final[Mapping[Outcome, str]] = {
+    "earns": "deep RL earns its keep in",
+    "another class": "only a stochastic policy beats a greedy table in",
+    "does not earn": "it does not in",
+    "neither learned": "no learner compared is shown to be better than the random policy in",
+    "mixed": "results are mixed in",
+    "undecided": "it is undecided in",
+    "no verdict": "there is no verdict in",
+}
+
+
+@item(
+    "contrasts",
+    "the declared contrasts, x against y: differences, p-values and verdicts",
+    {
+        "scenario": "",
+        "condition": "",
+        "x": "",
+        "y": "",
+        "success_verdict": "verdict on success",
+        "score_verdict": "verdict on score",
+        "success_except": "not in",
+        "n": "runs",
+        "success_difference": "difference in success",
+        "success_p_different": "p, no difference",
+        "success_p_equivalent": "p, not equivalent",
+        "success_deciding_runs": "runs to decide",
+        "score_difference": "difference in score",
+        "wrong_pings_difference": "difference in wrong PINGs",
+    },
+)
+def contrasts(runs: Runs) -> list[dict[str, Any]]:
+    """See `benchmark.reports.comparison.verdicts`."""
+    return contrasts_of(runs)
+
+
+@contrasts.figure("The contrasts, with intervals, margins and verdicts.")
+def _(tables: Frames, _: Context) -> "Figure | None":
+    from benchmark.reports.comparison import figures
+
+    if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
+        return None
+    frame = tables["contrasts"]
+    names = [
+        f"{row.x}\nagainst {row.y}" + (f", {row.scenario}" if "scenario" in frame else "")
+        for row in frame.itertuples()
+    ]
+    return figures.differences(frame, names, dict(_LABELS))
+
+
+@contrasts.sentence
+def _(table: pd.DataFrame, __: "Folder") -> Iterator[Finding]:
+    """Tells every contrast, or of many those with a verdict, won or lost."""
+    for _, row in table.iterrows():
+        if len(table) <= _MOST_TOLD or row["success_verdict"] not in (UNDECIDED, NO_VERDICT):
+            yield words.verdict(row)
+
+
+@contrasts.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+    """Says if the runs could not have shown equivalence."""
+    declared = Declared.from_manifest(folder.manifest)
+    n_pooled = 1 if "scenario" in table else len(folder.manifest["scenarios"])
+    return cannot_show(int(table["n"].min()), n_pooled, len(table), declared.reporting) or None
+
+
+def headline(folder: "Folder") -> Finding | None:
+    """Answers whether deep RL earns its keep, for which budget and in which scenarios."""
+    declared = Declared.from_manifest(folder.manifest)
+    start = words.setting(folder)
+    if "contrasts.csv" not in folder:
+        return Finding(f"{start}, there are no verdicts: none is declared, or learners are missing.")
+    table = folder.frame("contrasts")
+    if declared.baseline is None:
+        n = link(str(len(table)), "contrasts", table)
+        return Finding(f"{start}, of {n} contrast{'s' * (len(table) != 1)}, {counted(table)}.")
+    if "scenario" not in table:
+        return _pooled(declared, table, folder, start)
+    by_outcome: dict[Outcome, list[str]] = {}
+    for scenario, rows in table.groupby("scenario", sort=False):
+        by_outcome.setdefault(outcome(declared, rows), []).append(str(scenario))
+    parts = []
+    for key in OUTCOMES:
+        if names := by_outcome.get(key):
+            rows = table[table["scenario"].isin(names)]
+            parts.append(
+                f"{_OUTCOMES[key]} {link(str(len(names)), 'contrasts', rows)} ({words.listed(names)})"
+            )
+        elif key == "earns":
+            parts.append("deep RL is not shown to earn its keep in any")
+    n = link(str(int(table["n"].min())), "contrasts", table)
+    deep = words.listed([f"`{learner}`" for learner in declared.decisive])
+    rule = (
+        f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there than "
+        f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
+        "is not worse. The familywise error rate over all scenarios is at most about 5 %."
+    )
+    return Finding(f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
+
+
+def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: str) -> Finding:
+    """Answers for the mean over scenarios, or for the only one."""
+    rows, baseline = decisive_rows(declared, table), declared.baseline
+    found = outcome(declared, table)
+    means = " (means)" * (len(folder.manifest["scenarios"]) > 1)
+    margin = declared.reporting.margins.success
+    winners = words.listed([f"`{x}`" for x in rows.loc[rows["success_verdict"] == BETTER, "x"]])
+    subject = "the deep learner" if len(rows) == 1 else f"each of the {len(rows)} deep learners compared"
+    text = {
+        "earns": f"deep RL earns its keep over a table: {winners} succeeds more often than `{baseline}`",
+        "another class": f"{winners} succeeds more often than `{baseline}`, but their policies are of other "
+        "classes, a stochastic and a greedy one, so it is not shown that the net makes the difference",
+        "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
+        f"`{baseline}`, or equally often within {margin:g}",
+        "neither learned": "no learner compared is shown to succeed more often than the random policy",
+        "mixed": f"results are mixed: against `{baseline}`, {counted(rows)}",
+        "undecided": f"it is undecided whether deep RL earns its keep over a table: against `{baseline}`, "
+        f"{counted(rows)}",
+        "no verdict": "there is no verdict on whether deep RL earns its keep over a table: runs are missing, "
+        f"or there are fewer than {declared.reporting.fewest_runs} per scenario and learner",
+    }[found]
+    apart = {
+        str(row["x"]): str(row["success_except"])
+        for _, row in rows.iterrows()
+        if str(row.get("success_except", "nan")) not in ("", "nan") and row["success_verdict"] != MIXED
+    }
+    aside = "".join(f" For `{x}` this is not shown in {names} alone." for x, names in apart.items())
+    if found == "no verdict" or "aggregate.csv" not in folder:
+        return Finding(f"{start}{means}, {text}.{aside}", found)
+    learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
+    reached = [
+        f"`{name}` {words.interval(learners[name], 'success', 'aggregate')}"
+        for name in [str(baseline), *rows["x"]]
+    ]
+    room = 1 - learners[str(baseline)]["success"]
+    ceiling = ""
+    if room < margin:
+        most = "at all" if room < 1e-6 else f"by more than {room:.3f}"
+        ceiling = f" No learner could succeed more often than `{baseline}` {most}."
+    return Finding(f"{start}{means}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
+
+
+@item(
+    "effects",
+    "exploratory: differences between scenarios, conditions or learners, x minus y",
+    {
+        "effect": "",
+        "scenario": "",
+        "condition": "",
+        "algorithm": "",
+        "observation": "",
+        "x": "",
+        "y": "",
+        "n": "runs",
+        "success_difference": "difference in success",
+        "score_difference": "difference in score",
+        "wrong_pings_difference": "difference in wrong PINGs",
+    },
+    where=lambda frame: frame.iloc[:0],  # the figure shows it
+)
+def effects(runs: Runs) -> list[dict[str, Any]]:
+    """95 % intervals are not adjusted, and there are no verdicts."""
+    return effects_of(runs.own)
+
+
+@effects.figure("Differences between two scenarios, by learner.")
+def _(tables: Frames, context: Context) -> "Figure | None":
+    from benchmark.drawing.style import figure_of
+    from benchmark.reports.comparison import figures
+
+    frame = tables.get("effects", pd.DataFrame())
+    if "algorithm" not in frame:
+        return None
+    frame = frame[frame["algorithm"].notna()]
+    learners = context.declared.compared or figures.learners_in(frame, context)
+    names, labels = (
+        list(frame["effect"].unique()),
+        {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"},
+    )
+    frame = frame.rename(columns=lambda name: str(name).replace("_difference", ""))
+    size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
+    with figure_of(len(names), len(labels), size) as (figure, axes):
+        for i, name in enumerate(names):
+            part = frame[frame["effect"] == name]
+            for j, (key, label) in enumerate(labels.items()):
+                axis = axes[i, j]
+                axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+                figures.dots(axis, part, key, learners, context)
+                figures.rows(axis, learners, first=j == 0)
+                reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max())
+                axis.set(xlim=(-reach, reach))
+                if i == len(names) - 1:
+                    axis.set(xlabel=f"difference in {label}")
+            pair = f"{part['x'].iloc[0]} − {part['y'].iloc[0]}"
+            axes[i, 0].set_title(f"{name}: {pair}", loc="left", fontweight="bold")
+        figure.supxlabel("bar: 95 % interval, not adjusted; exploratory", fontsize="small")
+    return figure
+
+
+@effects.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
+    """Tells where an effect on success excludes 0, and all effects that are not one per learner."""
+    compared = {str(learner) for learner in Declared.from_manifest(folder.manifest).compared}
+    for name, rows in table.groupby("effect", sort=False):
+        parts = []
+        for _, row in rows.iterrows():
+            is_of_learner = isinstance(row.get("algorithm"), str)
+            is_shown = row["success_difference_low"] > 0 or row["success_difference_high"] < 0
+            if not is_of_learner or (is_shown and words.name_of(row) in compared):
+                learner = f"`{words.name_of(row)}` " if is_of_learner else ""
+                parts.append(f"{learner}{words.difference(row, 'success', 'effects', 2)}")
+        if parts:
+            first = rows.iloc[0]
+            yield (
+                f"Exploratory, {name}: the difference in success, {first['x']} minus {first['y']}, is "
+                f"{words.listed(parts)} (95 % intervals, not adjusted)."
+            )
+
+
+@item(
+    "summary",
+    "each scenario and learner after training",
+    {
+        "scenario": "",
+        "condition": "",
+        "algorithm": "",
+        "observation": "",
+        "policy": "",
+        "n": "runs",
+        "success": "success probability",
+        "score": "score, clipped",
+        "unbounded_score": "score without bounds",
+        "steps": "",
+        "wrong_pings": "wrong PINGs",
+        "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
+        "every_cell_success": "success from any cell",
+    },
+    where=lambda frame: frame if frame["scenario"].nunique() <= _FEW else frame.iloc[:0],
+)
+def summary(runs: Runs) -> Iterator[dict[str, Any]]:
+    """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
+    for cell in runs:
+        row = cell.row(policy=cell.policy, n=cell.n, budget=cell.steps[-1])
+        row |= {name: proportion(cell.final(name)) for name in ENDPOINTS}
+        row |= {name: cell.final(name).mean() for name in ("unbounded_score", "steps", "wrong_pings")}
+        row["uncomfortable_steps"] = cell.final("zone_steps")[:, ZONES.index("uncomfortable")].mean()
+        row["greedy_success"] = cell.population.arrays["success"][:, -1].mean()
+        row["random_success"] = cell.random_success
+        if "every_cell" in cell.population.specification["evaluated_from"]:
+            row["every_cell_success"] = proportion(cell.final("success", "every_cell"))
+        row["diverged"] = int((cell.population.arrays["diverged_at"] >= 0).sum())
+        row["training_wrong_pings"] = cell.wrong_pings
+        yield row
+
+
+@summary.figure("How often each learner succeeds after training, and the verdicts.")
+def _(tables: Frames, context: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    draw = _dots if tables["summary"]["scenario"].nunique() <= figures.FEW else _heat
+    return draw(tables, context)
+
+
+def _dots(tables: Frames, context: Context) -> "Figure":
+    """Draws a panel per scenario, and one of the differences from the baseline if there are verdicts."""
+    from dataclasses import replace
+
+    from benchmark.drawing.style import figure_of
+    from benchmark.reports.comparison import figures
+
+    frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
+    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
+    decided = pd.DataFrame() if contrasts is None else contrasts[contrasts["y"] == str(baseline)]
+    is_decided = len(decided) > 0 and "scenario" not in decided
+    alone = replace(context, checks={})
+    with figure_of(1, len(scenarios) + is_decided, (11.0, 0.3 * len(learners) + 1.5)) as (figure, axes):
+        for axis, scenario in zip(axes[0], scenarios, strict=False):
+            figures.dots(axis, frame[frame["scenario"] == scenario], "success", learners, alone)
+            names = [_with_tuning(learner, context) for learner in learners]
+            figures.rows(axis, names, first=axis is axes[0, 0])
+            axis.set(title=scenario, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+        text = "success probability after training; bar: 95 % interval over runs"
+        if is_decided:
+            axis, margin = axes[0, -1], context.declared.reporting.margins.success
+            shown = decided.rename(columns=lambda name: str(name).replace("success_difference", "value"))
+            named = [Learner.of(x) for x in shown["x"]]
+            shown = shown.assign(
+                algorithm=[x.algorithm for x in named], observation=[x.observation for x in named]
+            )
+            axis.axvspan(-margin, margin, color="0.85", lw=0, zorder=0)
+            axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+            figures.dots(axis, shown, "value", learners, alone)
+            figures.rows(axis, learners, first=False)
+            for learner, verdict in zip(named, shown["success_verdict"], strict=True):
+                if learner in learners:
+                    at = learners.index(learner)
+                    axis.text(1.04, at, verdict, va="center", transform=axis.get_yaxis_transform())
+            reach = max(1.5 * margin, 1.1 * float(shown[["value_low", "value_high"]].abs().to_numpy().max()))
+            axis.set(title="mean difference", xlim=(-reach, reach), xticks=(-margin, 0, margin))
+            text += f"; last panel: difference from {baseline}, margin and verdict"
+        for at, axis in [
+            (learners.index(each), axis) for each in learners if each == baseline for axis in axes[0]
+        ]:
+            axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
+        figure.supxlabel(text, fontsize="small")
+    return figure
+
+
+def _with_tuning(learner: Learner, context: Context) -> str:
+    """Returns a learner's name, with how many settings were tried."""
+    n_tried = context.tuning.get(learner.algorithm, 0)
+    return f"{learner} ({n_tried} tried)" if n_tried else str(learner)
+
+
+def _heat(tables: Frames, context: Context) -> "Figure":
+    """Draws a row per scenario and a column per learner, with the signs of verdicts."""
+    from benchmark.drawing.style import figure_of
+    from benchmark.reports.comparison import figures
+    from envs.scene import COLOUR_MAP
+
+    frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
+    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
+    verdicts: dict[tuple[str, str], str] = {}
+    if contrasts is not None and "scenario" in contrasts:
+        rows = contrasts[contrasts["y"] == str(baseline)]
+        verdicts = dict(
+            zip(zip(rows["scenario"], rows["x"], strict=True), rows["success_verdict"], strict=True)
+        )
+    values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
+    table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
+    with figure_of(1, 1, (0.95 * len(learners) + 2.2, 0.32 * len(scenarios) + 2.4)) as (figure, axes):
+        axis = axes[0, 0]
+        axis.imshow(table, cmap=COLOUR_MAP, vmin=0, vmax=1, aspect="auto")
+        for (row, column), value in np.ndenumerate(table):
+            sign = figures.SIGNS.get(verdicts.get((scenarios[row], str(learners[column])), ""), "")
+            ink = "white" if value < 0.55 else "black"
+            axis.text(column, row, f"{value:.2f} {sign}".strip(), ha="center", va="center", color=ink)
+        budgets = frame.groupby(["algorithm", "observation"], sort=False)["budget"].first()
+        names = [f"{learner.algorithm}\n{learner.observation}\n{budgets[learner]:,}" for learner in learners]
+        axis.set_xticks(range(len(learners)), names, rotation=30, ha="left", rotation_mode="anchor")
+        axis.set_yticks(range(len(scenarios)), scenarios)
+        axis.xaxis.tick_top()
+        axis.tick_params(length=0)
+        axis.spines[:].set_visible(False)
+        text = "success probability after training, mean over runs; below each name, steps of training"
+        if verdicts:
+            signs = ", ".join(f"{sign} {verdict}" for verdict, sign in figures.SIGNS.items())
+            text += f"\nagainst {baseline}: {signs}; no sign: undecided, no verdict or not compared"
+        figure.supxlabel(text, fontsize="small")
+    return figure
+
+
+@summary.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+    """Says what the other policy of a stochastic learner does."""
+    parts = []
+    for (algorithm, observation), rows in table[table["policy"] == "stochastic"].groupby(
+        ["algorithm", "observation"], sort=False
+    ):
+        if (
+            "check_of" in folder.manifest["algorithms"][algorithm]
+            and folder.manifest["algorithms"][algorithm]["check_of"]
+        ):
+            continue
+        both = [link(f"{rows[key].mean():.2f}", "summary", rows) for key in ("success", "greedy_success")]
+        parts.append(f"`{Learner(str(algorithm), str(observation))}` {' and '.join(both)}")
+    if not parts:
+        return None
+    means = ", means over scenarios" * (table["scenario"].nunique() > 1)
+    return f"Success of stochastic policies and of the greedy ones beside them{means}: {'; '.join(parts)}."
+
+
+@item(
+    "aggregate",
+    "every learner over all scenarios, after training",
+    {
+        "algorithm": "",
+        "observation": "",
+        "policy": "",
+        "runs": "",
+        "success": "success probability",
+        "score": "score, clipped",
+        "settings_tried": "settings tried",
+        "every_cell_success": "success from any cell",
+        "unbounded_score": "score without bounds",
+        "iqm": "its interquartile mean",
+    },
+)
+def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
+    """`iqm` is rliable's interquartile mean of the scores without bounds; only if scenarios are pooled."""
+    from rliable import metrics
+
+    if runs.declared.reporting.pool != "scenarios":
+        return
+    for learner, cells in runs.learners.items():
+        row: dict[str, Any] = {**learner._asdict(), "policy": cells[0].policy}
+        row |= {"runs": sum(cell.n for cell in cells), "settings_tried": runs.tuning.get(learner.algorithm)}
+        for start in cells[0].population.specification["evaluated_from"]:
+            for name in ENDPOINTS:
+                means = [cell.means(name, start) for cell in cells]
+                side = Means([each.mean for each in means], [each.sizes[0] for each in means])
+                row[evaluated(name, "greedy", start)] = Estimate(side.mean, *side.interval)
+        final = [cell.final("unbounded_score") for cell in cells]
+        row["unbounded_score"] = np.mean([values.mean() for values in final])
+        row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
+        yield row
+
+
+@aggregate.figure("Success and score over all scenarios, with 95 % intervals.")
+def _(tables: Frames, context: Context) -> "Figure | None":
+    from benchmark.drawing.style import figure_of
+    from benchmark.reports.comparison import figures
+
+    if "aggregate" not in tables:
+        return None
+    frame = tables["aggregate"]
+    learners = figures.learners_in(frame, context)
+    height = (0.44 if context.checks else 0.36) * len(learners) + 1.5
+    with figure_of(1, len(_LABELS), (11.0, height)) as (figure, axes):
+        for axis, (key, label) in zip(axes[0], _LABELS.items(), strict=True):
+            figures.dots(axis, frame, key, learners, context)
+            figures.rows(
+                axis, [_with_tuning(learner, context) for learner in learners], first=axis is axes[0, 0]
+            )
+            axis.set(title=label, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+        text = figures.with_checks("mean over scenarios after training; bar: 95 % interval", context)
+        figure.supxlabel(text, fontsize="small")
+    return figure
+
+
+@aggregate.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+    """Says what was learned away from the path from the start."""
+    if "every_cell_success" not in table:
+        return None
+    parts = [
+        f"`{words.name_of(row)}` {words.interval(row, 'every_cell_success', 'aggregate')} against "
+        f"{link(f'{row.success:.2f}', 'aggregate', row)}"
+        for _, row in words.compared(table, folder).iterrows()
+    ]
+    return f"Success from a random cell against that from the start cell: {'; '.join(parts)}."
+
+
+@aggregate.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+    """Says how checks and the learners that they check compare."""
+    algorithms, rows = folder.manifest["algorithms"], {words.name_of(row): row for _, row in table.iterrows()}
+    parts = [
+        f"`{name}` {words.interval(row, 'success', 'aggregate')} and "
+        f"{words.interval(rows[str(Learner(checked, row['observation']))], 'success', 'aggregate')}"
+        for name, row in rows.items()
+        if (checked := algorithms[row["algorithm"]]["check_of"])
+    ]
+    return f"Success of each check and of the learner that it checks: {'; '.join(parts)}." if parts else None
+
+
+@item("scores", "every run at the end of training")
+def scores(runs: Runs) -> pd.DataFrame:
+    """`every_cell_` marks episodes that start in any cell; `diverged_at` is infinite if a run did not."""
+    frames = []
+    for cell in runs:
+        columns: dict[str, Any] = {**cell.names, "policy": cell.policy, "seed": cell.population.seeds}
+        for start in cell.population.specification["evaluated_from"]:
+            for name in ("success", "score", "unbounded_score", "steps", "wrong_pings"):
+                columns[evaluated(name, "greedy", start)] = cell.final(name, start)
+            uncomfortable = cell.final("zone_steps", start)[:, ZONES.index("uncomfortable")]
+            columns[evaluated("uncomfortable_steps", "greedy", start)] = uncomfortable
+        columns["greedy_success"] = cell.population.arrays["success"][:, -1]
+        columns["target_cells_marked"], columns["cells_marked"] = _right_and_marked(cell)
+        columns["region_overlap"] = _overlap(cell)
+        columns["training_wrong_pings"] = cell.population.arrays["disagreements"][:, -1]
+        diverged_at = cell.population.arrays["diverged_at"]
+        columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)
+
+
+@item(
+    "profile", "performance profiles: the share of runs that score at least a number, a mean over scenarios"
+)
+def profile(runs: Runs) -> pd.DataFrame | None:
+    """Without checks; only if scenarios are pooled."""
+    if runs.declared.reporting.pool != "scenarios":
+        return None
+    frames = []
+    for learner, cells in runs.own.learners.items():
+        final = [cell.final("unbounded_score") for cell in cells]
+        sizes = [len(values) for values in final]
+        sides = [Means([float((v >= score - _ROUNDING).mean()) for v in final], sizes) for score in PROFILE]
+        low, high = zip(*(side.interval for side in sides), strict=True)
+        shares = {"share": [side.mean for side in sides], "share_low": low, "share_high": high}
+        frames.append(pd.DataFrame({**learner._asdict(), "score": PROFILE, **shares}))
+    return pd.concat(frames, ignore_index=True)
+
+
+@profile.shown
+def _(_: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame()  # the figure shows it
+
+
+@profile.figure("Performance profiles: the share of runs that score at least a number.")
+def _(tables: Frames, context: Context) -> "Figure | None":
+    from dataclasses import replace
+
+    from benchmark.drawing.style import figure_of
+    from benchmark.reports.comparison import figures
+
+    if "profile" not in tables:
+        return None
+    context = replace(context, checks={}, check_note="")
+    with figure_of(1, len(context.panels), (11.0, 3.6)) as (figure, axes):
+        for axis, (title, learners) in zip(axes[0], context.panels.items(), strict=True):
+            figures.lines(axis, tables["profile"], "score", "share", learners, context)
+            axis.set(
+                xlim=(0, 1), ylim=(-0.03, 1.03), title=title, xlabel="score, at least (0 random, 1 optimal)"
+            )
+        axes[0, 0].set(ylabel="share of runs")
+        drawn = list(dict.fromkeys(learner for panel in context.panels.values() for learner in panel))
+        figures.legend(figure, context, drawn, "line: mean over scenarios; shade: 95 % interval")
+    return figure
+
+
+@item(
+    "region",
+    "cells where an agent values PING, compared with the target region",
+    {
+        "scenario": "",
+        "algorithm": "",
+        "observation": "",
+        "cells_marked": "cells marked",
+        "precision": "",
+        "recall": "",
+        "overlap": "",
+    },
+)
+def region(runs: Runs) -> Iterator[dict[str, Any]]:
+    """Means over agents; precision is of those that mark a cell, overlap is intersection over union."""
+    for cell in runs:
+        right, marked = _right_and_marked(cell)
+        marking = marked > 0
+        yield cell.row(
+            n=len(right),
+            cells_marked=marked.mean(),
+            n_marking=int(marking.sum()),
+            precision=proportion(right[marking] / marked[marking]),
+            recall=proportion(right / cell.population.in_target.sum()),
+            overlap=proportion(_overlap(cell)),
+        )
+
+
+@region.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> str:
+    """Says how well learners know the personal space."""
+    parts = [
+        f"`{Learner(str(key[0]), str(key[1]))}` {link(f'{rows.overlap.mean():.2f}', 'region', rows)}"
+        for key, rows in words.compared(table, folder).groupby(["algorithm", "observation"], sort=False)
+    ]
+    means = ", means over scenarios" * (table["scenario"].nunique() > 1)
+    return (
+        "Overlap of the cells where an agent values PING with the target region (intersection over "
+        f"union{means}): {'; '.join(parts)}."
+    )
+
+
+@item("maps", "final values of PING in every cell, without checks")
+def maps(runs: Runs) -> pd.DataFrame | None:
+    """`value` is the mean Q over agents, or the mean probability of a stochastic policy.
+
+    `marked` is the share of agents that value PING in the cell.
+    """
+    frames = []
+    for cell in runs.own:
+        if not cell.has_maps:
+            continue
+        population = cell.population
+        row, column = population.model.position.T
+        stochastic, alive = population.arrays["stochastic"], population.arrays["diverged_at"] < 0
+        final = stochastic[:, -1] if stochastic.shape[1] else population.arrays["q"]
+        value = final[alive].mean(axis=0) if alive.any() else np.full(final.shape[1:], np.nan)
+        columns = {
+            **cell.names,
+            "row": row,
+            "column": column,
+            "kind": "probability" if stochastic.shape[1] else "q",
+            "value": value[:, ACTIONS.index("PING")],
+            "marked": population.values_ping.mean(axis=0),
+        }
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True) if frames else None
+
+
+@maps.shown
+def _(_: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame()  # the figure shows it
+
+
+@maps.figure("Mean final Q of PING, of tables and nets.")
+def _(tables: Frames, context: Context) -> "Figure | None":
+    from matplotlib.colors import Normalize
+    from matplotlib.lines import Line2D
+
+    from benchmark.drawing.maps import colour_bar, dots, heat, region_legend
+    from benchmark.drawing.style import figure_of
+    from benchmark.reports.comparison import figures
+    from envs.scene import colour_limits, scene_of
+
+    if "maps" not in tables:
+        return None
+    frame = tables["maps"]
+    frame = frame[(frame["kind"] == "q") & ~frame["algorithm"].str.endswith("_default")]
+    learners, scenarios = figures.learners_in(frame, context), list(frame["scenario"].unique())
+    if not learners or len(scenarios) > figures.FEW:
+        return None
+    norm = Normalize(*colour_limits(frame["value"].to_numpy()))
+    with figure_of(len(learners), len(scenarios), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
+        for row, learner in enumerate(learners):
+            for column, scenario in enumerate(scenarios):
+                values = frame[figures.is_of(frame, learner) & (frame["scenario"] == scenario).to_numpy()]
+                heat(axes[row, column], scene_of(context.models[scenario]), values["value"].to_numpy(), norm)
+                dots(axes[row, column], values[values["marked"] > 0.5])
+                axes[row, column].set(title=f"{scenario}: {learner}")
+        colour_bar(figure, list(axes.flat), norm, "mean final Q of PING", extend="both")
+        mark = "where most runs value PING"
+        region_legend(figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label=mark))
+    return figure
+
+
+@item(
+    "scenarios",
+    "what each scenario is, and what is possible in it",
+    {
+        "scenario": "",
+        "description": "",
+        "observed": "",
+        "hidden": "",
+        "cells": "",
+        "states": "",
+        "observations": "",
+        "random_return": "random return",
+        "random_success": "random success",
+        "optimal_return": "optimal return",
+        "memoryless_return": "best return of a memoryless policy found",
+        "memoryless_success": "success of that policy",
+    },
+)
+def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
+    """Returns are sums of the grid's rewards over an episode.
+
+    `optimal_return` is that of an agent that knows the state. `memoryless_return` is the best return of a
+    policy over observations that the algorithm `memoryless` has found in `restarts` runs, `memoryless_score`
+    that return as a score, and `memoryless_success` how often that policy succeeds: others succeed more often
+    with a lower return.
+    """
+    first = {cell.scenario: cell for cell in [*runs.cells][::-1]}
+    if len(first) <= 1 or runs.declared.reporting.pool == "scenarios":
+        return
+    for scenario in runs.scenarios:
+        population = first[scenario].population
+        model = population.model
+        random, optimal = population.anchors["grid_return"]
+        row: dict[str, Any] = {
+            "scenario": scenario,
+            "description": model.scenario.description,
+            "cells": len(model.position),
+            "states": len(model.observation),
+            "observations": model.n_observations,
+            "observed": _in_words(model.scenario.observe),
+            "hidden": _in_words(model.scenario.hidden) or "nothing",
+            "random_return": random,
+            "random_success": first[scenario].random_success,
+            "optimal_return": optimal,
+        }
+        found = [c for c in runs.planners if c.scenario == scenario and c.population.algorithm is SEARCH]
+        if found:
+            returns, success = (
+                np.concatenate([cell.final(name) for cell in found]) for name in ("grid_return", "success")
+            )
+            best = int(returns.argmax())
+            row |= {"restarts": len(returns), "memoryless_return": returns[best]}
+            row |= {"memoryless_success": success[best]}
+            row["memoryless_score"] = (returns[best] - random) / (optimal - random)
+        yield row
+
+
+@scenarios.figure("The scenarios.")
+def _(tables: Frames, context: Context) -> "Figure | None":
+    from benchmark.drawing.gallery import gallery
+
+    return gallery(list(context.models.values())) if "scenarios" in tables else None
+
+
+@scenarios.sentence
+def _(table: pd.DataFrame, __: "Folder") -> str | None:
+    """Says what is possible where something is hidden."""
+    if "memoryless_score" not in table:
+        return None
+    short = table[table["memoryless_score"] < 1 - _NEARLY]
+    parts = [
+        f"{row['scenario']} {link(f'{row.memoryless_score:.2f}', 'scenarios', row)} "
+        f"(hidden: {row['hidden']}; success {row['memoryless_success']:.2f})"
+        for _, row in short.iterrows()
+    ]
+    rest, n = len(table) - len(short), int(table["restarts"].max())
+    others = f"in {rest} of {len(table)} scenarios {1 - _NEARLY:g} or more"
+    return (
+        f"Scores of the memoryless policy with the best return found in {n} local searches per scenario (1: "
+        f"the optimum of an agent that knows the state): {'; '.join([*parts, others])}. Better policies may "
+        "exist, and others succeed more often with a lower return."
+    )
+
+
+def _in_words(parts: Sequence[str]) -> str:
+    """Returns parts of the state as readers see them."""
+    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
+
+
+def _right_and_marked(cell: Cell) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Returns how many cells of the target region each agent marks, and how many of all, (N,) each."""
+    marked = cell.population.values_ping
+    return (marked & cell.population.in_target).sum(axis=1), marked.sum(axis=1)
+
+
+def _overlap(cell: Cell) -> NDArray[np.float64]:
+    """Returns the overlap of the cells that each agent marks with the target region, (N,)."""
+    return overlap(cell.population.values_ping, cell.population.in_target)

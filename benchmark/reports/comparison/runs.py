@@ -1,0 +1,331 @@
+"""The runs of a comparison: the cells of a table of scenarios, conditions and learners."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.dynamic_programming import evaluate
+from agents.policy import uniform_policy
+from benchmark.analysis.contrasts import Side as Means
+from benchmark.analysis.intervals import proportion_interval, student
+from benchmark.analysis.population import Population, load_population
+from benchmark.execution.store import Store, evaluated
+from benchmark.experiments import Experiment, RunSpecification, specifications
+from benchmark.reports.comparison.declared import Declared, Learner, Side
+from benchmark.reports.item import Estimate
+from envs import InputError, Model
+
+Values = NDArray[np.float64]
+
+SB3: Final = "Stable-Baselines3 itself"  # what trains checks, as readers see it
+_LISTED: Final = 4  # cells that a sentence on missing runs names
+_ROUNDING: Final = 9  # digits, so that the last digit of two optima does not decide which of them is better
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The runs of a learner in a scenario under a condition, evaluated by the policy that counts."""
+
+    scenario: str
+    condition: str
+    learner: Learner
+    population: Population
+    policy: str = "greedy"  # or "stochastic"
+    has_conditions: bool = False  # whether there are others, so that rows have to name this one
+
+    @property
+    def names(self) -> dict[str, str]:
+        """What names the cell in a table."""
+        condition = {"condition": self.condition} if self.has_conditions else {}
+        return {"scenario": self.scenario, **condition, **self.learner._asdict()}
+
+    @property
+    def n(self) -> int:
+        """How many runs there are."""
+        return len(self.population.seeds)
+
+    @property
+    def steps(self) -> list[int]:
+        """(T,) when policies were evaluated."""
+        return self.population.evaluation_steps
+
+    def row(self, **values: Any) -> dict[str, Any]:
+        """Returns a row of a table about this cell."""
+        return self.names | values
+
+    def results(self, name: str, start: str = "start") -> Values:
+        """Returns what the policy that counts is evaluated as, (N, T).
+
+        Args:
+          name: `"score"`, clipped to [0, 1]; `"unbounded_score"`; or a field of
+            `agents.dynamic_programming.Evaluation`.
+          start: Where episodes start.
+        """
+        if name in ("score", "unbounded_score"):
+            scores = np.round(self.population.scores_of(self.policy, start), _ROUNDING)
+            return scores if name == "unbounded_score" else np.clip(scores, 0.0, 1.0)
+        return np.asarray(self.population.arrays[evaluated(name, self.policy, start)])
+
+    def final(self, name: str, start: str = "start") -> Values:
+        """Returns what the policy is evaluated as after training, (N,)."""
+        return self.results(name, start)[:, -1]
+
+    def means(self, name: str, start: str = "start") -> Means:
+        """Returns the mean over runs after training, for contrasts."""
+        final = self.final(name, start)
+        return Means([float(final.mean())], [len(final)])
+
+    @cached_property
+    def wrong_pings(self) -> Estimate:
+        """Wrong PINGs per 1,000 steps of the whole training, with Student's interval."""
+        rate = self.population.arrays["disagreements"][:, -1:] / self.steps[-1] * 1000
+        low, high = student(rate)
+        return Estimate(float(rate.mean()), max(float(low[0]), 0.0), float(high[0]))
+
+    @property
+    def random_success(self) -> float:
+        """How often the random policy succeeds, exactly."""
+        return _random_success(self.population.model, self.population.horizon)
+
+    @property
+    def has_maps(self) -> bool:
+        """Whether one map shows all that is learned, see `envs.Model.has_cell_maps`."""
+        return self.population.model.has_cell_maps
+
+
+@lru_cache(maxsize=128)
+def _random_success(model: Model, horizon: int) -> float:
+    return float(evaluate(model, uniform_policy(model), horizon).success)
+
+
+def proportion(values: NDArray[Any]) -> Estimate:
+    """Returns the mean of (N,) numbers in [0, 1], with its exact binomial interval; NaN without numbers."""
+    if not len(values):
+        return Estimate(np.nan, np.nan, np.nan)
+    mean = float(values.mean())
+    low, high = proportion_interval(mean, len(values))
+    return Estimate(mean, float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Context:
+    """What figures need in addition to the tables."""
+
+    models: Mapping[str, Model]  # by scenario
+    panels: Mapping[str, Sequence[Learner]]  # title to the learners that are drawn together, without checks
+    algorithms: Sequence[str]  # all that are declared, in the order of their colours, without checks
+    checks: Mapping[Learner, Learner]  # to the learner that each checks
+    check_note: str  # what figures say of checks; empty if there are none
+    declared: Declared
+    tuning: Mapping[str, int]  # algorithm to how many settings were tried; without those that do not say
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """All cells of a comparison. Planners, which know the model, are apart: they say what is possible."""
+
+    cells: Sequence[Cell]  # by learner, in the order declared; a check follows the learner that it checks
+    planners: Sequence[Cell]
+    declared: Declared
+    groups: Mapping[str, str]  # algorithm to its group; those of none are drawn with all
+    checks: Mapping[Learner, Learner]  # to the learner that each checks
+    tuning: Mapping[str, int]
+    missing: str = ""  # which runs are missing; empty if none is
+    seeds_note: str = ""  # which seeds there are instead of those declared
+
+    def __iter__(self) -> Iterator[Cell]:
+        return iter(self.cells)
+
+    @property
+    def learners(self) -> dict[Learner, list[Cell]]:
+        """The cells of every learner."""
+        found: dict[Learner, list[Cell]] = {}
+        for cell in self.cells:
+            found.setdefault(cell.learner, []).append(cell)
+        return found
+
+    @property
+    def own(self) -> "Runs":
+        """The same without checks."""
+        return replace(self, cells=[cell for cell in self if cell.learner not in self.checks], checks={})
+
+    @property
+    def scenarios(self) -> list[str]:
+        """The scenarios, in the order declared."""
+        return list(dict.fromkeys(cell.scenario for cell in self.cells))
+
+    def matched(self, x: Side, y: Side) -> list[tuple[Cell, Cell]]:
+        """Returns the cells that two sides name, each with the other that differs by what the sides name."""
+        places = {(cell.scenario, cell.condition, cell.learner): cell for cell in self.cells}
+        pairs = []
+        for place, cell in places.items():
+            if all(name in (None, own) for name, own in zip(x, place, strict=True)):
+                other = tuple(own if name is None else name for name, own in zip(y, place, strict=True))
+                if other in places:
+                    pairs.append((cell, places[other]))
+        return pairs
+
+    @property
+    def note(self) -> str:
+        """What is missing or other than declared, in sentences; empty if nothing is."""
+        missing = f"Partial: {self.missing}." if self.missing else ""
+        return " ".join(filter(None, [missing, self.seeds_note]))
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether runs are missing."""
+        return bool(self.missing)
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """What was to be decided, see `Declared.from_manifest`."""
+        everyone = [*self.cells, *self.planners]
+        return {
+            "declared": self.declared.reporting.model_dump_json(),
+            "learners": {str(learner): family for learner, family in self.declared.families.items()},
+            "axes": {
+                "scenarios": list(dict.fromkeys(cell.scenario for cell in everyone)),
+                "conditions": list(dict.fromkeys(cell.condition for cell in everyone)),
+            },
+        }
+
+    @property
+    def context(self) -> Context:
+        """See `Context`."""
+        learners = [learner for learner in self.learners if learner not in self.checks]
+        everywhere = [learner for learner in learners if not self.groups.get(learner.algorithm)]
+        panels: dict[str, list[Learner]] = {}
+        for learner in learners:
+            if group := self.groups.get(learner.algorithm):
+                panels.setdefault(group, [*everywhere]).append(learner)
+        names = [learner.algorithm for learner in self.declared.families if learner not in self.checks]
+        return Context(
+            models={cell.scenario: cell.population.model for cell in self.cells},
+            panels=panels or {"": everywhere},
+            algorithms=list(dict.fromkeys(names)),
+            checks=self.checks,
+            check_note=self._check_note,
+            declared=self.declared,
+            tuning=self.tuning,
+        )
+
+    @property
+    def _check_note(self) -> str:
+        checks = [cell for cell in self if cell.learner in self.checks]
+        if not checks:
+            return ""
+        sizes = [cell.n for cell in checks]
+        n = f"{max(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
+        nets = [cell.population.algorithm for cell in checks if cell.population.algorithm.family == "deep"]
+        is_sb3 = bool(nets) and all("stable_baselines3" in each.packages for each in nets)
+        return f"hollow: checks, {n} runs{f', nets by {SB3}' if is_sb3 else ''}"
+
+
+def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Runs:
+    """Reads all runs of a comparison.
+
+    Args:
+      experiment: As loaded.
+      store: Where its records are.
+      seeds: Other seeds than the declared ones.
+      partial: Whether to take the runs that are there if some are missing; learners with fewer than two
+        seeds in all scenarios are then left out.
+
+    Raises:
+      InputError: Runs are missing, and which; or there are too few to draw anything.
+    """
+    statuses, ended = store.statuses(), store.ended()
+    wanted = {
+        (Path(scenario).stem, condition, Learner(name, observation)): specifications(
+            experiment, condition, scenario, name, observation, seeds
+        )
+        for condition in experiment.conditions
+        for scenario, name, observation in experiment.populations
+    }
+    there = {place: [run for run in runs if run.digest in ended] for place, runs in wanted.items()}
+    missing = _missing(wanted, there, statuses)
+    if missing and not partial:
+        raise InputError(
+            f"{experiment.name}: {missing}: run the experiment first, or draw the existing runs with "
+            "--partial."
+        )
+    algorithms = experiment.algorithms
+    order = {learner: i for i, learner in enumerate(dict.fromkeys(learner for _, _, learner in wanted))}
+    checks = {
+        learner: Learner(algorithms[learner.algorithm].check_of, learner.observation)
+        for learner in order
+        if algorithms[learner.algorithm].check_of
+    }
+    few = {learner for learner in order if len(_common_seeds(learner, there)) < 2}
+    few |= {check for check, checked in checks.items() if checked in few}
+    cells: list[Cell] = []
+    planners: list[Cell] = []
+
+    def rank(place: tuple[str, str, Learner]) -> tuple[int, bool, int]:
+        learner = place[2]
+        return order[checks.get(learner, learner)], learner in checks, order[learner]
+
+    for scenario, condition, learner in sorted(there, key=rank):
+        if learner in few:
+            continue
+        population = load_population(there[scenario, condition, learner], store)
+        policy = algorithms[learner.algorithm].policy
+        if not population.scores_of(policy, "start").shape[1]:
+            raise InputError(
+                f"{experiment.argument}: algorithms.{learner.algorithm}.policy = {policy}: its training "
+                "returns no such policy; accepted: greedy."
+            )
+        cell = Cell(scenario, condition, learner, population, policy, len(experiment.conditions) > 1)
+        (planners if population.algorithm.family == "planner" else cells).append(cell)
+    if len({cell.learner for cell in cells} - checks.keys()) < 2:
+        raise InputError(
+            f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners that are "
+            "neither checks nor planners, each with two runs of every scenario."
+        )
+    left_out = "left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
+    return Runs(
+        cells,
+        planners,
+        Declared.of(experiment),
+        groups={name: declared.group for name, declared in algorithms.items()},
+        checks={check: checked for check, checked in checks.items() if check not in few},
+        tuning={name: each.tuning.settings for name, each in algorithms.items() if each.tuning is not None},
+        missing="; ".join(filter(None, [missing, left_out])),
+        seeds_note=""
+        if seeds is None
+        else f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared.",
+    )
+
+
+def _common_seeds(
+    learner: Learner, there: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]]
+) -> set[int]:
+    """Returns the seeds of which a learner has a run everywhere."""
+    own = [{run.seed for run in runs} for place, runs in there.items() if place[2] == learner]
+    return set.intersection(*own)
+
+
+def _missing(
+    wanted: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]],
+    there: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]],
+    statuses: Mapping[str, str],
+) -> str:
+    """Says which runs are missing; empty if none is."""
+    lacking = [
+        f"{learner} in {scenario} has {len(there[scenario, condition, learner])} of {len(runs)}"
+        for (scenario, condition, learner), runs in wanted.items()
+        if len(there[scenario, condition, learner]) < len(runs)
+    ]
+    if not lacking:
+        return ""
+    n_runs = sum(map(len, wanted.values()))
+    n_failed = sum(statuses.get(run.digest) == "failed" for runs in wanted.values() for run in runs)
+    more = f"; and {len(lacking) - _LISTED} more populations" if len(lacking) > _LISTED else ""
+    failed = f", {n_failed} of them failed" if n_failed else ""
+    n_missing = n_runs - sum(map(len, there.values()))
+    return f"{n_missing} of {n_runs} runs are missing{failed} ({'; '.join(lacking[:_LISTED])}{more})"

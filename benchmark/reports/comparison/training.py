@@ -1,0 +1,415 @@
+"""Items of a comparison: how learners learn, after how many steps, at whose expense, and at what cost."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion_interval, student
+from benchmark.analysis.population import GOOD_SCORE
+from benchmark.analysis.snapshots import Shown, typical_agent
+from benchmark.drawing.tables import link
+from benchmark.reports.comparison import words
+from benchmark.reports.comparison.declared import Learner
+from benchmark.reports.comparison.runs import Cell, Context, Runs, proportion
+from benchmark.reports.explorer import explorer_item
+from benchmark.reports.item import Frames, drawing, item, writing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from benchmark.reports.folder import Folder
+
+ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
+_EARLY: Final = 0.15  # of training
+
+
+@item("curves", "success, score and wrong PINGs over training, against environment steps")
+def curves(runs: Runs) -> pd.DataFrame:
+    """`wrong_pings` are those per 1,000 steps since the evaluation before, with Student's interval."""
+    frames = []
+    for cell in runs:
+        steps = np.array(cell.steps)
+        columns: dict[str, Any] = {**cell.names, "step": steps}
+        for name in ("success", "score"):
+            mean = cell.results(name).mean(axis=0)
+            low, high = proportion_interval(mean, cell.n)
+            columns |= {name: mean, f"{name}_low": low, f"{name}_high": high}
+        rate = np.diff(cell.population.arrays["disagreements"], axis=1) / np.diff(steps) * 1000
+        rate = np.column_stack([np.full(len(rate), np.nan), rate])  # nothing before the first step
+        low, high = student(rate)
+        columns |= {"wrong_pings": rate.mean(axis=0)}
+        columns |= {"wrong_pings_low": np.maximum(low, 0.0), "wrong_pings_high": high}
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)
+
+
+@curves.shown
+def _(_: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame()  # the figure shows it
+
+
+@curves.figure("Success probability over training, with its 95 % interval.")
+def _(tables: Frames, context: Context) -> "Figure":
+    from benchmark.reports.comparison import figures
+
+    frame = tables["curves"]
+    longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], context)
+    drawn = [*(context.declared.compared or figures.learners_in(frame, context)), *longest]
+    with figures.curve_panels(frame, context, list(dict.fromkeys(drawn)), "success", "success") as (
+        figure,
+        axes,
+    ):
+        for axis in axes:
+            axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
+            axis.set(ylim=(-0.03, 1.03))
+    return figure
+
+
+@drawing(
+    "wrong_pings",
+    "wrong PINGs per 1,000 steps while agents learn",
+    "Wrong PINGs per 1,000 steps of training.",
+)
+def wrong_pings(tables: Frames, context: Context) -> "Figure":
+    """Draws how often the issuer disagreed while agents learned."""
+    from benchmark.reports.comparison import figures
+
+    frame = tables["curves"]
+    drawn = context.declared.compared or figures.learners_in(frame, context)
+    label = "wrong PINGs\nper 1,000 steps"
+    with figures.curve_panels(frame, context, drawn, "wrong_pings", label) as (figure, axes):
+        for axis in axes:
+            axis.set(ylim=(0, float(frame["wrong_pings"].max()) * 1.05))
+    return figure
+
+
+def _first_step(is_good: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Returns the place of the evaluation from which each row, (..., T), stays good to the end; T if none."""
+    n_steps = is_good.shape[-1]
+    bad_before = n_steps - (~is_good)[..., ::-1].argmax(axis=-1)
+    return np.asarray(np.where(is_good.all(axis=-1), 0, bad_before))
+
+
+@item(
+    "threshold",
+    f"when, and in how many runs, the score reaches {GOOD_SCORE:g}, and stays there to the last evaluation",
+    {
+        "scenario": "",
+        "condition": "",
+        "algorithm": "",
+        "observation": "",
+        "n": "runs",
+        "reached_share": "share that reaches it",
+        "reached_step_median": "median step",
+        "stays_share": "share that stays",
+        "stays_step_median": "median step to stay",
+    },
+)
+def threshold(runs: Runs) -> Iterator[dict[str, Any]]:
+    """Medians count runs that never get there as infinite, and are infinite if these are half or more."""
+    for cell in runs:
+        good = cell.results("unbounded_score") >= GOOD_SCORE  # (N, T)
+        when = np.array([*cell.steps, np.inf])
+        first = np.where(good.any(axis=1), good.argmax(axis=1), good.shape[1])
+        row = cell.row(n=len(good))
+        for name, places in (("reached", first), ("stays", _first_step(good))):
+            row[f"{name}_share"] = proportion(places < good.shape[1])
+            row[f"{name}_step_median"] = np.median(when[places])
+        yield row
+
+
+@item(
+    "steps",
+    f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
+    {
+        "scenario": "",
+        "condition": "",
+        "algorithm": "",
+        "observation": "",
+        "n": "runs",
+        "budget": "steps of training",
+        "share": "share of runs",
+        "median_step": "median step of runs",
+        "step": "step of the mean over runs",
+        "final_success": "final mean",
+    },
+)
+def steps(runs: Runs) -> Iterator[dict[str, Any]]:
+    """`step` is that of the mean success over runs, and `below_at` the last evaluation before it."""
+    for cell in runs:
+        success = cell.results("success")
+        when, places = np.array([*cell.steps, np.inf]), _first_step(success >= ENOUGH)
+        first = int(_first_step(success.mean(axis=0) >= ENOUGH))
+        yield cell.row(
+            n=cell.n,
+            budget=cell.steps[-1],
+            share=proportion(places < success.shape[1]),
+            median_step=float(np.median(when[places])),
+            step=float(when[first]),
+            below_at=float(when[first - 1]) if first > 0 else np.nan,
+            final_success=float(success.mean(axis=0)[-1]),
+        )
+
+
+@steps.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
+    """Says which learner was the first to learn each scenario, tables and nets alike."""
+    families = {name: each["family"] for name, each in folder.manifest["algorithms"].items()}
+    checks = [name for name, each in folder.manifest["algorithms"].items() if each["check_of"]]
+    winners: dict[str, list[tuple[str, pd.DataFrame]]] = {}
+    for scenario, here in table[~table["algorithm"].isin(checks)].groupby("scenario", sort=False):
+        best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
+        here_first = {families[name] for name in best["algorithm"]}
+        kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
+        winners.setdefault(kind, []).append((str(scenario), best if len(best) else here))
+    kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation", "none": "none"}
+    parts = []
+    for kind, text in kinds.items():
+        if found := winners.get(kind):
+            count = link(str(len(found)), "steps", *(rows for _, rows in found))
+            parts.append(f"{text} in {count} ({words.listed([name for name, _ in found])})")
+    if len(table["scenario"].unique()) > 1:
+        yield f"The first learner whose mean success stays at or above {ENOUGH:g} is {'; '.join(parts)}."
+
+
+def _medians(cell: Cell, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns medians over runs of the steps between which a run learns, (RESAMPLES + 1,) each.
+
+    The first is of the runs as they are, the others are resampled. A run that never learns has the budget and
+    infinity.
+    """
+    when, first = np.array([0.0, *cell.steps, np.inf]), _first_step(cell.results("success") >= ENOUGH)
+    drawn = np.vstack([np.arange(cell.n), rng.integers(cell.n, size=(RESAMPLES, cell.n))])
+    with np.errstate(invalid="ignore"):
+        return np.median(when[first][drawn], axis=1), np.median(when[first + 1][drawn], axis=1)
+
+
+def _ratio(x: Cell, y: Cell) -> dict[str, float]:
+    """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
+
+    Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
+    """
+    rng = np.random.default_rng([BOOTSTRAP_SEED, *x.scenario.encode()])
+    (x_low, x_high), (y_low, y_high) = _medians(x, rng), _medians(y, rng)
+    steps = float(x_high[0]), float(y_high[0])
+    if math.isinf(steps[0]) and math.isinf(steps[1]):
+        return {"x_step": math.inf, "y_step": math.inf, "ratio": math.nan}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low = np.percentile((y_low / x_high)[1:], 2.5, method="lower")
+        high = np.percentile((y_high / x_low)[1:], 97.5, method="higher")
+    ratio = min(steps[1], y.steps[-1]) / min(steps[0], x.steps[-1])
+    return {
+        "x_step": steps[0],
+        "y_step": steps[1],
+        "ratio": ratio,
+        "ratio_low": float(low),
+        "ratio_high": float(high),
+    }
+
+
+@item(
+    "speedups",
+    f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
+    {
+        "scenario": "",
+        "condition": "",
+        "x": "",
+        "y": "",
+        "x_step": "steps of x",
+        "y_step": "steps of y",
+        "ratio": "ratio, y to x",
+    },
+    where=lambda frame: frame[frame["ratio"].notna()],
+)
+def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
+    """Of every deep learner against every table; a ratio above 1 is in favour of x, the net."""
+    by_family: dict[str, list[Cell]] = {"deep": [], "tabular": []}
+    for cell in runs.own:
+        by_family.get(cell.population.algorithm.family, []).append(cell)
+    for x in by_family["deep"]:
+        for y in by_family["tabular"]:
+            if (x.scenario, x.condition) == (y.scenario, y.condition):
+                names = {key: name for key, name in x.names.items() if key in ("scenario", "condition")}
+                yield {**names, "x": str(x.learner), "y": str(y.learner), **_ratio(x, y)}
+
+
+@speedups.sentence
+def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
+    """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
+    found: dict[str, list[str]] = {"net": [], "table": []}
+    for scenario, here in table[table["ratio"].notna()].groupby("scenario", sort=False):
+        fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0]
+        low, high, ratio = fastest["ratio_low"], fastest["ratio_high"], fastest["ratio"]
+        if low <= 1 <= high:
+            continue
+        side, more = ("net", "y") if low > 1 else ("table", "x")
+        values = (ratio, low, high)
+        if side == "table":
+            values = (1 / ratio, 1 / high, 1 / low if low > 0 else math.inf)
+        bound = "at least " if math.isinf(fastest[f"{more}_step"]) else ""
+        times = link(f"{bound}{words.times(values[0])}", "speedups", fastest)
+        ends = f"[{words.times(values[1])}, {words.times(values[2])}]"
+        names = (fastest["x"], fastest["y"]) if side == "net" else (fastest["y"], fastest["x"])
+        found[side].append(f"{scenario} ({times} times {ends}: `{names[1]}` against `{names[0]}`)")
+    for side, other in (("net", "table"), ("table", "net")):
+        if found[side]:
+            where = words.listed(found[side])
+            yield (
+                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
+                f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over runs "
+                "and evaluations, not adjusted."
+            )
+
+
+@item("ahead", "exploratory: at which steps one learner of a contrast succeeds more often than the other")
+def ahead(runs: Runs) -> Iterator[dict[str, Any]]:
+    """A step counts if the 95 % interval of the difference of the means, not adjusted, lies above 0.
+
+    Only steps at which both are evaluated count. `first_step` and `last_step` are infinite if none does.
+    """
+    for x, y in runs.declared.contrasts:
+        for pair in runs.matched(x, y):
+            yield from (_ahead(*pair), _ahead(*pair[::-1]))
+
+
+def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
+    """Returns when x is ahead of y in a scenario."""
+    common = sorted({*x.steps} & {*y.steps})
+    means = [
+        cell.results("success").mean(axis=0)[[cell.steps.index(step) for step in common]] for cell in (x, y)
+    ]
+    sizes = [x.n, y.n]
+    low = np.array([combined([1, -1], [float(a), float(b)], sizes)[0] for a, b in zip(*means, strict=True)])
+    places, most = np.flatnonzero(low > 0), int((means[0] - means[1]).argmax())
+    return {
+        **{key: name for key, name in x.names.items() if key in ("scenario", "condition")},
+        "x": str(x.learner),
+        "y": str(y.learner),
+        "n": min(sizes),
+        "steps_ahead": len(places),
+        "first_step": float(common[places[0]]) if len(places) else np.inf,
+        "last_step": float(common[places[-1]]) if len(places) else np.inf,
+        "largest_difference": float((means[0] - means[1])[most]),
+        "largest_at": common[most],
+        "largest_x": float(means[0][most]),
+        "largest_y": float(means[1][most]),
+    }
+
+
+@ahead.sentence
+def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
+    """Says who is ahead early in training, whoever that is."""
+    limit = _EARLY * table["largest_at"].max()
+    first = table[table["first_step"] <= limit]
+    if len(table["scenario"].unique()) <= 1:
+        return
+    parts = [
+        f"`{x}` is ahead of `{y}` in {link(str(len(rows)), 'ahead', rows)}"
+        for (x, y), rows in first.groupby(["x", "y"], sort=False)
+    ]
+    if parts:
+        yield (
+            f"Exploratory: early in training, at some step up to {limit:,.0f}, by 95 % intervals, not "
+            f"adjusted: of {table['scenario'].nunique()} scenarios, {'; '.join(parts)}."
+        )
+
+
+@item(
+    "cost",
+    "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
+    {
+        "algorithm": "",
+        "observation": "",
+        "cpu_time_s": "CPU time (s)",
+        "steps_per_cpu_s": "steps per CPU second",
+        "updates": "",
+        "parameters": "",
+        "peak_memory_mb": "peak memory (MB)",
+    },
+    is_measured=True,
+)
+def cost(runs: Runs) -> Iterator[dict[str, Any]]:
+    """Medians over all scenarios, and the range of CPU time."""
+    for learner, cells in runs.learners.items():
+        provenance = [run for cell in cells for run in cell.population.provenance]
+        seconds = np.array([run["cpu_time_s"][-1] for run in provenance])
+        memory = [run["peak_memory_mb"] for run in provenance if run["peak_memory_mb"] is not None]
+        yield {
+            **learner._asdict(),
+            "runs": len(seconds),
+            "cpu_time_s": np.median(seconds),
+            "cpu_time_s_min": seconds.min(),
+            "cpu_time_s_max": seconds.max(),
+            "steps_per_cpu_s": cells[0].population.settings.budget / np.median(seconds),
+            "updates": np.median(np.concatenate([cell.population.arrays["updates"] for cell in cells])),
+            "parameters": int(cells[0].population.arrays["parameters"][0]),
+            "peak_memory_mb": np.median(memory) if memory else np.nan,
+        }
+
+
+@cost.sentence
+def _(table: pd.DataFrame, folder: "Folder") -> str:
+    """Says what runs cost, relative to a table in plain Python if there is one."""
+    algorithms = folder.manifest["algorithms"]
+    shown = words.compared(table, folder, with_checks=True)
+    parts = [
+        f"`{words.name_of(row)}` {link(words.duration(row['cpu_time_s']), 'cost', row)}"
+        for _, row in shown.iterrows()
+    ]
+    text = f"CPU time of a run, median: {words.listed(parts)}."
+    is_plain = [
+        algorithms[name]["family"] == "tabular" and not algorithms[name]["packages"]
+        for name in shown["algorithm"]
+    ]
+    plain = shown[is_plain]
+    if plain.empty:
+        return text
+    deep = shown[[algorithms[name]["family"] == "deep" for name in shown["algorithm"]]]
+    ratios = [
+        f"`{words.name_of(row)}` "
+        + link(
+            f"{words.two_digits(row['cpu_time_s'] / plain.iloc[0]['cpu_time_s'])} times", "cost", row, plain
+        )
+        for _, row in deep.iterrows()
+    ]
+    return f"{text} As long as a table in plain Python: {words.listed(ratios)}."
+
+
+@writing(
+    "learning", "animation of learning: a table and a net, each the agent of the median seed", "learning.webp"
+)
+def learning(runs: Runs, directory: Path) -> None:
+    """Writes an animation: typical agents of the first table and of the first net, in every scenario."""
+    from benchmark.drawing import film
+
+    first: dict[str, Learner] = {}
+    for cell in runs.own:
+        first.setdefault(cell.population.algorithm.family, cell.learner)
+    films = []
+    for family in ("tabular", "deep"):
+        cells = [cell for cell in runs if cell.learner == first.get(family)]
+        agents = [typical_agent(cell.population) for cell in cells]
+        titles = [
+            f"{cell.scenario}: {cell.learner}, seed {cell.population.seeds[agent]} (median)"
+            for cell, agent in zip(cells, agents, strict=True)
+        ]
+        if cells:
+            films.append(
+                [
+                    film.film_of(title, cell.population, agent)
+                    for title, cell, agent in zip(titles, cells, agents, strict=True)
+                ]
+            )
+    film.write(film.learning(films), directory / "learning.webp")
+
+
+def _shown(runs: Runs) -> list[Shown]:
+    return [Shown(*cell.learner, cell.population) for cell in runs.own if cell.has_maps]
+
+
+agents = explorer_item(_shown)

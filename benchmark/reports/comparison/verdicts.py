@@ -1,0 +1,206 @@
+"""Differences between cells, and what they come to.
+
+A row is the difference of two cells, or of two means of cells over scenarios: x minus y. Contrasts have
+verdicts, with p-values adjusted as declared; effects are exploratory.
+
+Deep RL *earns its keep* over a table if some deep learner is better than the baseline in success, and better
+than the exact random policy, and not worse in score. If the policies of the two are of different classes, one
+greedy and one stochastic, the outcome is *another class*: then it is not shown that the net makes the
+difference. *Neither learned* if none of the learners compared is better than the random policy. It *does not
+earn* its keep if every deep learner is worse or equivalent. *Mixed* if scenarios, or success and score,
+contradict each other. There is *no verdict* if runs are missing or too few. All else is *undecided*.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, Final, Literal
+
+import numpy as np
+import pandas as pd
+
+from benchmark.analysis.contrasts import (
+    BETTER,
+    EQUIVALENT,
+    MIXED,
+    NO_VERDICT,
+    UNDECIDED,
+    WORSE,
+    contrast,
+    decide,
+    deciding_runs,
+    holm,
+    mixed,
+)
+from benchmark.analysis.contrasts import Side as Means
+from benchmark.analysis.intervals import LEVEL, p_above
+from benchmark.reports.comparison.declared import Declared, Learner, Side
+from benchmark.reports.comparison.runs import Cell, Runs
+from benchmark.reports.item import Estimate, expanded
+
+ENDPOINTS: Final = ("success", "score")  # in the order in which they count
+Outcome = Literal[
+    "earns", "another class", "does not earn", "neither learned", "mixed", "undecided", "no verdict"
+]
+OUTCOMES: Final[tuple[Outcome, ...]] = (
+    "earns", "another class", "does not earn", "neither learned", "mixed", "undecided", "no verdict",
+)  # fmt: skip
+Pairs = Sequence[tuple[Cell, Cell]]  # of a row: x and y in every scenario
+
+
+def contrasts_of(runs: Runs) -> list[dict[str, Any]]:
+    """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
+    declared, reporting = runs.declared, runs.declared.reporting
+    is_pooled = reporting.pool == "scenarios"
+    cases = [case for x, y in declared.contrasts for case in _cases(runs, x, y, is_pooled=is_pooled)]
+    if not is_pooled:
+        cases.sort(key=lambda case: runs.scenarios.index(case[1][0][0].scenario))
+    rows = [names | difference(pairs) for names, pairs in cases]
+    fewest = [min(cell.n for pair in pairs for cell in pair) for _, pairs in cases]
+    adjust = holm if reporting.adjust == "holm" else list
+    for side in "xy" if rows else ():
+        values = adjust([row.pop(f"p_random_{side}") for row in rows])
+        for row, value in zip(rows, values, strict=True):
+            row[f"p_random_{side}"] = value
+    for endpoint in ENDPOINTS:
+        margin: float = getattr(reporting.margins, endpoint)
+        sides = [_sides(pairs, endpoint) for _, pairs in cases]
+        found = [contrast(x, y, margin) for x, y in sides]
+        allowed = [not runs.is_incomplete and n >= reporting.fewest_runs for n in fewest]
+        decided = decide(found, is_allowed=allowed, adjust=adjust)
+        for row, n, (x, y), each, outcome in zip(rows, fewest, sides, found, decided, strict=True):
+            row |= {"n": n, f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
+            for key, value in (asdict(each) | dict(outcome)).items():
+                ending = f"difference_{key}" if key.startswith(("low", "high")) else key
+                row[f"{endpoint}_{ending}"] = value
+            row[f"{endpoint}_margin"] = margin
+            verdict, apart = _over_scenarios(row[f"{endpoint}_verdict"], x, y, margin)
+            row[f"{endpoint}_verdict"] = verdict
+            row[f"{endpoint}_except"] = ", ".join(runs.scenarios[i] for i in apart)
+            needed = deciding_runs(x, y, margin, len(rows)) if verdict == UNDECIDED else np.nan
+            row[f"{endpoint}_deciding_runs"] = needed
+    return rows
+
+
+def effects_of(runs: Runs) -> list[dict[str, Any]]:
+    """Returns the effects, a row for each pair of cells that differ by it: exploratory."""
+    rows = []
+    for x, y, name in runs.declared.effects:
+        for names, pairs in _cases(runs, x, y, is_pooled=False):
+            row = {"effect": name} | names | difference(pairs)
+            for endpoint in ENDPOINTS:
+                sides = _sides(pairs, endpoint)
+                found = contrast(*sides, margin=0.5)  # of which the interval does not depend
+                row |= {f"{endpoint}_x": sides[0].mean, f"{endpoint}_y": sides[1].mean}
+                row |= expanded({f"{endpoint}_difference": Estimate(found.difference, found.low, found.high)})
+            rows.append(row)
+    return rows
+
+
+def difference(pairs: Pairs) -> dict[str, Any]:
+    """Returns what a row says besides its endpoints: sizes, policies, wrong PINGs, and the random policy."""
+    row: dict[str, Any] = {"n": min(cell.n for pair in pairs for cell in pair)}
+    rates, share = [], 1 / len(pairs)
+    for i, side in enumerate("xy"):
+        cells = [pair[i] for pair in pairs]
+        row[f"policy_{side}"] = cells[0].policy
+        row["random_success"] = random = share * sum(cell.random_success for cell in cells)
+        means = [float(cell.final("success").mean()) for cell in cells]
+        row[f"p_random_{side}"] = p_above([share] * len(cells), means, [cell.n for cell in cells], random)
+        rates.append([cell.wrong_pings for cell in cells])
+        row[f"wrong_pings_{side}"] = float(np.mean([rate.value for rate in rates[i]]))
+    value = row["wrong_pings_x"] - row["wrong_pings_y"]
+    reach = share * float(np.linalg.norm([rate.high - rate.value for side in rates for rate in side]))
+    return row | expanded({"wrong_pings_difference": Estimate(value, value - reach, value + reach)})
+
+
+def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
+    """Decides whether deep RL earns its keep over a table, see the module's docstring.
+
+    Args:
+      declared: With a baseline.
+      rows: Contrasts, all of one scenario or pooled.
+    """
+    rows = decisive_rows(declared, rows)
+    verdicts, alpha = set(rows["success_verdict"]), 1 - LEVEL
+    if NO_VERDICT in verdicts or len(rows) < len(declared.decisive):
+        return "no verdict"
+    if ((rows["p_random_x"] > alpha) & (rows["p_random_y"] > alpha)).all():
+        return "neither learned"
+    better = rows[(rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= alpha)]
+    winners = better[better["score_verdict"] != WORSE]
+    if (winners["policy_x"] == winners["policy_y"]).any():
+        return "earns"
+    if len(winners):
+        return "another class"
+    if len(better) or MIXED in verdicts:
+        return "mixed"
+    return "does not earn" if verdicts <= {WORSE, EQUIVALENT} else "undecided"
+
+
+def decisive_rows(declared: Declared, rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the contrasts of deep learners with the baseline."""
+    is_deep = rows["x"].isin([str(learner) for learner in declared.decisive])
+    return rows[is_deep & (rows["y"] == str(declared.baseline))]
+
+
+def counted(rows: pd.DataFrame) -> str:
+    """Counts the verdicts on success in words."""
+    counts = []
+    for verdict in dict.fromkeys([BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT]):
+        if n := int((rows["success_verdict"] == verdict).sum()):
+            verb = ("has" if n == 1 else "have") if verdict == NO_VERDICT else "is" if n == 1 else "are"
+            counts.append(f"{n} {verb} {verdict}")
+    *others, last = counts or ["none is there"]
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _cases(runs: Runs, x: Side, y: Side, *, is_pooled: bool) -> list[tuple[dict[str, str], Pairs]]:
+    """Returns the pairs of cells that two sides name, by what names their row."""
+    cases: dict[tuple[tuple[str, str], ...], list[tuple[Cell, Cell]]] = {}
+    for cell, other in runs.matched(x, y):
+        names: dict[str, str] = {}
+        if x.scenario is None and not is_pooled:
+            names["scenario"] = cell.scenario
+        if x.condition is None and cell.has_conditions:
+            names["condition"] = cell.condition
+        if x.learner is None:
+            names |= cell.learner._asdict()
+        names |= {"x": _name(x), "y": _name(y)}
+        cases.setdefault(tuple(names.items()), []).append((cell, other))
+    return [(dict(names), pairs) for names, pairs in cases.items()]
+
+
+def _name(side: Side) -> str:
+    """Returns how readers call a side."""
+    named: list[str | Learner | None] = [side.learner, side.scenario, side.condition]
+    return " @ ".join(str(name) for name in named if name is not None)
+
+
+def _sides(pairs: Pairs, endpoint: str) -> tuple[Means, Means]:
+    """Returns the means of x and of y by scenario."""
+    x, y = (
+        Means([float(cell.final(endpoint).mean()) for cell in cells], [cell.n for cell in cells])
+        for cells in zip(*pairs, strict=True)
+    )
+    return x, y
+
+
+def _over_scenarios(verdict: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
+    """Returns a verdict on a mean over scenarios as these allow, and which of them stand apart.
+
+    Those that contradict it make it mixed. Otherwise, these are the scenarios that are not shown by
+    themselves, by a 90 % interval, to be less than the margin on the other side of it.
+    """
+    if len(x.means) == 1 or verdict not in (BETTER, WORSE, EQUIVALENT):
+        return verdict, []
+    each = [
+        contrast(Means([a], [n]), Means([b], [m]), margin)
+        for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
+    ]
+    if contradicting := mixed(verdict, [one.difference for one in each], margin):
+        return MIXED, contradicting
+    lows, highs = [one.low_90 for one in each], [one.high_90 for one in each]
+    apart = set() if verdict == WORSE else {i for i, low in enumerate(lows) if low <= -margin}
+    if verdict != BETTER:
+        apart |= {i for i, high in enumerate(highs) if high >= margin}
+    return verdict, sorted(apart)

@@ -1,0 +1,132 @@
+"""Words and numbers in the sentences of a comparison."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, WORSE
+from benchmark.drawing.tables import link
+from benchmark.reports.comparison.declared import Declared, Learner
+from benchmark.reports.folder import Folder
+from benchmark.reports.item import Finding
+
+_IN_WORDS = {
+    BETTER: "is better than `{}` in success",
+    WORSE: "is worse than `{}` in success",
+    EQUIVALENT: "is equivalent to `{}` in success",
+    MIXED: "and `{}` are mixed in success",
+    NO_VERDICT: "and `{}` have no verdict in success",
+}
+
+
+def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
+    """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
+    found = str(row["success_verdict"])
+    place = f"In {row['scenario']}, " if "scenario" in row else ""
+    text = _IN_WORDS.get(found, "against `{}` is undecided in success").format(row["y"])
+    text = f"{place}`{row['x']}`{_policy(row, 'x')} {text}{_policy(row, 'y')}"
+    text += f": {difference(row, 'success', table)}"
+    if found == EQUIVALENT and row["success_p_different"] <= 0.05:
+        text += f", which is measurable but smaller than {row['success_margin']:g}"
+    if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
+        text += "; both succeed less often than that margin"
+    if (apart := str(row.get("success_except", ""))) not in ("", "nan"):
+        contradicts = "a mean would hide what differs in" if found == MIXED else "by itself not shown in"
+        text += f"; {contradicts} {apart}"
+    text += f". In score: {row['score_verdict']}, {difference(row, 'score', table)}."
+    wrong = [f"{row[f'wrong_pings_{side}']:.0f}" for side in "xy"]
+    text += f" Wrong PINGs per 1,000 steps of training: {link(wrong[0], table, row)} against {wrong[1]}."
+    return Finding(text, found)
+
+
+def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
+    """Returns a difference with its 95 % interval."""
+    value, low, high = (signed(row[f"{name}_difference{end}"], decimals) for end in ("", "_low", "_high"))
+    return f"{link(value, table, row)} [{low}, {high}]"
+
+
+def _policy(row: pd.Series, side: str) -> str:
+    """Returns the class of a policy, where it is not that of the other side."""
+    return f" ({row[f'policy_{side}']} policy)" if row["policy_x"] != row["policy_y"] else ""
+
+
+def setting(folder: Folder) -> str:
+    """Returns what a verdict holds for: the budget, and the scenarios unless they are many."""
+    algorithms = folder.manifest["algorithms"]
+    declared = Declared.from_manifest(folder.manifest)
+    names = {learner.algorithm for learner in declared.compared or declared.families}
+    budgets = {algorithms[name]["settings"]["budget"] for name in names if name in algorithms}
+    budget = f"With {budgets.pop():,} steps of training" if len(budgets) == 1 else "With the declared budgets"
+    scenarios = [*folder.manifest["scenarios"]]
+    return f"{budget} in {listed(scenarios) if len(scenarios) <= 4 else f'{len(scenarios)} scenarios'}"
+
+
+def compared(table: pd.DataFrame, folder: Folder, *, with_checks: bool = False) -> pd.DataFrame:
+    """Returns the rows of the learners that are compared with the baseline, and of all tables."""
+    declared = Declared.from_manifest(folder.manifest)
+    algorithms = folder.manifest["algorithms"]
+    wanted = {learner.algorithm for learner in declared.decisive or declared.compared}
+    wanted |= {
+        name for name, each in algorithms.items() if each["family"] == "tabular" and not each["check_of"]
+    }
+    if with_checks:
+        wanted |= {name for name, each in algorithms.items() if each["check_of"] in wanted}
+    seen = {str(learner) for learner in declared.decisive or declared.compared}
+    forms = {learner.observation for learner in declared.decisive} or set(table["observation"])
+    return table[
+        [
+            row["algorithm"] in wanted
+            and (name_of(row) in seen or row["observation"] == "index" or row["observation"] in forms)
+            for _, row in table.iterrows()
+        ]
+    ]
+
+
+def name_of(row: pd.Series) -> str:
+    """Returns the learner of a row as readers see it."""
+    return str(Learner(row["algorithm"], row["observation"]))
+
+
+def listed(names: Sequence[str]) -> str:
+    """Returns names in a list with "and" before the last.
+
+    >>> listed(["a", "b", "c"]), listed(["a"]), listed([])
+    ('a, b and c', 'a', '')
+    """
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def signed(value: float, decimals: int = 2) -> str:
+    """Returns a difference with its sign; zero has none.
+
+    >>> signed(0.034, 3), signed(-0.034), signed(-0.0001)
+    ('+0.034', '-0.03', '0.00')
+    """
+    text = f"{value:+.{decimals}f}"
+    return text[1:] if not text.strip("+-0.") else text
+
+
+def interval(row: pd.Series, key: str, table: str) -> str:
+    """Returns a number with its interval."""
+    return f"{link(f'{row[key]:.2f}', table, row)} [{row[f'{key}_low']:.2f}, {row[f'{key}_high']:.2f}]"
+
+
+def times(ratio: float) -> str:
+    """Returns a ratio with at least two digits."""
+    if ratio == float("inf"):
+        return "∞"
+    return f"{ratio:.2g}" if ratio < 10 else f"{ratio:,.0f}"
+
+
+def duration(seconds: float) -> str:
+    """Returns a time with two significant digits.
+
+    >>> duration(0.000319), duration(0.0345), duration(0.0999), duration(175)
+    ('0.32 ms', '34 ms', '100 ms', '180 s')
+    """
+    return f"{two_digits(seconds * 1000)} ms" if seconds < 0.1 else f"{two_digits(seconds)} s"
+
+
+def two_digits(value: float) -> str:
+    """Returns a number rounded to two significant digits."""
+    return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"
