@@ -1,6 +1,6 @@
 """Writes the page: one HTML file with every report's document and the explorer, made of published files.
 
-Nothing is computed here, so no run is needed. A document is the same as in README, with a figure or a sortable
+Nothing is computed here, so no run is needed. A document is that of README, with a figure or a sortable
 table in the place of every item. A number is an entry of a CSV file beside the page, and links to its row,
 counted as by RFC 7111.
 """
@@ -155,7 +155,7 @@ class _Part:
 
         def content(match: "re.Match[str]") -> str:
             item = items[match[1]]
-            table = self._table(item) if document.has_table(item) else None
+            table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
             is_drawn = document.has_figure(item) and not (has_lead and item is lead)
             figure = self._figure(item) if is_drawn and not (table and item.name in folded) else None
@@ -224,9 +224,11 @@ class _Part:
             if key or parsed
         ]
 
-    def _table(self, item: Item) -> dict[str, Any]:
-        """Returns an item's table: its columns, the kind of each, and its rows."""
-        shown = self.document.shown(item)
+    def _table(self, item: Item) -> dict[str, Any] | None:
+        """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
+        shown = self.document.shown(item) if self.document.has_table(item) else pd.DataFrame()
+        if shown.empty:
+            return None
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
         kinds = [_kind(str(name), [row[i].striptags() for row in cells]) for i, name in enumerate(shown)]
         n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
