@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import optimize, stats
 
 from benchmark.analysis.intervals import LEVEL, combined, p_above
 
@@ -24,7 +23,6 @@ UNDECIDED: Final = "undecided"
 NO_VERDICT: Final = "no verdict"  # too few runs, or runs are missing
 VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT)
 POWER: Final = 0.8  # probability with which a number of runs or agents that is called needed decides
-_MOST_RUNS: Final = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -151,62 +149,6 @@ def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
     if p_different <= 1 - LEVEL:
         return BETTER if difference > 0 else WORSE
     return UNDECIDED
-
-
-def deciding_runs(x: Side, y: Side, margin: float, n_contrasts: int) -> float:
-    """Returns how many runs per scenario and learner would probably decide a contrast; infinite if too many.
-
-    If the means stay as they are, so many runs show with a probability of about 80 % either that there is a
-    difference or that it is smaller than the margin, whichever takes fewer, with p-values adjusted as
-    strictly as Holm's method can. It rests on the normal approximation, and on means that are uncertain
-    themselves.
-
-    Args:
-      x: A learner.
-      y: The other.
-      margin: As for `contrast`.
-      n_contrasts: Of the same set.
-    """
-    variance = 0.0  # of the difference, times the number of runs
-    for side in (x, y):
-        for mean, n in zip(side.means, side.sizes, strict=True):
-            share = (mean * n + 2) / (n + 4)  # between the mean and one half, so that no variance is zero
-            variance += share * (1 - share) / len(side.means) ** 2
-    difference, alpha, power = abs(x.mean - y.mean), (1 - LEVEL) / n_contrasts, stats.norm.ppf(POWER)
-    needed = [math.inf]
-    if difference > 0:
-        needed.append(variance * ((stats.norm.isf(alpha / 2) + power) / difference) ** 2)
-    if difference < margin:
-        needed.append(_runs_for_equivalence(variance, difference, margin, alpha))
-    fewest = min(needed)
-    return _rounded_up(fewest) if fewest <= _MOST_RUNS else math.inf
-
-
-def _runs_for_equivalence(variance: float, difference: float, margin: float, alpha: float) -> float:
-    """Returns how many runs show with a probability of `POWER` that a difference is smaller than the margin.
-
-    Both one-sided tests must reject.
-
-    Args:
-      variance: Of the difference, times the number of runs.
-      difference: The true one, without its sign.
-      margin: Larger than the difference.
-      alpha: Level of each test.
-    """
-
-    def excess(n: float) -> float:
-        error = math.sqrt(variance / n)
-        ends = ((margin - difference) / error, (margin + difference) / error)
-        return float(sum(stats.norm.cdf(end - stats.norm.isf(alpha)) for end in ends)) - 1 - POWER
-
-    most = 10.0 * _MOST_RUNS
-    return math.inf if excess(most) < 0 else float(optimize.brentq(excess, 1e-3, most))
-
-
-def _rounded_up(value: float) -> float:
-    """Returns a number rounded up to two significant digits."""
-    unit = 10 ** max(math.floor(math.log10(max(value, 1.0))) - 1, 0)
-    return float(math.ceil(value / unit) * unit)
 
 
 def decide(

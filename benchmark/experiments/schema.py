@@ -63,6 +63,7 @@ class Arm(Table):
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)] | None = None  # if not the experiment's
     map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
     policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
+    family: Literal["tabular", "deep"] | None = None  # what it counts as, if not what its algorithm is
     tuning: Tuning | None = None
     # Arms of a group are drawn together; an arm without a group is drawn with every group.
     group: Annotated[Line, Field(max_length=60)] = ""

@@ -319,7 +319,7 @@ def _manifest(
         "algorithms": {
             run.arm: {
                 "algorithm": run.algorithm,
-                "family": load_algorithm(run.algorithm).family,
+                "family": experiment.algorithms[run.arm].family or load_algorithm(run.algorithm).family,
                 "packages": load_algorithm(run.algorithm).packages,
                 "check_of": experiment.algorithms[run.arm].check_of,
                 "policy": experiment.algorithms[run.arm].policy,

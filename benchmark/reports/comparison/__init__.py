@@ -30,7 +30,6 @@ REPORT = Report(
         training.threshold,
         results.effects,
         results.scenarios,
-        results.profile,
         results.region,
         results.maps,
         training.wrong_pings,

@@ -94,7 +94,7 @@ class Declared:
         """
         assert experiment.report is not None
         families = {
-            Learner(name, observation): load_algorithm(declared.algorithm).family
+            Learner(name, observation): declared.family or load_algorithm(declared.algorithm).family
             for name, declared in experiment.algorithms.items()
             for observation in declared.observations
         }

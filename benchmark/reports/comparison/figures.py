@@ -92,7 +92,12 @@ def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, 
 
 @contextmanager
 def curve_panels(
-    frame: pd.DataFrame, context: Context, learners: Sequence[Learner], column: str, label: str
+    frame: pd.DataFrame,
+    context: Context,
+    learners: Sequence[Learner],
+    column: str,
+    label: str,
+    signs: str = "",
 ) -> Iterator[tuple[Figure, Iterable[Axes]]]:
     """Draws a column of `curves` over training: panels per scenario, by groups of learners if there are few.
 
@@ -102,6 +107,7 @@ def curve_panels(
       learners: Those that are drawn.
       column: What is drawn.
       label: What it is.
+      signs: What else is drawn, for the legend.
 
     Yields:
       The figure and its axes, to be completed before the legend is drawn.
@@ -131,7 +137,7 @@ def curve_panels(
         yield figure, axes.flat[: len(places)]
         drawn = list(dict.fromkeys(learner for panel in panels.values() for learner in panel))
         bars = " or bar" if context.checks else ""
-        legend(figure, context, drawn, f"line: mean over runs; shade{bars}: 95 % interval")
+        legend(figure, context, drawn, f"line: mean over runs; shade{bars}: 95 % interval{signs}")
 
 
 def lines(

@@ -15,7 +15,7 @@ from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
-from benchmark.reports.comparison.runs import Cell, Context, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
     OUTCOMES,
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     from benchmark.reports.folder import Folder
 
-PROFILE: Final = np.round(np.linspace(0, 1, 51), 2)  # scores at which performance profiles are tabulated
-_ROUNDING: Final = 1e-9
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
 _FEW: Final = 4  # scenarios whose table readers see; of more, the figure
 _MOST_TOLD: Final = 10  # contrasts that are told whatever their verdict
@@ -66,7 +64,6 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
         "success_difference": "difference in success",
         "success_p_different": "p, no difference",
         "success_p_equivalent": "p, not equivalent",
-        "success_deciding_runs": "runs to decide",
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },
@@ -263,10 +260,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
     "summary",
     "each scenario and learner after training",
     {
-        "scenario": "",
-        "condition": "",
-        "algorithm": "",
-        "observation": "",
+        **CELL,
         "policy": "",
         "n": "runs",
         "success": "success probability",
@@ -304,47 +298,27 @@ def _(tables: Frames, context: Context) -> "Figure":
 
 
 def _dots(tables: Frames, context: Context) -> "Figure":
-    """Draws a panel per scenario, and one of the differences from the baseline if there are verdicts."""
-    from dataclasses import replace
-
+    """Draws a panel per scenario, and one of the means over scenarios if these are pooled."""
     from benchmark.drawing.style import figure_of
     from benchmark.reports.comparison import figures
 
-    frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
+    frame, baseline = tables["summary"], context.declared.baseline
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
-    decided = pd.DataFrame() if contrasts is None else contrasts[contrasts["y"] == str(baseline)]
-    is_decided = len(decided) > 0 and "scenario" not in decided
-    alone = replace(context, checks={})
-    with figure_of(1, len(scenarios) + is_decided, (11.0, 0.3 * len(learners) + 1.5)) as (figure, axes):
-        for axis, scenario in zip(axes[0], scenarios, strict=False):
-            figures.dots(axis, frame[frame["scenario"] == scenario], "success", learners, alone)
+    panels = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
+    if "aggregate" in tables and len(scenarios) > 1:
+        panels["mean over scenarios"] = tables["aggregate"]
+    height = (0.44 if context.checks else 0.3) * len(learners) + 1.5
+    with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
+        for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
+            figures.dots(axis, panel, "success", learners, context)
             names = [_with_tuning(learner, context) for learner in learners]
             figures.rows(axis, names, first=axis is axes[0, 0])
-            axis.set(title=scenario, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+            axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+            if baseline in learners:
+                at = learners.index(baseline)
+                axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
-        if is_decided:
-            axis, margin = axes[0, -1], context.declared.reporting.margins.success
-            shown = decided.rename(columns=lambda name: str(name).replace("success_difference", "value"))
-            named = [Learner.of(x) for x in shown["x"]]
-            shown = shown.assign(
-                algorithm=[x.algorithm for x in named], observation=[x.observation for x in named]
-            )
-            axis.axvspan(-margin, margin, color="0.85", lw=0, zorder=0)
-            axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-            figures.dots(axis, shown, "value", learners, alone)
-            figures.rows(axis, learners, first=False)
-            for learner, verdict in zip(named, shown["success_verdict"], strict=True):
-                if learner in learners:
-                    at = learners.index(learner)
-                    axis.text(1.04, at, verdict, va="center", transform=axis.get_yaxis_transform())
-            reach = max(1.5 * margin, 1.1 * float(shown[["value_low", "value_high"]].abs().to_numpy().max()))
-            axis.set(title="mean difference", xlim=(-reach, reach), xticks=(-margin, 0, margin))
-            text += f"; last panel: difference from {baseline}, margin and verdict"
-        for at, axis in [
-            (learners.index(each), axis) for each in learners if each == baseline for axis in axes[0]
-        ]:
-            axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
-        figure.supxlabel(text, fontsize="small")
+        figure.supxlabel(figures.with_checks(text, context), fontsize="small")
     return figure
 
 
@@ -448,28 +422,6 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
         yield row
 
 
-@aggregate.figure("Success and score over all scenarios, with 95 % intervals.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-
-    if "aggregate" not in tables:
-        return None
-    frame = tables["aggregate"]
-    learners = figures.learners_in(frame, context)
-    height = (0.44 if context.checks else 0.36) * len(learners) + 1.5
-    with figure_of(1, len(_LABELS), (11.0, height)) as (figure, axes):
-        for axis, (key, label) in zip(axes[0], _LABELS.items(), strict=True):
-            figures.dots(axis, frame, key, learners, context)
-            figures.rows(
-                axis, [_with_tuning(learner, context) for learner in learners], first=axis is axes[0, 0]
-            )
-            axis.set(title=label, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
-        text = figures.with_checks("mean over scenarios after training; bar: 95 % interval", context)
-        figure.supxlabel(text, fontsize="small")
-    return figure
-
-
 @aggregate.sentence
 def _(table: pd.DataFrame, folder: "Folder") -> str | None:
     """Says what was learned away from the path from the start."""
@@ -515,51 +467,6 @@ def scores(runs: Runs) -> pd.DataFrame:
         columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
-
-
-@item(
-    "profile", "performance profiles: the share of runs that score at least a number, a mean over scenarios"
-)
-def profile(runs: Runs) -> pd.DataFrame | None:
-    """Without checks; only if scenarios are pooled."""
-    if runs.declared.reporting.pool != "scenarios":
-        return None
-    frames = []
-    for learner, cells in runs.own.learners.items():
-        final = [cell.final("unbounded_score") for cell in cells]
-        sizes = [len(values) for values in final]
-        sides = [Means([float((v >= score - _ROUNDING).mean()) for v in final], sizes) for score in PROFILE]
-        low, high = zip(*(side.interval for side in sides), strict=True)
-        shares = {"share": [side.mean for side in sides], "share_low": low, "share_high": high}
-        frames.append(pd.DataFrame({**learner._asdict(), "score": PROFILE, **shares}))
-    return pd.concat(frames, ignore_index=True)
-
-
-@profile.shown
-def _(_: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame()  # the figure shows it
-
-
-@profile.figure("Performance profiles: the share of runs that score at least a number.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from dataclasses import replace
-
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-
-    if "profile" not in tables:
-        return None
-    context = replace(context, checks={}, check_note="")
-    with figure_of(1, len(context.panels), (11.0, 3.6)) as (figure, axes):
-        for axis, (title, learners) in zip(axes[0], context.panels.items(), strict=True):
-            figures.lines(axis, tables["profile"], "score", "share", learners, context)
-            axis.set(
-                xlim=(0, 1), ylim=(-0.03, 1.03), title=title, xlabel="score, at least (0 random, 1 optimal)"
-            )
-        axes[0, 0].set(ylabel="share of runs")
-        drawn = list(dict.fromkeys(learner for panel in context.panels.values() for learner in panel))
-        figures.legend(figure, context, drawn, "line: mean over scenarios; shade: 95 % interval")
-    return figure
 
 
 @item(

@@ -14,7 +14,7 @@ from benchmark.analysis.population import GOOD_SCORE
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
-from benchmark.reports.comparison.runs import Cell, Context, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.item import Frames, drawing, item, writing
 
@@ -59,10 +59,9 @@ def _(tables: Frames, context: Context) -> "Figure":
     frame = tables["curves"]
     longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], context)
     drawn = [*(context.declared.compared or figures.learners_in(frame, context)), *longest]
-    with figures.curve_panels(frame, context, list(dict.fromkeys(drawn)), "success", "success") as (
-        figure,
-        axes,
-    ):
+    drawn = list(dict.fromkeys(drawn))
+    signs = f"; dotted: {ENOUGH:g}"
+    with figures.curve_panels(frame, context, drawn, "success", "success", signs) as (figure, axes):
         for axis in axes:
             axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
             axis.set(ylim=(-0.03, 1.03))
@@ -98,10 +97,7 @@ def _first_step(is_good: NDArray[np.bool_]) -> NDArray[np.int_]:
     "threshold",
     f"when, and in how many runs, the score reaches {GOOD_SCORE:g}, and stays there to the last evaluation",
     {
-        "scenario": "",
-        "condition": "",
-        "algorithm": "",
-        "observation": "",
+        **CELL,
         "n": "runs",
         "reached_share": "share that reaches it",
         "reached_step_median": "median step",
@@ -126,10 +122,7 @@ def threshold(runs: Runs) -> Iterator[dict[str, Any]]:
     "steps",
     f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
     {
-        "scenario": "",
-        "condition": "",
-        "algorithm": "",
-        "observation": "",
+        **CELL,
         "n": "runs",
         "budget": "steps of training",
         "share": "share of runs",
@@ -229,7 +222,7 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     """Of every deep learner against every table; a ratio above 1 is in favour of x, the net."""
     by_family: dict[str, list[Cell]] = {"deep": [], "tabular": []}
     for cell in runs.own:
-        by_family.get(cell.population.algorithm.family, []).append(cell)
+        by_family[runs.declared.families[cell.learner]].append(cell)
     for x in by_family["deep"]:
         for y in by_family["tabular"]:
             if (x.scenario, x.condition) == (y.scenario, y.condition):
@@ -260,8 +253,8 @@ def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
             where = words.listed(found[side])
             yield (
                 f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
-                f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over runs "
-                "and evaluations, not adjusted."
+                f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over "
+                "runs and evaluations, not adjusted."
             )
 
 
@@ -388,7 +381,7 @@ def learning(runs: Runs, directory: Path) -> None:
 
     first: dict[str, Learner] = {}
     for cell in runs.own:
-        first.setdefault(cell.population.algorithm.family, cell.learner)
+        first.setdefault(runs.declared.families[cell.learner], cell.learner)
     films = []
     for family in ("tabular", "deep"):
         cells = [cell for cell in runs if cell.learner == first.get(family)]

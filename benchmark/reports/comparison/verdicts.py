@@ -27,7 +27,6 @@ from benchmark.analysis.contrasts import (
     WORSE,
     contrast,
     decide,
-    deciding_runs,
     holm,
     mixed,
 )
@@ -76,8 +75,6 @@ def contrasts_of(runs: Runs) -> list[dict[str, Any]]:
             verdict, apart = _over_scenarios(row[f"{endpoint}_verdict"], x, y, margin)
             row[f"{endpoint}_verdict"] = verdict
             row[f"{endpoint}_except"] = ", ".join(runs.scenarios[i] for i in apart)
-            needed = deciding_runs(x, y, margin, len(rows)) if verdict == UNDECIDED else np.nan
-            row[f"{endpoint}_deciding_runs"] = needed
     return rows
 
 

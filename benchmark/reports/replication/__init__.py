@@ -1,5 +1,35 @@
 """The replication of the paper: its figure, its claims, and how far learning got."""
 
-from benchmark.reports.replication.report import REPORT
+from pathlib import Path
+from typing import Final
+
+from benchmark.reports.explorer import Shown
+from benchmark.reports.explorer import explorer_item
+from benchmark.reports.item import Report
+from benchmark.reports.replication import learned, verdicts
+from benchmark.reports.replication.data import check, load
 
 __all__ = ["REPORT"]
+
+REPORT: Final = Report(
+    name="replication",
+    question="Learning from disagreement how close is too close",
+    check=check,
+    load=load,
+    items=(
+        learned.figure,
+        verdicts.claims,
+        verdicts.claim_sets,
+        learned.max_q,
+        verdicts.sensitivity,
+        learned.learning,
+        learned.success,
+        learned.optimal,
+        learned.optimal_cells,
+        learned.q_values,
+        explorer_item(lambda data: [Shown(data.arm, data.observation, each) for each in data.default]),
+    ),
+    document=Path(__file__).parent / "document.md.jinja",
+    headline=verdicts.headline,
+    lead="figure",
+)
