@@ -32,6 +32,7 @@ examples:
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
+  python -m benchmark report beyond --format pdf   write its figures as PDF, into results/beyond_pdf
   python -m benchmark report                       build results/index.html from published results
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
@@ -131,10 +132,12 @@ def _parser() -> argparse.ArgumentParser:
     run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
-    _add_experiment(report, "; without one, only the page is built")
+    _add_experiment(report, "; without one, only the texts of all results and the page are written")
     about = "draw a comparison even if runs are missing, into EXPERIMENT_partial (with --seeds: "
     about += "EXPERIMENT_seeds_A-B_partial)"
     report.add_argument("--partial", action="store_true", help=about)
+    about = "only write figures (svg, pdf) or tables (tex) in this form, into EXPERIMENT_FORMAT"
+    report.add_argument("--format", choices=("svg", "pdf", "tex"), help=about)
 
     verify = command("verify", "verify checksums, repeat some runs, and draw tables and figures again")
     _add_experiment(verify, "; by default all that 'list' shows", seeds=False)

@@ -32,7 +32,7 @@ with needed_by("benchmark.assessment"):
     from benchmark.analysis.population import anchors, check_anchors, overlap
     from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
     from benchmark.drawing.style import figure_of, save_figure
-    from benchmark.page.sources import Folder, open_folder, section
+    from benchmark.reports.folder import Folder
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
@@ -304,8 +304,11 @@ def _published(model: Model, results: Path) -> pd.DataFrame | None:
     Raises:
       InputError: A folder of results is damaged.
     """
-    folders = [open_folder(file.parent, "") for file in sorted(results.glob(f"*/{_SCORES}"))]
-    frames = [section(folder, lambda folder: _scores(folder, model)) for folder in folders]
+    folders = [Folder(file.parent) for file in sorted(results.glob(f"*/{_SCORES}"))]
+    frames = []
+    for folder in folders:
+        with folder.reading():
+            frames.append(_scores(folder, model))
     found = [frame for frame in frames if frame is not None]
     return pd.concat(found, ignore_index=True) if found else None
 
@@ -325,9 +328,9 @@ def _scores(folder: Folder, model: Model) -> pd.DataFrame | None:
         and manifest["experiment"] == folder.path.name  # else, other seeds
         and not folder.path.name.endswith("_smoke")
     )
-    frame = folder.read(_SCORES, embed=False)
-    if not is_comparable or "score" not in frame:  # of an experiment about implementations
+    if not is_comparable:
         return None
+    frame = folder.frame(_SCORES.removesuffix(".csv"))
     checks = [arm for arm, declared in manifest["algorithms"].items() if declared["check_of"]]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(checks)]
     learner = frame["algorithm"] + ", " + frame["observation"]

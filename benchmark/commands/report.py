@@ -6,24 +6,38 @@ from benchmark.commands import parse_jobs, parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
-from benchmark.reports import draw, load_items, load_report
+from benchmark.reports import document, draw, files
+from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
+    form = getattr(options, "format", None)  # of `run --report` there is none
     if options.experiment is None:
-        if options.partial or options.seeds is not None:
-            raise InputError("--partial, --seeds: accepted only together with an experiment.")
+        if options.partial or form or options.seeds is not None:
+            raise InputError("--partial, --format, --seeds: accepted only together with an experiment.")
+        folders = sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}"))
+        if folders:
+            with files.alone(options.results):
+                for folder in folders:
+                    document.write(folder)
         print(f"the page is {page.write(options.results)}.")
         return 0
+    if form and options.partial:
+        raise InputError("--format, --partial: accepted: one of the two.")
     experiment = load_experiment(options.experiment)
-    check(experiment, is_required=True)
+    draw.report_of(experiment)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
     # With --cluster, --jobs says nothing about this machine.
     jobs = None if getattr(options, "cluster", None) else getattr(options, "jobs", None)
     with Store(options.results / "runs.db", read_only=True) as store:
+        if form:
+            directory = directory.with_name(f"{directory.name}_{form}")
+            draw.export(experiment, store, directory, seeds, form)
+            print(f"{experiment.name}: written to {directory}.")
+            return 0
         made = draw.draw(
             experiment,
             store,
@@ -64,21 +78,14 @@ def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -
 
 
 def check(experiment: Experiment, *, is_required: bool) -> None:
-    """Checks that an experiment's report can be drawn of it.
+    """Checks that an experiment's report can be drawn of it, see `benchmark.reports.draw.report_of`.
 
     Args:
       experiment: As loaded.
       is_required: Whether it must have a report.
 
     Raises:
-      InputError: It has none although it must, or its report asks for something else, lacks a package that it
-        needs, or has an item that cannot be used.
+      InputError: It has none although it must, or its report cannot be drawn.
     """
-    if experiment.report:
-        report = load_report(experiment.report, experiment.argument)
-        report.check(experiment)
-        load_items(report, experiment.items, experiment.argument)
-        if is_required:
-            draw.check_packages(report, experiment.name)
-    elif is_required:
-        raise InputError(f"{experiment.argument}: there is no key report; accepted: an experiment with one.")
+    if is_required or experiment.report is not None:
+        draw.report_of(experiment)

@@ -18,7 +18,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from agents.policy import contains
 from benchmark.analysis.population import Population
-from benchmark.analysis.snapshots import AGENT
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from envs import InputError, Model
 from envs.model import PING
@@ -122,7 +121,7 @@ class Moment:
     state: int = 0  # the last one, which says where the issuer stands and in which phase
 
 
-def film_of(title: str, population: Population, agent: int = AGENT) -> Film:
+def film_of(title: str, population: Population, agent: int = 0) -> Film:
     """Returns the film of one agent of a population."""
     model, places = population.model, population.map_places
     arrays = population.of_agent(agent)

@@ -1,90 +1,56 @@
-"""Writes the page: one HTML file with every report's items and the explorer, made of published files alone.
+"""Writes the page: one HTML file with every report's document and the explorer, made of published files.
 
-Nothing is computed here. A number on the page is an entry of a CSV file beside it, and links to its row,
-counted as by RFC 7111. So the page can be made from folders of results without a single run. README and the
-tables of sentences are written again first, from the same files.
+Nothing is computed here, so no run is needed. A document is that of README, with a figure or a sortable
+table in the place of every item. A number is an entry of a CSV file beside the page, and links to its row,
+counted as by RFC 7111.
 """
 
 import base64
+import gzip
 import io
+import json
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import zlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
+import pandas as pd
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
 from markupsafe import Markup
 from PIL import Image
 
-from benchmark.drawing.tables import plain
+from benchmark.drawing.tables import inert
 from benchmark.execution.provenance import digest_of_file, digest_of_source
-from benchmark.page import explorer, script
-from benchmark.page.sources import Folder, open_folder, section
-from benchmark.page.words import Marker, words_of
-from benchmark.reports import certificate, files, stamp, texts
-from benchmark.reports.item import Item
-from benchmark.reports.published import Published
-from benchmark.reports.view import Columns, Entry, Table
+from benchmark.reports import explorer, files, sameness
+from benchmark.reports.document import Document
+from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.reports.item import Finding, Item
 from envs import InputError
 
-STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.stamp`
+STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
 # The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
 PUBLISHED: Final = ("compare_deep", "beyond", "ablation", "equivalence", "reproduce")
+_SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
+_CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks up mean scores
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
-_ASIDE: Final = re.compile(r"\[[^\]]*\]|\([^)]*\)|`[^`]*`")  # in which no sentence ends
-_SENTENCE_END: Final = re.compile(r"(?<=[.?!])\s+(?=[A-Z`])")
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
+_PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
+_PLACED: Final = re.compile(f"(?:<p>)?{_PLACE}([^{_PLACE}]*){_PLACE}(?:</p>)?")
+_FOLDED: Final = "Terms"  # heading of a section that is shown on demand
+_MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
+_NUMBER: Final = re.compile(r"(-|never|(−?[\d,.]+(e[+-]\d+)?)( ?[%(\[].*)?)")  # a cell of a column of numbers
 _LINKED: Final = re.compile(r'href="([^"#]*\.csv)#row=')  # a file whose rows the page links to
-_SPEED: Final = Columns(
-    file="speed.csv",
-    caption="Speed of this project against a common alternative, measured in the same run",
-    keys=("name", "unit", "against"),
-    numbers={"per_second": "per second", "baseline": "alternative, per second", "ratio": "ratio"},
-)
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """An entry of a table on the page."""
-
-    text: Markup
-    order: str
-    href: str
-    kind: str
-    note: Markup
-    details: Markup
-    details_title: str
-    others: str = ""  # what names the row besides, on a narrow screen: a line each
-
-
-@dataclass(frozen=True)
-class _Table:
-    """A table on the page."""
-
-    caption: str
-    source: str  # the CSV file, as the page links to it
-    columns: Sequence[tuple[str, bool]]  # label, and whether it holds numbers
-    rows: Sequence[Sequence[_Entry]]
-    n_keys: int  # columns that name a row; a narrow screen shows them as one
-    other_keys: str  # labels of these but the first, a line each
-
-
-@dataclass(frozen=True)
-class _Figure:
-    """A picture in the page."""
-
-    caption: str
-    source: str  # the SVG file, as the page links to it
-    data: str
-    width: int
-    height: int
+_IMPORT: Final = re.compile(r'^import (?:\{[^}]*\} from )?"\./(\w+\.js)";\n', re.MULTILINE)
+_EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
 
 
 def published(results: Path) -> list[str]:
     """Lists the published experiments whose results are there."""
-    return [name for name in PUBLISHED if (results / name / "manifest.json").exists()]
+    return [name for name in PUBLISHED if (results / name / MANIFEST).exists()]
 
 
 def update(results: Path, experiment: str, *, is_published: bool) -> str:
@@ -103,31 +69,14 @@ def update(results: Path, experiment: str, *, is_published: bool) -> str:
       InputError: See `write`.
     """
     names, target = _subjects(results, experiment)
-    note = target.with_name(STAMP)
-    if stamp.is_up_to_date(note, _inputs(results, names)):
+    stamp, inputs = target.with_name(STAMP), _inputs(results, names)
+    if sameness.is_up_to_date(stamp, inputs):
         return f"{target}, up to date"
-    if is_published and target.parent == results and certificate.is_as_published(results):
+    if is_published and target.parent == results and sameness.is_as_published(results):
         return f"{target}, as published"
     write(results, experiment)
-    stamp.write(note, _inputs(results, names), [target, results / "README.md"])
+    sameness.write_stamp(stamp, inputs, [target, results / "README.md"])
     return str(target)
-
-
-def _inputs(results: Path, names: Sequence[str]) -> str:
-    """Returns the digest of all files that a page is made of."""
-    paths = [path for name in [*names, "speed", "growth"] for path in sorted((results / name).glob("[!.]*"))]
-    parts = [f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.is_file()]
-    manifests = [open_folder(results / name, "").manifest for name in names]
-    named = [name for each in manifests for name in (each["report"], *each.get("items", ()))]
-    sources = [digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
-    return stamp.digest_of(*(part for part in parts if "index.html" not in part), *sources)
-
-
-def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
-    """Returns the experiments that a page shows, and the page."""
-    if experiment is None or experiment in PUBLISHED:
-        return published(results), results / "index.html"
-    return [experiment], results / experiment / "index.html"
 
 
 def write(results: Path, experiment: str | None = None) -> Path:
@@ -145,28 +94,179 @@ def write(results: Path, experiment: str | None = None) -> Path:
       InputError: There is nothing to show, or the page cannot be written.
     """
     names, target = _subjects(results, experiment)
-    prefix = "{}/" if target.parent == results else ""  # from the page to a folder
-    folders = [open_folder(results / name, prefix.format(name)) for name in names]
-    if not folders:
-        others = ", ".join(sorted(path.parent.name for path in results.glob("*/manifest.json")))
+    if not names:
+        others = ", ".join(sorted(path.parent.name for path in results.glob(f"*/{MANIFEST}")))
         hint = f"; the page of {others} is in its folder" if others else ""
         raise InputError(
             f"{results}: there are no results of {' or '.join(PUBLISHED)} to report; make reproduce and make "
             f"compare-deep make them{hint}."
         )
-    is_measured = target.parent == results and (results / "speed" / "speed.csv").exists()
-    speed = Folder(results / "speed", "speed/", {"command": "make speed"}) if is_measured else None
+    parts = [_Part(results / name, "" if target.parent != results else f"{name}/") for name in names]
     with files.alone(results):
-        for folder in folders:
-            section(folder, lambda folder: texts.write(folder.path))
-        files.write_text(target, _render(folders, speed))
+        files.write_text(target, _render(parts))
         files.write_text(results / "README.md", _index(results))
     return target
 
 
-def _render(folders: Sequence[Folder], speed: Folder | None) -> str:
-    """Returns the page, with the project's own speed if that was measured."""
-    environment = jinja2.Environment(
+def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
+    """Returns the folders that a page shows, and the page."""
+    if experiment is not None and experiment not in PUBLISHED:
+        return [experiment], results / experiment / "index.html"
+    names = published(results)
+    if names and (results / _SPEED / MANIFEST).exists():
+        names.append(_SPEED)
+    return names, results / "index.html"
+
+
+def _inputs(results: Path, names: Sequence[str]) -> str:
+    """Returns the digest of all files that a page is made of, and of the code that lies elsewhere."""
+    paths = [path for name in names for path in sorted((results / name).glob("[!.]*")) if path.is_file()]
+    parts = [
+        f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.suffix != ".html"
+    ]
+    declared = [Folder(results / name).manifest["report"] for name in names]
+    named = [name for each in declared for name in (each["kind"], *each["items"]) if ":" in name]
+    return sameness.digest_of_inputs(*parts, *(digest_of_source(name.partition(":")[0]) for name in named))
+
+
+class _Part:
+    """A folder of results on the page."""
+
+    def __init__(self, path: Path, prefix: str) -> None:
+        """Reads its manifest; `prefix` leads from the page to the folder."""
+        self.document = Document(path)
+        self.folder = self.document.folder
+        self.name = path.name
+        self.prefix = prefix
+        self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
+
+    def report(self, templates: jinja2.Environment) -> dict[str, Any]:
+        """Returns what the page shows of the report."""
+        document, items = self.document, {item.name: item for item in self.document.items}
+        lead = items.get(document.report.lead)
+        has_lead = lead is not None and document.has_figure(lead)
+        folded: set[str] = set()
+
+        def place(item: Item) -> str:
+            return f"\n\n{_PLACE}{item.name}{_PLACE}\n\n"
+
+        def place_folded(item: Item) -> str:
+            folded.add(item.name)
+            return place(item)
+
+        def content(match: "re.Match[str]") -> str:
+            item = items[match[1]]
+            table = self._table(item)
+            # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
+            is_drawn = document.has_figure(item) and not (has_lead and item is lead)
+            figure = self._figure(item) if is_drawn and not (table and item.name in folded) else None
+            text = templates.get_template("item.html").render(
+                item=item, table=table, figure=figure, is_folded=item.name in folded, link=self.link
+            )
+            return text.strip()
+
+        sections = self._sections(document.render(place, place_folded))
+        return {
+            "id": self.name,
+            "question": document.question,
+            "headline": self._paragraphs(document.headline),
+            "lead": self._figure(lead) if lead is not None and has_lead else None,
+            "description": self.inline(inert(self.folder.manifest["description"])),
+            "note": self.inline(inert(self.folder.manifest.get("note", ""))),
+            "findings": [self.inline(inert(finding.text)) for finding in document.findings],
+            "sections": [
+                each | {"body": Markup(_PLACED.sub(content, each["body"]))}
+                for each in sections  # ours
+            ],
+            "readme": self.link("README.md"),
+            "manifest": self.link(MANIFEST),
+            "made": self.folder.manifest,
+        }
+
+    def link(self, file: str) -> str:
+        """Returns where a file of the folder is, seen from the page."""
+        return f"{self.prefix}{file}"
+
+    def inline(self, text: str) -> Markup:
+        """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
+        return self._html(self._parser.parseInline(text))
+
+    def _paragraphs(self, finding: Finding | None) -> list[Markup]:
+        return [] if finding is None else [self.inline(text) for text in finding.text.split("\n\n")]
+
+    def _html(self, tokens: Sequence[Token]) -> Markup:
+        """Returns parsed Markdown as HTML, with links from the page to the folder's files."""
+        for token in [child for each in tokens for child in (each.children or [])]:
+            target = str(token.attrGet("href") or "")
+            if target and ":" not in target and not target.startswith(("#", "/")):
+                token.attrSet("href", self.link(target))
+                if ".csv#row=" in target:
+                    token.attrSet("class", "n")
+            if token.type == "text":
+                token.content = _MINUS.sub("−", token.content)
+        return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
+
+    def _sections(self, markdown: str) -> list[dict[str, Any]]:
+        """Returns a document's sections: heading, id and body of each; what stands first has no heading."""
+        sections: list[tuple[Markup, str, list[Token]]] = [(Markup(), "", [])]
+        tokens = self._parser.parse(markdown)
+        for i, token in enumerate(tokens):
+            if token.type == "heading_open" and token.tag in ("h1", "h2"):
+                key = re.sub(r"\W+", "-", tokens[i + 1].content.lower()).strip("-")
+                sections.append((self._html([tokens[i + 1]]), f"{self.name}-{key}", []))
+            elif token.tag in ("h1", "h2"):
+                sections[-1][2].clear()  # the end of the heading, and before it its text
+            else:
+                token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 1}", token.tag)
+                sections[-1][2].append(token)
+        return [
+            {"heading": heading, "id": key, "is_folded": heading == _FOLDED, "body": self._html(parsed)}
+            for heading, key, parsed in sections
+            if key or parsed
+        ]
+
+    def _table(self, item: Item) -> dict[str, Any] | None:
+        """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
+        shown = self.document.shown(item) if self.document.has_table(item) else pd.DataFrame()
+        if shown.empty:
+            return None
+        cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
+        kinds = [_kind(str(name), [row[i].striptags() for row in cells]) for i, name in enumerate(shown)]
+        n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
+        kinds[1:n_keys] = ["key"] * (n_keys - 1)
+        return {
+            "columns": [self.inline(str(name)) for name in shown],
+            "kinds": kinds,
+            "rows": cells,
+            "n_keys": n_keys,
+        }
+
+    def _figure(self, item: Item) -> dict[str, Any]:
+        """Returns a figure small enough for the page; the link leads to the drawing itself."""
+        with Image.open(self.folder.path / f"{item.name}.png") as image:
+            small = image.convert("RGB").quantize(_FIGURE_COLOURS, dither=Image.Dither.NONE).convert("RGB")
+        buffer = io.BytesIO()
+        small.save(buffer, "WEBP", lossless=True, method=4)
+        return {
+            "caption": self.inline(item.caption),
+            "alt": item.caption,
+            "source": self.link(f"{item.name}.png"),
+            "data": base64.b64encode(buffer.getvalue()).decode("ascii"),
+            "width": small.width,
+            "height": small.height,
+        }
+
+
+def _kind(name: str, texts: Iterable[str]) -> str:
+    """Returns the class of a column's cells: names have none."""
+    if all(_NUMBER.fullmatch(text) for text in texts):
+        return "number"
+    return "verdict" if name == "verdict" else ""
+
+
+def _render(parts: Sequence[_Part]) -> str:
+    """Returns the page."""
+    templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -174,194 +274,73 @@ def _render(folders: Sequence[Folder], speed: Folder | None) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    ids: set[str] = set()
-    reports = [section(folder, lambda folder: _report(folder, ids)) for folder in folders]
-    explored = next((folder for folder in folders if "agent.csv" in folder), None)
-    data = explorer.collect(folders)
+    reports = []
+    for part in parts:
+        with part.folder.reading():
+            reports.append(part.report(templates))
+    explored = [part for part in parts if explorer.FILE in part.folder]
+    manifests = [part.folder.manifest for part in parts]
     content = {
-        "question": reports[0]["question"],
-        "answer": reports[0]["answer"],
         "reports": reports,
-        "made": [section(folder, _made) for folder in folders],
-        "speed": section(speed, lambda folder: _table(folder, _SPEED(Published(folder.path))))
-        if speed
-        else None,
-        "partial": [note for note in (folder.manifest.get("partial") for folder in folders) if note],
+        "partial": [note for note in (each.get("partial") for each in manifests) if note],
         "scenarios": {
-            name: declared["description"]
-            for folder in folders
-            for name, declared in folder.manifest["scenarios"].items()
+            name: part.inline(inert(declared["description"]))
+            for part in parts
+            for name, declared in part.folder.manifest["scenarios"].items()
         },
-        "horizon": folders[0].manifest["horizon"],
-        "has_explorer": data is not None,
-        "maps_link": explored.link("README.md") if explored is not None else "",
-        "css": (_TEMPLATES / "page.css").read_text(encoding="utf-8"),
-        "js": script.read(),
-        "ramp": ", ".join(explorer.COLOURS),
+        "horizon": manifests[0].get("horizon"),
+        "agents": [(part.name, part.prefix, _agents(part.folder)) for part in explored],
+        "maps_link": explored[0].link("README.md") if explored else "",
+        "command": "make report" if len(parts) > 1 else manifests[0]["command"],
+        "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
+        "js": Markup(_script()),
     }
-    template = environment.get_template("page.html")
-    text = template.render(**content, data="")
-    linked = {
-        folder.link(path.name): path.read_text(encoding="utf-8")
-        for folder in ([*folders, speed] if speed is not None else folders)
-        for path in sorted(folder.path.glob("*.csv"))
-        if folder.link(path.name) in _LINKED.findall(text)
+    template = templates.get_template("page.html")
+    linked = {*_LINKED.findall(template.render(**content, data=""))}
+    linked |= {part.link(name) for part in explored for name in _CURVES}
+    texts = {
+        part.link(path.name): path.read_text(encoding="utf-8")
+        for part in parts
+        for path in sorted(part.folder.path.glob("*.csv"))
+        if part.link(path.name) in linked
     }
-    embedded = {link: csv for folder in folders for link, csv in folder.embedded.items()}
-    return template.render(**content, data=script.pack({"explorer": data, "csv": embedded | linked}))
+    return template.render(**content, data=pack(texts))
 
 
-def _report(folder: Folder, ids: set[str]) -> dict[str, Any]:
-    """Returns what the page shows of a folder of results, in the order of its report's sections.
+def pack(data: object) -> str:
+    """Returns data as JSON, compressed to less than half, in base64."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
-    Args:
-      folder: Of the results.
-      ids: Of sections that the page has already; those of this report are added.
+
+def _agents(folder: Folder) -> str:
+    """Returns what the explorer shows of a folder, in base64."""
+    content = (folder.path / explorer.FILE).read_bytes()
+    with folder.reading():
+        try:
+            json.loads(gzip.decompress(content))["agents"]
+        except (EOFError, zlib.error) as error:
+            raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
+    return base64.b64encode(content).decode("ascii")
+
+
+def _script() -> str:
+    """Returns `main.js` and all modules that it needs as one script, each module after those that it imports.
+
+    The page is one file, which cannot import others. All modules share one scope, so their top-level names
+    must differ.
     """
-    results = Published(folder.path)
-    report, items = texts.load(results)
-    name = folder.manifest["experiment"]
-    explained = ((term, folder.as_html(text)) for term, text in report.words(results))
-    words = words_of(f"word-{name}", explained)
-    mark, mark_answer = Marker(words), Marker(words)
-    lead = next((item for item in items if item.name == report.lead and _has_figure(results, item)), None)
-    first, *rest = [mark_answer(folder.as_html(text)) for text in _paragraphs(report.headline(results))]
-    sentences = [mark(folder.as_html(sentence)) for sentence in report.sentences(results)]
-    sections = []
-    for part in report.sections:
-        shown = [_item(folder, results, item, lead) for item in report.items_of(part, items)]
-        shown = [item for item in shown if item["table"] or item["figure"]]
-        if not shown and part is not report.sections[0]:
-            continue
-        key = part.key if part.key not in ids else f"{name}-{part.key}"
-        ids.add(key)
-        terms = part.terms(results) if part.terms is not None else ()
-        sections.append(
-            {
-                "id": key,
-                "heading": folder.as_html(part.heading),
-                "text": mark(folder.as_html(part.text)),
-                "items": shown,
-                "terms": [(name, folder.as_html(text)) for name, text in terms],
-                "terms_title": part.terms_title,
-            }
-        )
-    return {
-        "question": report.question,
-        "answer": {"figure": _figure(folder, lead) if lead else None, "first": first, "rest": rest},
-        "description": folder.manifest["description"],
-        "note": folder.manifest.get("note", ""),
-        "sentences": sentences,
-        "readme": folder.link("README.md"),
-        "sections": sections,
-        "words": words,
-    }
+    texts: dict[str, str] = {}
 
+    def add(name: str) -> None:
+        text = (_TEMPLATES / "script" / name).read_text(encoding="utf-8")
+        for needed in _IMPORT.findall(text):
+            if needed not in texts:
+                add(needed)
+        texts[name] = _EXPORT.sub("", _IMPORT.sub("", text))
 
-def _paragraphs(headline: str) -> list[str]:
-    r"""Returns a headline's first sentence, or its first paragraph if it has several, and what follows.
-
-    >>> _paragraphs("It has [0.9](a.csv#row=2) [0.8, 1.0]. It wins (vs. A). `b` loses.")
-    ['It has [0.9](a.csv#row=2) [0.8, 1.0].', 'It wins (vs. A). `b` loses.']
-    >>> _paragraphs("One. Two.\n\nThree."), _paragraphs("")
-    (['One. Two.', 'Three.'], [''])
-    """
-    if "\n\n" in headline:
-        return headline.split("\n\n")
-    masked = _ASIDE.sub(lambda match: match[0][0] + "x" * (len(match[0]) - 1), headline)
-    end = _SENTENCE_END.search(masked)
-    return [headline] if end is None else [headline[: end.start()], headline[end.end() :]]
-
-
-def _has_figure(results: Published, item: Item) -> bool:
-    """Returns whether there is a figure of an item, for README and page."""
-    return bool(item.caption) and f"{item.name}.png" in results
-
-
-def _item(folder: Folder, results: Published, item: Item, lead: Item | None) -> dict[str, Any]:
-    """Returns an item's table and figure, so far as there are any to show; the lead's figure is elsewhere.
-
-    What is shown on demand is shown as a table, if there is one, and not as a figure, too: figures make the
-    page large.
-    """
-    table = item.view(results) if item.view is not None and f"{item.name}.csv" in results else None
-    has_figure = (
-        _has_figure(results, item) and item is not lead and not (item.is_folded and table is not None)
-    )
-    return {
-        "table": _table(folder, table) if table is not None else None,
-        "figure": _figure(folder, item) if has_figure else None,
-        "is_folded": item.is_folded,
-    }
-
-
-def _table(folder: Folder, table: Table) -> _Table:
-    """Returns a table with its links and its marked texts."""
-    n_keys = _n_keys(table)
-    rows = []
-    for row in table.rows:
-        others = "\n".join(plain(entry.text).replace("`", "") for entry in row[1:n_keys])
-        first, *rest = [_entry(folder, entry) for entry in row]
-        rows.append([replace(first, others=others), *rest])
-    other_keys = "\n".join(label for label, _ in table.columns[1:n_keys])
-    return _Table(table.caption, folder.link(table.file), table.columns, rows, n_keys, other_keys)
-
-
-def _n_keys(table: Table) -> int:
-    """Returns how many columns at the left hold nothing but names; at least one, at most `_MOST_KEYS`."""
-    n_keys = 0
-    for i, (_, is_number) in enumerate(table.columns[:_MOST_KEYS]):
-        entries = [row[i] for row in table.rows]
-        if is_number or any(entry.row or entry.kind or entry.note or entry.details for entry in entries):
-            break
-        n_keys += 1
-    return max(n_keys, 1)
-
-
-def _entry(folder: Folder, entry: Entry) -> _Entry:
-    """Returns an entry with its link and its marked texts."""
-    return _Entry(
-        text=folder.as_html(entry.text),
-        order=entry.order,
-        href=folder.link(entry.row) if entry.row else "",
-        kind=entry.kind,
-        note=folder.as_html(entry.note),
-        details=folder.as_html(entry.details),
-        details_title=entry.details_title,
-    )
-
-
-def _figure(folder: Folder, item: Item) -> _Figure:
-    """Returns a figure small enough for the page; the link leads to the drawing itself."""
-    with Image.open(folder.path / f"{item.name}.png") as image:
-        small = image.convert("RGB").quantize(_FIGURE_COLOURS, dither=Image.Dither.NONE).convert("RGB")
-    buffer = io.BytesIO()
-    small.save(buffer, "WEBP", lossless=True, method=4)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return _Figure(item.caption, folder.link(f"{item.name}.svg"), data, *small.size)
-
-
-def _made(folder: Folder) -> dict[str, Any]:
-    """Returns what made a folder of results."""
-    manifest = folder.manifest
-    return {
-        "name": manifest["experiment"],
-        "description": manifest["description"],
-        "command": manifest["command"],
-        "link": folder.link("manifest.json"),
-        "readme": folder.link("README.md"),
-        "commits": [commit or "unknown" for commit in manifest["commits"]],
-        "machines": manifest["machines"],
-        "versions": manifest["versions"],
-        "runs": manifest["runs"],
-        "digest": manifest["digest"],
-        "first": manifest["first_started_at"],
-        "last": manifest["last_started_at"],
-        "settings": {
-            name: {key: value for key, value in arm["settings"].items() if value is not None}
-            for name, arm in manifest["algorithms"].items()
-        },
-    }
+    add("main.js")
+    return "\n".join(texts.values())
 
 
 # The list of all results
@@ -394,6 +373,7 @@ shows what one agent of every learner knows over training, cell by cell, and how
 {folders}
 
 The README of a folder says what each file is, what made it, and with which command. Tables are `.csv` (six
-digits, all columns) and, for reading, `.md` and `.tex`; figures are `.png` and `.svg`. `manifest.json` holds
-versions, commit, machine and times. `runs.db`, which is not in the repository, holds every run made here.
+digits, all columns), figures are `.png`; `python -m benchmark report EXPERIMENT --format svg` (or `pdf` or
+`tex`) makes other forms. `manifest.json` holds versions, commit, machine and times. `runs.db`, which is not in
+the repository, holds every run made here.
 """

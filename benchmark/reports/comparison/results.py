@@ -633,7 +633,7 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
 
 @scenarios.figure("The scenarios.")
 def _(tables: Frames, context: Context) -> "Figure | None":
-    from benchmark.drawing.gallery import gallery
+    from benchmark.drawing.maps import gallery
 
     return gallery(list(context.models.values())) if "scenarios" in tables else None
 

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion_interval, student
 from benchmark.analysis.population import GOOD_SCORE
-from benchmark.analysis.snapshots import Shown, typical_agent
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
-from benchmark.reports.explorer import explorer_item
+from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.item import Frames, drawing, item, writing
 
 if TYPE_CHECKING:

@@ -124,14 +124,17 @@ def _(table: pd.DataFrame, _: Folder) -> str:
 def _(frames: Frames, _: object) -> "Figure":
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    from benchmark.drawing.style import variant_style, figure_of
+    from benchmark.drawing.style import figure_of, variant_style
 
     frame = frames["growth"]
     with figure_of(2, len(PANELS), (10.5, 6.0)) as (figure, axes):
         for column, (unit, curves) in zip(axes.T, PANELS.items(), strict=True):
             for place, (name, label) in enumerate(curves.items()):
                 # Where points coincide, the first is the largest.
-                points, style = frame[frame["curve"] == name], variant_style(place) | {"markersize": 7 - place}
+                points, style = (
+                    frame[frame["curve"] == name],
+                    variant_style(place) | {"markersize": 7 - place},
+                )
                 sizes, seconds = points["size"], points["seconds"]
                 column[0].plot(sizes, seconds, **style, lw=1.3, label=label)
                 column[0].vlines(sizes, seconds, points["slowest_seconds"], color=style["color"], lw=1)

@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.analysis.snapshots import Shown
-from benchmark.reports.explorer import explorer_item
+from benchmark.reports.explorer import Shown, explorer_item
 from benchmark.reports.item import Report
 from benchmark.reports.replication import learned, verdicts
 from benchmark.reports.replication.data import check, load

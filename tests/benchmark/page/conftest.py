@@ -1,42 +1,145 @@
-"""The published results with the page made anew, and pages opened in a browser."""
+"""A page made of a small experiment, opened in a browser."""
 
+import csv
+import json
+import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
+from benchmark.__main__ import main
+from benchmark.analysis.population import Population
 from benchmark.commands.doctor import BROWSERS
+from benchmark.execution.store import Store
+from benchmark.experiments import load_experiment
 from benchmark.page import build
-from tests.benchmark.page.pages import RESULTS, Open, Opened
+from benchmark.reports.folder import MANIFEST
+from envs.scenario import SCENARIO_DIRECTORY
+from tests.benchmark.page.made import TEXT, Learners, load
 
 CHROMIUM = next(filter(None, map(shutil.which, BROWSERS)), None)
 FLAGS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
 )  # fmt: skip
+EXPERIMENT = f"""
+description = {json.dumps(TEXT)}
+note = {json.dumps(TEXT)}
+report = "tests.benchmark.page.made:REPORT"
+scenarios = ["ROOM", "S2"]
+horizon = 100
+evaluation_every = 400
+map_every = 400
+[algorithms."a-table_b"]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 2
+settings = {{ budget = 8000, discount = 1.0, time_limit = 50 }}
+[algorithms.dqn]
+algorithm = "compiled_dqn"
+observations = ["coordinates"]
+seeds = 2
+settings = {{ budget = 300, learning_starts = 50, learning_rate = 1e38 }}
+[algorithms.ppo]
+algorithm = "compiled_ppo"
+observations = ["one_hot"]
+seeds = 2
+settings = {{ budget = 2048 }}
+"""
 
 
-@pytest.fixture(scope="package")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The published results, with the page that today's code makes of them."""
-    directory = tmp_path_factory.mktemp("page") / "results"
-    ignored = shutil.ignore_patterns("runs.db*", "*_smoke", "*_partial", ".*", "index.html")
-    shutil.copytree(RESULTS, directory, ignore=ignored)
-    assert build.write(directory) == directory / "index.html"
-    return directory
+class Opened:
+    """A page in a browser, with its messages and requests."""
+
+    def __init__(self, browser: Browser, folder: Path, fragment: str, **options: Any) -> None:
+        """Opens the page of a folder of results, and waits for the explorer if scripts run."""
+        self.page: Page = browser.new_page(**({"viewport": {"width": 1280, "height": 900}} | options))
+        self.messages: list[str] = []
+        self.requested: list[str] = []
+        self.page.on("console", lambda message: self.messages.append(message.text))
+        self.page.on("pageerror", lambda error: self.messages.append(str(error)))
+        self.page.on("request", lambda request: self.requested.append(request.url))
+        self.page.goto((folder / "index.html").as_uri() + fragment)
+        if options.get("java_script_enabled", True) and self.page.locator("#explore").count():
+            self.page.wait_for_selector("#explore:not([hidden])")
+
+    def panel(self, side: str, part: str = "") -> Locator:
+        """Returns the explorer's left or right panel, or a part of it."""
+        return self.page.locator(f".panel[data-side={side}] {part}")
+
+    def choose(self, side: str, *names: str) -> None:
+        """Chooses the scenario, algorithm and observation of a panel."""
+        for menu, value in zip(("scenario", "algorithm", "observation"), names, strict=True):
+            self.panel(side, f"select[name={menu}]").select_option(value)
+
+    def to_map(self, place: int) -> None:
+        """Moves the slider to a place."""
+        self.page.locator("#step").fill(str(place))
+
+    def cell(self, side: str, row: int, column: int) -> Locator:
+        """Returns a cell of a map of `room`, which has seven columns, or of S2."""
+        cells = self.panel(side, ".map svg > g:first-child > g")
+        return cells.nth(row * (7 if cells.count() == 35 else 12) + column)
+
+    def walk(self, n_steps: int) -> None:
+        """Lets both agents take steps."""
+        self.page.locator("#walk-one").evaluate("(button, n) => { while (n--) button.click(); }", n_steps)
 
 
-@pytest.fixture(scope="package")
-def text(results: Path) -> str:
-    """The page of the published results."""
-    return (results / "index.html").read_text(encoding="utf-8")
+Open = Callable[..., Opened]
 
 
-@pytest.fixture(scope="package")
+def rows_of(path: Path) -> list[list[str]]:
+    """Returns the lines of a CSV file as they are written."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of an experiment with scenes that differ, hostile texts, and a net that diverges."""
+    folder = tmp_path_factory.mktemp("made")
+    scene = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
+    changes = {"rows": 5, "columns": 7, "position": [3, 5], "target_ping": 100.0}
+    for key, value in {**changes, "description": json.dumps(TEXT)}.items():
+        scene, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}".replace("\\", r"\\"), scene)
+        assert count == 1
+    (folder / "room.toml").write_text(scene, encoding="utf-8")
+    text = EXPERIMENT.replace('"ROOM"', json.dumps(str(folder / "room.toml")))
+    (folder / "mine.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(folder / "mine.toml"), "--report", "--jobs", "1", "--results", str(folder)]) == 0
+    return folder / "mine"
+
+
+@pytest.fixture(scope="session")
+def learners(made: Path) -> dict[tuple[str, str, str], Population]:
+    """The stored runs of the experiment, by scenario, algorithm and observation."""
+    with Store(made.parent / "runs.db", read_only=True) as store:
+        data: Learners = load(load_experiment(made.parent / "mine.toml"), store, None, False)
+    return {(names["scenario"], names["algorithm"], names["observation"]): each for names, each in data.rows}
+
+
+@pytest.fixture(scope="session")
+def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """These results as if they were two published experiments and a measurement, with their page."""
+    results = tmp_path_factory.mktemp("page") / "results"
+    for name in ("compare_deep", "reproduce", "speed"):
+        shutil.copytree(made, results / name, ignore=shutil.ignore_patterns("index.html", ".*"))
+    manifest = json.loads((results / "speed" / MANIFEST).read_text(encoding="utf-8"))
+    del manifest["digest"]
+    (results / "speed" / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+    for file in ("agents.json.gz", "curves.csv", "curves.png"):
+        (results / "speed" / file).unlink()
+    assert build.write(results) == results / "index.html"
+    return results
+
+
+@pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """A headless Chromium."""
     if CHROMIUM is None:
@@ -68,5 +171,5 @@ def open_page(browser: Browser, results: Path) -> Iterator[Open]:
 
 @pytest.fixture
 def opened(open_page: Open) -> Opened:
-    """The published page in a browser."""
+    """The page in a browser."""
     return open_page()

@@ -9,6 +9,7 @@ import { start } from "./controls.js";
 import { paintKey } from "./key.js";
 
 if (explorer) {
+  document.documentElement.style.setProperty("--ramp", explorer.colours.join(","));
   start();
   paintKey();
   byId("wait").remove();

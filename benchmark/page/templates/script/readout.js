@@ -1,4 +1,4 @@
-// The readout: what an agent is about, and the numbers of the cell under the cursor, each with its source.
+// The readout: what an agent is about, and the numbers of the cell under the cursor.
 import { element, grouped, show, sourced } from "./elements.js";
 import { explorer } from "./data.js";
 import { rowAndColumn } from "./agents.js";
@@ -17,7 +17,7 @@ const VALUES = {
 
 // What the map shows, and how good the agent and all runs of its learner are at this time.
 export function described(agent, map, step) {
-  const { evaluation, curve, scene } = agent;
+  const { curve, scene } = agent;
   const shown = agent.steps[map];
   const time = shown === step ? "" : `At ${agent.unitName} ${grouped(shown)}: `;
   const values = agent.hasValues ? VALUES[agent.kind](agent) : "Of this agent only the final greedy policy is published.";
@@ -25,14 +25,11 @@ export function described(agent, map, step) {
   const note = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
   const place = curve ? curve.step.indexOf(shown) : -1;
   const mean = place < 0 ? [] : [
-    ". Mean score of all runs: ", sourced(curve.file, curve.line + place, show(curve.mean[place])),
+    ". Mean score of all runs: ", sourced(curve.file, curve.line[place], show(curve.mean[place])),
     ` [${show(curve.low[place])}, ${show(curve.high[place])}]`,
   ];
-  const line = evaluation.line + map;
-  return [
-    `${time}${values}${note} This agent (seed ${agent.seed}): score `, sourced(evaluation.file, line, show(agent.score[map])),
-    ", success probability ", sourced(evaluation.file, line, show(agent.success[map])), ...mean, ".",
-  ];
+  const result = `score ${show(agent.score[map])}, success probability ${show(agent.success[map])}`;
+  return [`${time}${values}${note} This agent (seed ${agent.seed}): ${result}`, ...mean, "."];
 }
 
 export function readoutOf(agent, map, cell) {
@@ -48,12 +45,12 @@ export function readoutOf(agent, map, cell) {
   const number = (...content) => element("td", { class: "number" }, ...content);
   const lines = explorer.actions.map((action, a) => {
     const value = agent.valueAt(map, cell, a);
-    const optimal = number(sourced(optimum.file, optimum.line + cell, show(best[a])));
+    const optimal = number(show(best[a]));
     const words = [isIn(agent.greedyAt(map, cell), a) && "greedy", isIn(optimum.optimal[cell], a) && "optimal"];
     return element("tr", {},
       element("th", { scope: "row" }, action),
       ...(agent.hasValues
-        ? [number(sourced(agent.maps.file, agent.lineOf(map, cell), show(value))), optimal, number(show(value - best[a]))]
+        ? [number(show(value)), optimal, number(show(value - best[a]))]
         : [optimal]),
       element("td", {}, words.filter(Boolean).join(", ")));
   });

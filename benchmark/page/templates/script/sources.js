@@ -1,12 +1,6 @@
 // Sources: a click on a number opens a dialog with the lines of the CSV file that it comes from.
 import { byId, element } from "./elements.js";
 import { holds, rowsOf } from "./csv.js";
-import { packedLine } from "./agents.js";
-
-// The columns and cells of a line; null if the page does not hold the file.
-function lineOf(file, line) {
-  return holds(file) ? [rowsOf(file)[0], rowsOf(file)[line - 1]] : packedLine(file, line);
-}
 
 // The line numbers of a selection such as "3;7-9".
 function selected(selection) {
@@ -43,10 +37,9 @@ function tableOf(columns, rows, marked) {
 }
 
 function showSource(text, file, selection) {
-  const found = selected(selection).map((line) => lineOf(file, line));
-  if (found.includes(null)) return false;
-  const [columns] = found[0];
-  const rows = found.map(([, cells]) => cells);
+  if (!holds(file)) return false;
+  const columns = rowsOf(file)[0];
+  const rows = selected(selection).map((line) => rowsOf(file)[line - 1]);
   const marked = cited(text, columns, rows);
   const mean = marked.length ? `, the mean of ${columns[marked[0]]} over these lines` : ", computed from these lines";
   const box = { class: "scroll", tabindex: "0", role: "region", "aria-label": "Lines of the file" };

@@ -19,12 +19,15 @@ for (const sortable of document.querySelectorAll("table.sortable")) {
   });
 }
 
+// The number that a cell begins with, NaN without one.
+function numberOf(cell) {
+  const text = cell.textContent.trim().replaceAll("\u2212", "-").replaceAll(",", "");
+  return text === "never" ? Infinity : parseFloat(text);
+}
+
 function compared(a, b, sign) {
-  if (a.dataset.order === undefined) return sign * a.textContent.localeCompare(b.textContent);
-  const x = Number(a.dataset.order);
-  const y = Number(b.dataset.order);
-  const isText = (cell) => Number.isNaN(Number(cell.dataset.order)) && cell.dataset.order !== "nan";
-  if (isText(a) && isText(b)) return sign * a.dataset.order.localeCompare(b.dataset.order);
+  if (!a.matches(".number")) return sign * a.textContent.localeCompare(b.textContent);
+  const [x, y] = [numberOf(a), numberOf(b)];
   if (Number.isNaN(x) || Number.isNaN(y)) return Number.isNaN(x) - Number.isNaN(y); // missing numbers come last
   return x === y ? 0 : sign * (x < y ? -1 : 1);
 }
