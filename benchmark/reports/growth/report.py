@@ -124,7 +124,7 @@ def _(table: pd.DataFrame, _: Folder) -> str:
 def _(frames: Frames, _: object) -> "Figure":
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    from benchmark.drawing.style import variant_style, figure_of
+    from benchmark.drawing.style import figure_of, variant_style
 
     frame = frames["growth"]
     with figure_of(2, len(PANELS), (10.5, 6.0)) as (figure, axes):
