@@ -374,6 +374,6 @@ shows what one agent of every learner knows over training, cell by cell, and how
 
 The README of a folder says what each file is, what made it, and with which command. Tables are `.csv` (six
 digits, all columns), figures are `.png`; `python -m benchmark report EXPERIMENT --format svg` (or `pdf` or
-`tex`) makes other forms. `manifest.json` holds versions, commit, machine and times. `runs.db`, which is not in
-the repository, holds every run made here.
+`tex`) makes other forms. `manifest.json` holds versions, commit, machine and times. `runs.db`, which is not
+in the repository, holds every run made here.
 """

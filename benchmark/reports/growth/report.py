@@ -131,10 +131,8 @@ def _(frames: Frames, _: object) -> "Figure":
         for column, (unit, curves) in zip(axes.T, PANELS.items(), strict=True):
             for place, (name, label) in enumerate(curves.items()):
                 # Where points coincide, the first is the largest.
-                points, style = (
-                    frame[frame["curve"] == name],
-                    variant_style(place) | {"markersize": 7 - place},
-                )
+                points = frame[frame["curve"] == name]
+                style = variant_style(place) | {"markersize": 7 - place}
                 sizes, seconds = points["size"], points["seconds"]
                 column[0].plot(sizes, seconds, **style, lw=1.3, label=label)
                 column[0].vlines(sizes, seconds, points["slowest_seconds"], color=style["color"], lw=1)
