@@ -18,7 +18,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.contract import LearnerSettings, Schedule, Training, check_request
+from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request
 from agents.process import process_of
 from agents.tabular import updates
 from agents.tabular.kernel import Constants, Decay, Plan, Results, compile_kernel
@@ -218,23 +218,18 @@ def train(
     return result
 
 
-@dataclass(frozen=True)
-class TabularAlgorithm:
-    """An algorithm that learns a table by an update rule, see `agents.contract.Algorithm`."""
+class TabularAlgorithm(Algorithm):
+    """An algorithm that learns a table by an update rule."""
 
-    update: UpdateRule
-    family: Literal["tabular", "deep"] = "tabular"
-    settings: type[Settings] = Settings
-    observations: tuple[str, ...] = ("index",)  # a table has a row per observation, in whatever form
-    packages: tuple[str, ...] = ("numba",)
-    batch_size: int = 25
-    placement: Literal["thread", "process"] = "thread"
-    writes_logs: bool = False
+    packages = ("numba",)
+    batch_size = 25
+    placement = "thread"
 
-    @property
-    def version(self) -> int:
-        """The version of the kernel and the rule."""
-        return VERSION + self.update.version
+    def __init__(self, update: UpdateRule) -> None:
+        """Takes the settings and the version from the rule."""
+        self.update = update
+        self.settings = TraceSettings if update.has_traces else Settings
+        self.version = VERSION + update.version
 
     def train(
         self,
@@ -251,3 +246,7 @@ class TabularAlgorithm:
 
 
 Q_LEARNING: Final = TabularAlgorithm(updates.Q_LEARNING)
+SARSA: Final = TabularAlgorithm(updates.SARSA)
+EXPECTED_SARSA: Final = TabularAlgorithm(updates.EXPECTED_SARSA)
+DOUBLE_Q_LEARNING: Final = TabularAlgorithm(updates.DOUBLE_Q_LEARNING)
+WATKINS_Q_LAMBDA: Final = TabularAlgorithm(updates.WATKINS_Q_LAMBDA)

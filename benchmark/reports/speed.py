@@ -294,7 +294,7 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
         from agents.sb3.tables import policy_table
         from agents.sb3.training import make_agent
         from agents.sb3.vec_env import SB3VecEnv
-    methods = {"dqn": algorithms.DQN.method, "ppo": algorithms.PPO.method}
+    methods = {"dqn": algorithms.DQN, "ppo": algorithms.PPO}
     cores = os.cpu_count() or 1
     declared = load_experiment("compare_deep")
     limit = declared.settings["time_limit"]

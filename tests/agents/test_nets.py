@@ -174,7 +174,7 @@ class ExactVecEnv(SB3VecEnv):
 
 def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: int) -> tuple[Any, Chance]:
     """Returns an agent of Stable-Baselines3 that computes in float64, and the random numbers of ours."""
-    method = algorithms.DQN.method if name == "compiled_dqn" else algorithms.PPO.method
+    method = algorithms.DQN if name == "compiled_dqn" else algorithms.PPO
     limit = settings.time_limit
     env = ProxemicVectorEnv(
         settings.n_envs, model.scenario, observation, max_episode_steps=limit, autoreset_mode="SameStep"
