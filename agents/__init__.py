@@ -13,7 +13,6 @@ from agents.contract import (
     Schedule,
     SequentialAlgorithm,
     Training,
-    check_request,
     check_training,
 )
 from agents.sb3.imported import algorithm_of, is_sb3_class
@@ -27,7 +26,6 @@ __all__ = [
     "Schedule",
     "SequentialAlgorithm",
     "Training",
-    "check_request",
     "check_training",
     "load_algorithm",
 ]

@@ -90,6 +90,19 @@ class DeepTraining(Training):
     weights: NDArray[np.uint8]  # (N, 32) SHA-256 of all final weights
 
 
+def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
+    """Checks the arguments of `Algorithm.train`.
+
+    Raises:
+      ValueError: There are no seeds, or the schedule is for another budget.
+    """
+    if not seeds:
+        raise ValueError("0 agents; at least one.")
+    budget = settings.budget
+    if schedule.budget != budget:
+        raise ValueError(f"schedule: made for a budget of {schedule.budget}; the settings say {budget}.")
+
+
 class Algorithm(ABC):
     """A method of learning: its settings, where it runs, and how it trains. A subclass sets what differs."""
 
@@ -183,20 +196,6 @@ def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool
     }
 
 
-def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
-    """Checks the arguments of `Algorithm.train`.
-
-    Raises:
-      ValueError: There are no seeds, or the schedule is for another budget.
-    """
-    if not seeds:
-        raise ValueError("0 agents; at least one.")
-    if schedule.budget != settings.budget:
-        raise ValueError(
-            f"schedule: made for a budget of {schedule.budget}; the settings say {settings.budget}."
-        )
-
-
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
     """Checks that a training keeps the contract.
 
@@ -204,19 +203,15 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
       ValueError: A field has another shape than the contract says, or there are neither action values nor
         probabilities.
     """
-    n_observations, n_actions = model.n_observations, model.next_state.shape[1]
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
-    table = (n_observations, n_actions)
+    table = n_observations, n_actions = model.n_observations, model.next_state.shape[1]
     expected: dict[str, list[tuple[int, ...]]] = {
         "greedy": [(n_agents, n_steps, n_observations)],
         "q": [(n_agents, *table), (n_agents, 0, n_actions)],
         "stochastic": [(n_agents, n_steps, *table), (n_agents, 0, *table)],
         "values": [(n_agents, n_maps, *table)],
-        "disagreements": [(n_agents, n_steps)],
-        "cpu_time_s": [(n_agents, n_steps)],
-        "updates": [(n_agents,)],
-        "parameters": [(n_agents,)],
-        "diverged_at": [(n_agents,)],
+        **{key: [(n_agents, n_steps)] for key in ("disagreements", "cpu_time_s")},
+        **{key: [(n_agents,)] for key in ("updates", "parameters", "diverged_at")},
     }
     for field in fields(training):
         shape = getattr(training, field.name).shape

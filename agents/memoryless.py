@@ -26,7 +26,7 @@ from pydantic import Field
 
 from agents.compiled import compiled
 from agents.contract import LearnerSettings, Schedule, SequentialAlgorithm, snapshots
-from agents.dynamic_programming import from_starts, solve
+from agents.dynamic_programming import Starts, from_starts, solve, starts_of
 from agents.policy import Policy
 from envs.model import ACTIONS, Model
 
@@ -141,10 +141,6 @@ def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray
       visits of the observation: the derivative of the return by the action's logit, divided by the action's
       probability and the expected number of these visits; 0 where there are none.
     """
-    start = from_starts(model)
-    starts = np.flatnonzero(start)
-    n_block = len(start) // model.n_places
-    first = np.searchsorted(starts, n_block * np.arange(model.n_places + 1))
     gains, visits = np.zeros(policy.shape), np.zeros(len(policy))
     expected_return = _sweep(
         policy,
@@ -153,10 +149,7 @@ def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray
         model.grid_reward,
         model.terminated,
         model.observation,
-        starts,
-        start[starts],
-        first,
-        n_block,
+        starts_of(model, from_starts(model)),
         horizon,
         gains,
         visits,
@@ -173,18 +166,13 @@ def _sweep(
     reward: NDArray[np.float64],
     terminated: NDArray[np.bool_],
     observation: NDArray[np.int32],
-    starts: NDArray[np.int64],
-    start_probability: NDArray[np.float64],
-    first: NDArray[np.int64],
-    n_block: int,
+    all_starts: Starts,
     horizon: int,
     gains: NDArray[np.float64],
     visits: NDArray[np.float64],
 ) -> float:
-    """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits.
-
-    As in `agents.dynamic_programming`, the states of a place are swept by themselves.
-    """
+    """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits."""
+    starts, start_probability, first, n_block = all_starts
     n_actions, n_outcomes = reward.shape[1], next_state.shape[2]
     here = np.zeros((horizon + 1, n_block))  # probability of each state before each step
     value, later = np.zeros(n_block), np.zeros(n_block)

@@ -47,13 +47,7 @@ class _DivergedError(Exception):
 
 
 def make_agent(algorithm: Sb3Algorithm, settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:
-    """Makes an agent of SB3's class, on the CPU, not seeded yet.
-
-    Args:
-      algorithm: SB3's algorithm.
-      settings: Its settings.
-      env: A vector env of `settings.n_envs` envs.
-    """
+    """Makes an agent of SB3's class for an env of `settings.n_envs` envs, on the CPU, not seeded yet."""
     with warnings.catch_warnings():  # the last mini-batch of a rollout is allowed to be smaller
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
         agent: BaseAlgorithm = algorithm.load()("MlpPolicy", env, device="cpu", **settings.arguments)
@@ -101,6 +95,7 @@ class _Snapshots(BaseCallback):
         super().__init__()
         self._env = env
         self._rollout = rollout
+        self._next_rollout = 0
         self._observations = observations  # (O, ...)
         self._points = points  # (T,)
         self._n_policies = 0  # evaluation steps whose policy is kept
@@ -116,12 +111,14 @@ class _Snapshots(BaseCallback):
         self.keep_counts(0)
 
     def _on_rollout_start(self) -> None:
-        if self.model.num_timesteps % self._rollout:
+        step = self.model.num_timesteps
+        if step != self._next_rollout:
             raise InputError(
-                f"{type(self.model).__name__}: a rollout began after {self.model.num_timesteps} steps; "
-                f"accepted: rollouts of {self._rollout} steps, as the settings say."
+                f"{type(self.model).__name__}: a rollout began after {step} steps; accepted: after "
+                f"{self._next_rollout}, since the settings say that a rollout has {self._rollout} steps."
             )
-        self.keep_policy(before=self.model.num_timesteps + self._rollout)
+        self._next_rollout += self._rollout
+        self.keep_policy(before=self._next_rollout)
 
     def _on_step(self) -> bool:
         self.keep_counts(self.model.num_timesteps)
@@ -236,10 +233,8 @@ def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
       Seeds for the env and for the action space.
     """
     words = seed.generate_state(14, np.uint32)
-    integers = [
-        int.from_bytes(part.astype("<u4").tobytes(), "little")
-        for part in (words[4:6], words[6:10], words[10:])
-    ]
+    parts = words[4:6], words[6:10], words[10:]
+    integers = [int.from_bytes(part.astype("<u4").tobytes(), "little") for part in parts]
     numpy_state = np.random.get_state()  # noqa: NPY002
     threads = torch.get_num_threads()
     try:

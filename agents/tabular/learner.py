@@ -133,20 +133,19 @@ def train(
     record_table: bool = False,
     threads: int = 1,
 ) -> TabularTraining:
-    """Trains one agent per seed.
+    """Trains one agent per seed, see `agents.contract.Algorithm.train`.
 
     Args:
       model: Compiled scenario.
-      settings: The learner's settings, the same for all agents.
-      seeds: One per agent; equal seeds give equal agents.
-      schedule: When to keep policies and values, in units of the budget.
+      settings: The learner's settings.
+      seeds: One per agent.
+      schedule: In units of the budget.
       update: What the agents learn by.
       record_table: Whether to record the largest value of the whole table, too.
       threads: How many threads to use; no result depends on it.
 
     Raises:
-      ValueError: There are no seeds, there is no thread, the schedule is for another budget, or the rule has
-        traces and the settings do not.
+      ValueError: No seed or thread, a schedule for another budget, or traces without their settings.
     """
     check_request(settings, seeds, schedule)
     if update.has_traces and not isinstance(settings, TraceSettings):
