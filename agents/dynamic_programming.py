@@ -128,7 +128,7 @@ def evaluate(
         model.is_wrong_ping,
         model.zone,
         model.observation,
-        starts_of(model, start),
+        *starts_of(model, start),
         horizon,
         sums,
     )
@@ -155,7 +155,10 @@ def _sweep(
     is_wrong_ping: NDArray[np.bool_],
     zone: NDArray[np.int8],
     observation: NDArray[np.int32],
-    all_starts: Starts,
+    starts: NDArray[np.int64],
+    start_probability: NDArray[np.float64],
+    group: NDArray[np.int64],
+    n_block: int,
     horizon: int,
     sums: NDArray[np.float64],
 ) -> None:
@@ -164,7 +167,6 @@ def _sweep(
     First it finds the states that the policy can reach, for a greedy policy very few, and lists the
     transitions between them, ordered by target. Then every step is a pass over that list.
     """
-    starts, start_probability, group, n_block = all_starts
     n_states, n_actions, n_outcomes = next_state.shape
     place = np.full(n_states, -1, dtype=np.int32)  # a state's index in `reached`
     reached = np.empty(n_block, dtype=np.int64)  # the states reached, in the order of their discovery

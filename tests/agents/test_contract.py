@@ -75,7 +75,7 @@ def test_trainings_that_keep_the_contract_pass() -> None:
     check_training(replace(TRAINING, stochastic=probabilities, q=np.empty((2, 0, 5))), MODEL, 2, SCHEDULE)
     check_training(DeepTraining(**vars(TRAINING), weights=np.zeros((2, 32), np.uint8)), MODEL, 2, SCHEDULE)
     with pytest.raises(ValueError, match="weights: shape"):
-        check_training(DeepTraining(**vars(TRAINING), weights=np.zeros((3, 7))), MODEL, 2, SCHEDULE)
+        check_training(DeepTraining(**vars(TRAINING), weights=np.zeros((3, 7), np.uint8)), MODEL, 2, SCHEDULE)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Training)])

@@ -87,7 +87,7 @@ class Episodic(DQN):
     """Trains after whole episodes by default."""
 
     def __init__(self, *args: Any, train_freq: tuple[int, str] = (1, "episode"), **kwargs: Any) -> None:
-        super().__init__(*args, train_freq=train_freq, **kwargs)
+        super().__init__(*args, **kwargs | {"train_freq": train_freq})
 
 
 class Mute(DQN):
@@ -151,7 +151,7 @@ def test_path_and_name_of_a_class_train_the_same(
 
 
 def test_another_package_solves_a_small_scene() -> None:
-    values = {"n_envs": 4, "n_steps": 50, "batch_size": 100, "gamma": 0.9, "gae_lambda": 0.8}
+    values: dict[str, Any] = {"n_envs": 4, "n_steps": 50, "batch_size": 100, "gamma": 0.9, "gae_lambda": 0.8}
     training = trained("sb3_contrib:TRPO", SMALL, budget=6000, **values)
     optimum = solve(SMALL, 1.0, 50).value[SMALL.start]
     reached = evaluate(SMALL, mask_policy(training.greedy[:, -1:]), 50).grid_return[0, 0]

@@ -550,7 +550,9 @@ def poisoned(name: str, from_step: int) -> Callable[..., Any]:
     """Makes agents of which the second has weights that are not finite, from some step on."""
     made: list[Any] = []
 
-    class Agent(AGENTS[name]):  # type: ignore[misc]
+    base: Any = AGENTS[name]
+
+    class Agent(base):  # type: ignore[misc]
         def advance(self, until: int) -> None:
             if until >= from_step and made.index(self) == 1:
                 super().advance(from_step)

@@ -19,8 +19,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import DeepTraining, Schedule, check_training, load_algorithm
-from agents.dynamic_programming import evaluate, solve
-from agents.policy import ALL_ACTIONS, contains, mask_policy
+from agents.dynamic_programming import solve
+from agents.policy import ALL_ACTIONS, contains
 from agents.sb3 import algorithms, training
 from agents.sb3.settings import (
     A2cSettings,
@@ -419,16 +419,6 @@ SMALL = compile_scenario(
         },
     )
 )
-
-
-def test_ppo_solves_a_small_scene() -> None:
-    settings = PpoSettings(
-        budget=4000, time_limit=50, n_envs=4, n_steps=25, learning_rate=1e-3, gamma=0.9, batch_size=50,
-        gae_lambda=0.8, ent_coef=0.03,
-    )  # fmt: skip
-    learned = METHODS["ppo"].train(SMALL, settings, "one_hot", [SeedSequence(1)], Schedule(4000, (4000,)))
-    optimum = solve(SMALL, 1.0, 50).value[SMALL.start]
-    assert evaluate(SMALL, mask_policy(learned.greedy), 50).grid_return[0, 0] == pytest.approx(optimum)
 
 
 def test_linear_layer_over_one_hot_learns_the_optimal_values() -> None:
