@@ -9,7 +9,7 @@ Returns are undiscounted unless a discount is given.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +36,34 @@ class Evaluation:
     zone_steps: NDArray[np.float64]  # (..., 4) steps that end in each of ZONES
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """The optimal values of a model."""
 
     q: NDArray[np.float64]  # (S, A) value of each action if the best actions follow
     value: NDArray[np.float64]  # (S,)
+
+
+class Starts(NamedTuple):
+    """Where episodes start, place by place.
+
+    An episode never leaves the states of its place, so sweeps go through the places one after the other. That
+    keeps what they read in the caches. Place g has the starts first[g] to first[g + 1] - 1, all among the
+    states g * n_block to (g + 1) * n_block - 1.
+    """
+
+    state: NDArray[np.int64]  # those with a probability above 0, rising
+    probability: NDArray[np.float64]  # of each
+    first: NDArray[np.int64]  # (places + 1,)
+    n_block: int  # states of a place
+
+
+def starts_of(model: Model, start: NDArray[np.float64]) -> Starts:
+    """Returns the starts of a distribution over states, (S,)."""
+    states = np.flatnonzero(start)
+    n_block = len(start) // model.n_places
+    return Starts(
+        states, start[states], np.searchsorted(states, n_block * np.arange(model.n_places + 1)), n_block
+    )
 
 
 def from_starts(model: Model) -> NDArray[np.float64]:
@@ -93,11 +115,6 @@ def evaluate(
     is_over = model.is_over
     if start.shape != is_over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[is_over].any():
         raise ValueError("start: accepted: probabilities of states in which the episode goes on.")
-    starts = np.flatnonzero(start)
-    # An episode never leaves the states of its place, so places are swept one after the other, which keeps
-    # what a sweep reads in the caches.
-    n_block = len(start) // model.n_places
-    group = np.searchsorted(starts, n_block * np.arange(model.n_places + 1))
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
     _sweep(
@@ -111,10 +128,7 @@ def evaluate(
         model.is_wrong_ping,
         model.zone,
         model.observation,
-        starts,
-        start[starts],
-        group,
-        n_block,
+        *starts_of(model, start),
         horizon,
         sums,
     )
@@ -152,9 +166,6 @@ def _sweep(
 
     First it finds the states that the policy can reach, for a greedy policy very few, and lists the
     transitions between them, ordered by target. Then every step is a pass over that list.
-
-    Group g has the starts group[g] to group[g + 1] - 1, all among the states g * n_block to
-    (g + 1) * n_block - 1, which an episode never leaves.
     """
     n_states, n_actions, n_outcomes = next_state.shape
     place = np.full(n_states, -1, dtype=np.int32)  # a state's index in `reached`

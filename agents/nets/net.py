@@ -47,13 +47,19 @@ class Net(NamedTuple):
     zeros: Numbers  # (W,)
 
 
+class Memo(NamedTuple):
+    """Which observations were met since `forget`."""
+
+    met_at: NDArray[np.int64]  # (O,) when each was last met
+    now: NDArray[np.int64]  # (1,) calls of `forget`
+
+
 class Merged(NamedTuple):
     """The observations of a mini-batch, each once."""
 
     distinct: NDArray[np.int32]  # (B,)
     place: NDArray[np.int64]  # (O,) where an observation is among them
-    met_at: NDArray[np.int64]  # (O,) the last call in which it was
-    n_calls: NDArray[np.int64]  # (1,)
+    memo: Memo
 
 
 class Parameters(NamedTuple):
@@ -115,10 +121,14 @@ def parameters_of(n_parameters: int, kind: type[np.floating[Any]]) -> Parameters
     )
 
 
+def memo_of(n_observations: int) -> Memo:
+    """Returns a memo of nothing."""
+    return Memo(np.full(n_observations, -1), np.zeros(1, np.int64))
+
+
 def merged_of(n_observations: int, n_rows: int) -> Merged:
     """Returns room for `merge`."""
-    place, met_at = np.zeros(n_observations, np.int64), np.zeros(n_observations, np.int64)
-    return Merged(np.zeros(n_rows, np.int32), place, met_at, np.zeros(1, np.int64))
+    return Merged(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64), memo_of(n_observations))
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -130,13 +140,28 @@ def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
 
 
 @inlined
+def forget(memo: Memo) -> None:
+    """Makes all observations new."""
+    memo.now[0] += 1
+
+
+@inlined
+def is_new(memo: Memo, o: int) -> bool:
+    """Returns whether an observation is met for the first time since `forget`."""
+    if memo.met_at[o] == memo.now[0]:
+        return False
+    memo.met_at[o] = memo.now[0]
+    return True
+
+
+@inlined
 def merge(observed: NDArray[np.int32], merged: Merged) -> int:
     """Lists the observations of a mini-batch (B,), each once, and returns how many there are."""
     n_distinct = 0
-    merged.n_calls[0] += 1
+    forget(merged.memo)
     for o in observed:
-        if merged.met_at[o] != merged.n_calls[0]:
-            merged.met_at[o], merged.place[o], merged.distinct[n_distinct] = merged.n_calls[0], n_distinct, o
+        if is_new(merged.memo, o):
+            merged.place[o], merged.distinct[n_distinct] = n_distinct, o
             n_distinct += 1
     return n_distinct
 

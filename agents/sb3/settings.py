@@ -105,7 +105,23 @@ class QrdqnSettings(DqnSettings):
     max_grad_norm: Positive | None = None  # type: ignore[assignment]
 
 
-class PpoSettings(Sb3Settings):
+class OnPolicySettings(Sb3Settings):
+    """What PPO and A2C have in common."""
+
+    n_steps: Count
+    gae_lambda: Share
+    ent_coef: Annotated[float, Field(ge=0)] = 0.0
+    vf_coef: Annotated[float, Field(ge=0)] = 0.5
+    max_grad_norm: Positive = 0.5
+    normalize_advantage: bool
+
+    @property
+    def rollout(self) -> int:
+        """`n_steps` of every env."""
+        return self.n_steps * self.n_envs
+
+
+class PpoSettings(OnPolicySettings):
     """Arguments and defaults of SB3's PPO."""
 
     learning_rate: Positive = 3e-4
@@ -116,15 +132,7 @@ class PpoSettings(Sb3Settings):
     clip_range: Positive = 0.2
     clip_range_vf: Positive | None = None
     normalize_advantage: bool = True
-    ent_coef: Annotated[float, Field(ge=0)] = 0.0
-    vf_coef: Annotated[float, Field(ge=0)] = 0.5
-    max_grad_norm: Positive = 0.5
     target_kl: Positive | None = None
-
-    @property
-    def rollout(self) -> int:
-        """`n_steps` of every env."""
-        return self.n_steps * self.n_envs
 
     @model_validator(mode="after")
     def _advantages_vary(self) -> Self:
@@ -133,23 +141,15 @@ class PpoSettings(Sb3Settings):
         return self
 
 
-class A2cSettings(Sb3Settings):
+class A2cSettings(OnPolicySettings):
     """Arguments and defaults of SB3's A2C."""
 
     learning_rate: Positive = 7e-4
     n_steps: Count = 5
     gae_lambda: Share = 1.0
-    ent_coef: Annotated[float, Field(ge=0)] = 0.0
-    vf_coef: Annotated[float, Field(ge=0)] = 0.5
-    max_grad_norm: Positive = 0.5
     rms_prop_eps: Positive = 1e-5
     use_rms_prop: bool = True
     normalize_advantage: bool = False
-
-    @property
-    def rollout(self) -> int:
-        """`n_steps` of every env."""
-        return self.n_steps * self.n_envs
 
     @model_validator(mode="after")
     def _advantages_vary(self) -> Self:

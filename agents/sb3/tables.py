@@ -73,11 +73,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class, checked.
-
-    Args:
-      agent: An agent with the interface of SB3.
-      observations: (O, ...), as `envs.observations.observation_table` has them.
+    """Returns `policy_table` of an agent of any class.
 
     Raises:
       ValueError: Its policy cannot be read as a finite table with a row per observation.

@@ -1,8 +1,6 @@
 """The compiled loop that trains tabular agents, one after the other, each from its random stream.
 
-`compile_kernel` makes the loop for one update rule. Each agent acts epsilon-greedily. Its stream is
-xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so agents that are trained together equal the same
-agents trained one at a time, bit for bit.
+`compile_kernel` makes the loop for one update rule. Each agent acts epsilon-greedily.
 
 A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
 candidates to take: all actions when exploring, else the greedy ones. Then follow, each only where there is
@@ -30,15 +28,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
-from agents.process import (
-    N_ACTIONS,
-    Process,
-    U,
-    draw_outcome,
-    draw_reward,
-    draw_start,
-    draw_word,
-)
+from agents.process import N_ACTIONS, Process, U, draw_outcome, draw_reward, draw_start, draw_word
 from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
 
 PLACES: Final = 60
@@ -133,7 +123,7 @@ def _take_snapshot(
     greedy: NDArray[np.int64],
     disagreements: int,
 ) -> None:
-    """Keeps what agent n has come to at evaluation step i, which is map step i_map, or none if that is -1."""
+    """Keeps the state of agent n at evaluation step i, which is map step i_map, or none if that is -1."""
     results.disagreements[n, i] = disagreements
     for o in range(len(greedy)):
         results.greedy[n, i, o] = greedy[o]
@@ -210,16 +200,9 @@ def _train(
     """
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    (
-        rates,
-        visit_exponent,
-        discount,
-        epsilons,
-        initial_value,
-        trace_decay,
-        takes_lowest,
-        time_limit,
-    ) = constants
+    rates, visit_exponent, discount, epsilons, initial_value, trace_decay, takes_lowest, time_limit = (
+        constants
+    )
     budget, by_episode, record_every, points, map_index = plan
     n_pairs = n_observations * N_ACTIONS
     has_tree = results.table_max_q.shape[1] > 0
@@ -286,10 +269,9 @@ def _train(
                     if _IS_ON_POLICY:
                         word, stream = draw_word(stream)
                         a_next = choose_action(word, explore_below, greedy[o_next])
+                    best_value, best_actions = highest[o_next], greedy[o_next]
                     value = _bootstrap(
-                        Successor(
-                            q, o_next, highest[o_next], greedy[o_next], epsilon, a_next, tables, learned, best
-                        )
+                        Successor(q, o_next, best_value, best_actions, epsilon, a_next, tables, learned, best)
                     )
                 target = reward + discount * value
                 rate = learning_rate
@@ -299,15 +281,8 @@ def _train(
                 if _HAS_TRACES:
                     if begins or not (greedy[o] >> a) & U(1):
                         n_traces = 0
-                    n_traces = _trace(
-                        traced,
-                        traces,
-                        trace_rates,
-                        n_traces,
-                        discount * trace_decay,
-                        o * U(N_ACTIONS) + a,
-                        rate,
-                    )
+                    pair, decay = o * U(N_ACTIONS) + a, discount * trace_decay
+                    n_traces = _trace(traced, traces, trace_rates, n_traces, decay, pair, rate)
                     error = target - q[o, a]
                     for j in range(n_traces):
                         o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))

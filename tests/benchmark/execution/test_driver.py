@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
-from agents import LearnerSettings, Schedule, Training, load_algorithm
+from agents import Algorithm, LearnerSettings, Schedule, Training, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import ALL_ACTIONS, mask_policy
 from benchmark.execution import job as execution
@@ -42,7 +42,7 @@ class Settings(LearnerSettings):
 
 
 @dataclass
-class Toy:
+class Toy(Algorithm):
     """An algorithm that learns a number, which depends on the seed, or raises an error."""
 
     error: Exception | None = None
