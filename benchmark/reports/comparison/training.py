@@ -162,7 +162,8 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
     families = {name: each["family"] for name, each in folder.manifest["algorithms"].items()}
     checks = [name for name, each in folder.manifest["algorithms"].items() if each["check_of"]]
     winners: dict[str, list[tuple[str, pd.DataFrame]]] = {}
-    for scenario, here in table[~table["algorithm"].isin(checks)].groupby("scenario", sort=False):
+    own = table[~table["algorithm"].isin(checks)]
+    for scenario, here in own.groupby(words.places(own), sort=False):
         best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
         here_first = {families[name] for name in best["algorithm"]}
         kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
@@ -242,7 +243,7 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
 def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
     found: dict[str, list[str]] = {"net": [], "table": []}
-    for scenario, here in table.groupby("scenario", sort=False):
+    for scenario, here in table.groupby(words.places(table), sort=False):
         fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0]
         low, high, ratio = fastest["ratio_low"], fastest["ratio_high"], fastest["ratio"]
         if low <= 1 <= high:
