@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
-from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED
+from benchmark.analysis.contrasts import MIXED, NO_VERDICT, UNDECIDED
 from benchmark.analysis.contrasts import Side as Means
 from benchmark.analysis.population import overlap
 from benchmark.drawing.tables import link
@@ -25,6 +25,7 @@ from benchmark.reports.comparison.verdicts import (
     decisive_rows,
     effects_of,
     outcome,
+    winners,
 )
 from benchmark.reports.item import Estimate, Finding, Frames, item
 from envs import ACTIONS, ZONES
@@ -114,16 +115,17 @@ def headline(folder: "Folder") -> Finding | None:
     if declared.baseline is None:
         n = link(str(len(table)), "contrasts", table)
         return Finding(f"{start}, of {n} contrast{'s' * (len(table) != 1)}, {counted(table)}.")
-    if "scenario" not in table:
+    places = words.places(table)
+    if not any(places):
         return _pooled(declared, table, folder, start)
     by_outcome: dict[Outcome, list[str]] = {}
-    for scenario, rows in table.groupby("scenario", sort=False):
-        by_outcome.setdefault(outcome(declared, rows), []).append(str(scenario))
+    for place, rows in table[places != ""].groupby(places, sort=False):
+        by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
     parts = []
     for key in OUTCOMES:
         if names := by_outcome.get(key):
-            rows = table[table["scenario"].isin(names)]
-            parts.append(f"{_OUTCOMES[key]} {link(str(len(names)), 'contrasts', rows)} ({listed(names)})")
+            count = link(str(len(names)), "contrasts", table[places.isin(names)])
+            parts.append(f"{_OUTCOMES[key]} {count} ({listed(names)})")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
@@ -142,12 +144,13 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: st
     found = outcome(declared, table)
     means = " (means)" * (len(folder.manifest["scenarios"]) > 1)
     margin = declared.reporting.margins.success
-    winners = listed([f"`{x}`" for x in rows.loc[rows["success_verdict"] == BETTER, "x"]])
+    won = [f"`{x}`" for x in winners(rows)["x"]]
+    more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than `{baseline}`"
     subject = "the deep learner" if len(rows) == 1 else f"each of the {len(rows)} deep learners compared"
     text = {
-        "earns": f"deep RL earns its keep over a table: {winners} succeeds more often than `{baseline}`",
-        "another class": f"{winners} succeeds more often than `{baseline}`, but their policies are of other "
-        "classes, a stochastic and a greedy one, so it is not shown that the net makes the difference",
+        "earns": f"deep RL earns its keep over a table: {more}",
+        "another class": f"{more}, but their policies are of other classes, stochastic and greedy, so it is "
+        "not shown that the net makes the difference",
         "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
         f"`{baseline}`, or equally often within {margin:g}",
         "neither learned": "no learner compared is shown to succeed more often than the random policy",
@@ -334,12 +337,13 @@ def _heat(tables: Frames, context: Context) -> "Figure":
     from envs.scene import COLOUR_MAP
 
     frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
+    frame = frame.assign(scenario=words.places(frame))
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
         rows = contrasts[contrasts["y"] == str(baseline)]
         verdicts = dict(
-            zip(zip(rows["scenario"], rows["x"], strict=True), rows["success_verdict"], strict=True)
+            zip(zip(words.places(rows), rows["x"], strict=True), rows["success_verdict"], strict=True)
         )
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
     table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
@@ -389,6 +393,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> str | None:
     "aggregate",
     "every learner over all scenarios, after training",
     {
+        "condition": "",
         "algorithm": "",
         "observation": "",
         "policy": "",
@@ -407,9 +412,9 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
 
     if runs.declared.reporting.pool != "scenarios":
         return
-    for learner, cells in runs.learners.items():
-        row: dict[str, Any] = {**learner._asdict(), "policy": cells[0].policy}
-        row |= {"runs": sum(cell.n for cell in cells), "settings_tried": runs.tuning.get(learner.algorithm)}
+    for names, cells in runs.over_scenarios:
+        row: dict[str, Any] = {**names, "policy": cells[0].policy, "runs": sum(cell.n for cell in cells)}
+        row["settings_tried"] = runs.tuning.get(names["algorithm"])
         for start in cells[0].population.specification["evaluated_from"]:
             for name in ENDPOINTS:
                 means = [cell.means(name, start) for cell in cells]
@@ -424,7 +429,7 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
 @aggregate.sentence
 def _(table: pd.DataFrame, folder: "Folder") -> str | None:
     """Says what was learned away from the path from the start."""
-    if "every_cell_success" not in table:
+    if "every_cell_success" not in table or "condition" in table:
         return None
     parts = [
         f"`{words.name_of(row)}` {words.interval(row, 'every_cell_success', 'aggregate')} against "
@@ -437,6 +442,8 @@ def _(table: pd.DataFrame, folder: "Folder") -> str | None:
 @aggregate.sentence
 def _(table: pd.DataFrame, folder: "Folder") -> str | None:
     """Says how checks and the learners that they check compare."""
+    if "condition" in table:
+        return None
     algorithms, rows = folder.manifest["algorithms"], {words.name_of(row): row for _, row in table.iterrows()}
     parts = [
         f"`{name}` {words.interval(row, 'success', 'aggregate')} and "

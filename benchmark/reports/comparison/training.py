@@ -155,7 +155,8 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
     families = {name: each["family"] for name, each in folder.manifest["algorithms"].items()}
     checks = [name for name, each in folder.manifest["algorithms"].items() if each["check_of"]]
     winners: dict[str, list[tuple[str, pd.DataFrame]]] = {}
-    for scenario, here in table[~table["algorithm"].isin(checks)].groupby("scenario", sort=False):
+    own = table[~table["algorithm"].isin(checks)]
+    for scenario, here in own.groupby(words.places(own), sort=False):
         best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
         here_first = {families[name] for name in best["algorithm"]}
         kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
@@ -186,12 +187,13 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
 
     Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
+    It is empty if neither learns.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *x.scenario.encode()])
     (x_low, x_high), (y_low, y_high) = _medians(x, rng), _medians(y, rng)
     steps = float(x_high[0]), float(y_high[0])
     if math.isinf(steps[0]) and math.isinf(steps[1]):
-        return {"x_step": math.inf, "y_step": math.inf, "ratio": math.nan}
+        return {}
     with np.errstate(divide="ignore", invalid="ignore"):
         low = np.percentile((y_low / x_high)[1:], 2.5, method="lower")
         high = np.percentile((y_high / x_low)[1:], 97.5, method="higher")
@@ -217,7 +219,6 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
         "y_step": "steps of y",
         "ratio": "ratio, y to x",
     },
-    where=lambda frame: frame[frame["ratio"].notna()],
 )
 def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     """Of every deep learner against every table; a ratio above 1 is in favour of x, the net."""
@@ -226,16 +227,16 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
         by_family[runs.declared.families[cell.learner]].append(cell)
     for x in by_family["deep"]:
         for y in by_family["tabular"]:
-            if (x.scenario, x.condition) == (y.scenario, y.condition):
+            if (x.scenario, x.condition) == (y.scenario, y.condition) and (ratio := _ratio(x, y)):
                 names = {key: name for key, name in x.names.items() if key in ("scenario", "condition")}
-                yield {**names, "x": str(x.learner), "y": str(y.learner), **_ratio(x, y)}
+                yield {**names, "x": str(x.learner), "y": str(y.learner), **ratio}
 
 
 @speedups.sentence
 def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
     found: dict[str, list[str]] = {"net": [], "table": []}
-    for scenario, here in table[table["ratio"].notna()].groupby("scenario", sort=False):
+    for scenario, here in table.groupby(words.places(table), sort=False):
         fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0]
         low, high, ratio = fastest["ratio_low"], fastest["ratio_high"], fastest["ratio"]
         if low <= 1 <= high:
