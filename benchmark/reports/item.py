@@ -155,6 +155,11 @@ def item(
     return register
 
 
+def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
+    """Chooses no rows for readers, since the figure shows them."""
+    return frame.iloc[:0]
+
+
 def drawing(name: str, description: str, caption: str) -> Callable[[Any], Item]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
 

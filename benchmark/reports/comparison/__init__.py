@@ -27,7 +27,6 @@ REPORT = Report(
         training.steps,
         training.speedups,
         training.ahead,
-        training.threshold,
         results.effects,
         results.scenarios,
         results.region,

@@ -1,19 +1,24 @@
 """Items of a comparison: what each learner reached, how learners differ, and what they know."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
 from benchmark.analysis.contrasts import MIXED, NO_VERDICT, UNDECIDED
 from benchmark.analysis.contrasts import Side as Means
 from benchmark.analysis.population import overlap
+from benchmark.drawing.maps import colour_bar, dots, gallery, heat, region_legend
+from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
-from benchmark.reports.comparison import words
+from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
 from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
 from benchmark.reports.comparison.verdicts import (
@@ -27,14 +32,11 @@ from benchmark.reports.comparison.verdicts import (
     outcome,
     winners,
 )
-from benchmark.reports.item import Estimate, Finding, Frames, item
+from benchmark.reports.folder import Folder
+from benchmark.reports.item import Estimate, Finding, Frames, item, no_rows
 from envs import ACTIONS, ZONES
+from envs.scene import COLOUR_MAP, colour_limits, scene_of
 from envs.words import listed
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from benchmark.reports.folder import Folder
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
 _FEW: Final = 4  # scenarios whose table readers see; of more, the figure
@@ -76,8 +78,7 @@ def contrasts(runs: Runs) -> list[dict[str, Any]]:
 
 
 @contrasts.figure("The contrasts, with intervals, margins and verdicts.")
-def _(tables: Frames, _: Context) -> "Figure | None":
-    from benchmark.reports.comparison import figures
+def _(tables: Frames, _: Context) -> Figure | None:
 
     if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
         return None
@@ -90,7 +91,7 @@ def _(tables: Frames, _: Context) -> "Figure | None":
 
 
 @contrasts.sentence
-def _(table: pd.DataFrame, __: "Folder") -> Iterator[Finding]:
+def _(table: pd.DataFrame, __: Folder) -> Iterator[Finding]:
     """Tells every contrast, or of many those with a verdict, won or lost."""
     for _, row in table.iterrows():
         if len(table) <= _MOST_TOLD or row["success_verdict"] not in (UNDECIDED, NO_VERDICT):
@@ -98,14 +99,14 @@ def _(table: pd.DataFrame, __: "Folder") -> Iterator[Finding]:
 
 
 @contrasts.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says if the runs could not have shown equivalence."""
     declared = Declared.from_manifest(folder.manifest)
     n_pooled = 1 if "scenario" in table else len(folder.manifest["scenarios"])
     return cannot_show(int(table["n"].min()), n_pooled, len(table), declared.reporting) or None
 
 
-def headline(folder: "Folder") -> Finding | None:
+def headline(folder: Folder) -> Finding | None:
     """Answers whether deep RL earns its keep, for which budget and in which scenarios."""
     declared = Declared.from_manifest(folder.manifest)
     start = words.setting(folder)
@@ -138,7 +139,7 @@ def headline(folder: "Folder") -> Finding | None:
     return Finding(f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
 
 
-def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: str) -> Finding:
+def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
     """Answers for the mean over scenarios, or for the only one."""
     rows, baseline = decisive_rows(declared, table), declared.baseline
     found = outcome(declared, table)
@@ -197,7 +198,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: st
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },
-    where=lambda frame: frame.iloc[:0],  # the figure shows it
+    where=no_rows,
 )
 def effects(runs: Runs) -> list[dict[str, Any]]:
     """95 % intervals are not adjusted, and there are no verdicts."""
@@ -205,9 +206,7 @@ def effects(runs: Runs) -> list[dict[str, Any]]:
 
 
 @effects.figure("Differences between two scenarios, by learner.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
+def _(tables: Frames, context: Context) -> Figure | None:
 
     frame = tables.get("effects", pd.DataFrame())
     if "algorithm" not in frame:
@@ -239,7 +238,7 @@ def _(tables: Frames, context: Context) -> "Figure | None":
 
 
 @effects.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
+def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Tells where an effect on success excludes 0, and all effects that are not one per learner."""
     compared = {str(learner) for learner in Declared.from_manifest(folder.manifest).compared}
     for name, rows in table.groupby("effect", sort=False):
@@ -273,7 +272,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
         "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
         "every_cell_success": "success from any cell",
     },
-    where=lambda frame: frame if frame["scenario"].nunique() <= _FEW else frame.iloc[:0],
+    where=lambda frame: frame if frame["scenario"].nunique() <= _FEW else no_rows(frame),
 )
 def summary(runs: Runs) -> Iterator[dict[str, Any]]:
     """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
@@ -292,18 +291,14 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @summary.figure("How often each learner succeeds after training, and the verdicts.")
-def _(tables: Frames, context: Context) -> "Figure":
-    from benchmark.reports.comparison import figures
+def _(tables: Frames, context: Context) -> Figure:
 
     draw = _dots if tables["summary"]["scenario"].nunique() <= figures.FEW else _heat
     return draw(tables, context)
 
 
-def _dots(tables: Frames, context: Context) -> "Figure":
+def _dots(tables: Frames, context: Context) -> Figure:
     """Draws a panel per scenario, and one of the means over scenarios if these are pooled."""
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-
     frame, baseline = tables["summary"], context.declared.baseline
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
     panels = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
@@ -330,12 +325,8 @@ def _with_tuning(learner: Learner, context: Context) -> str:
     return f"{learner} ({n_tried} tried)" if n_tried else str(learner)
 
 
-def _heat(tables: Frames, context: Context) -> "Figure":
+def _heat(tables: Frames, context: Context) -> Figure:
     """Draws a row per scenario and a column per learner, with the signs of verdicts."""
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-    from envs.scene import COLOUR_MAP
-
     frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
     frame = frame.assign(scenario=words.places(frame))
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
@@ -370,7 +361,7 @@ def _heat(tables: Frames, context: Context) -> "Figure":
 
 
 @summary.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what the other policy of a stochastic learner does."""
     parts = []
     for (algorithm, observation), rows in table[table["policy"] == "stochastic"].groupby(
@@ -427,7 +418,7 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @aggregate.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what was learned away from the path from the start."""
     if "every_cell_success" not in table or "condition" in table:
         return None
@@ -440,7 +431,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> str | None:
 
 
 @aggregate.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says how checks and the learners that they check compare."""
     if "condition" in table:
         return None
@@ -503,21 +494,7 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
         )
 
 
-@region.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str:
-    """Says how well learners know the personal space."""
-    parts = [
-        f"`{Learner(str(key[0]), str(key[1]))}` {link(f'{rows.overlap.mean():.2f}', 'region', rows)}"
-        for key, rows in words.compared(table, folder).groupby(["algorithm", "observation"], sort=False)
-    ]
-    means = ", means over scenarios" * (table["scenario"].nunique() > 1)
-    return (
-        "Overlap of the cells where an agent values PING with the target region (intersection over "
-        f"union{means}): {'; '.join(parts)}."
-    )
-
-
-@item("maps", "final values of PING in every cell, without checks")
+@item("maps", "final values of PING in every cell, without checks", where=no_rows)
 def maps(runs: Runs) -> pd.DataFrame | None:
     """`value` is the mean Q over agents, or the mean probability of a stochastic policy.
 
@@ -544,20 +521,8 @@ def maps(runs: Runs) -> pd.DataFrame | None:
     return pd.concat(frames, ignore_index=True) if frames else None
 
 
-@maps.shown
-def _(_: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame()  # the figure shows it
-
-
 @maps.figure("Mean final Q of PING, of tables and nets.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from matplotlib.colors import Normalize
-    from matplotlib.lines import Line2D
-
-    from benchmark.drawing.maps import colour_bar, dots, heat, region_legend
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-    from envs.scene import colour_limits, scene_of
+def _(tables: Frames, context: Context) -> Figure | None:
 
     if "maps" not in tables:
         return None
@@ -638,14 +603,13 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @scenarios.figure("The scenarios.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from benchmark.drawing.maps import gallery
+def _(tables: Frames, context: Context) -> Figure | None:
 
     return gallery(list(context.models.values())) if "scenarios" in tables else None
 
 
 @scenarios.sentence
-def _(table: pd.DataFrame, __: "Folder") -> str | None:
+def _(table: pd.DataFrame, __: Folder) -> str | None:
     """Says what is possible where something is hidden."""
     if "memoryless_score" not in table:
         return None

@@ -76,24 +76,16 @@ def setting(folder: Folder) -> str:
 
 
 def compared(table: pd.DataFrame, folder: Folder, *, with_checks: bool = False) -> pd.DataFrame:
-    """Returns the rows of the learners that are compared with the baseline, and of all tables."""
-    declared = Declared.from_manifest(folder.manifest)
+    """Returns the rows of the learners that contrasts compare, and on demand of their checks."""
     algorithms = folder.manifest["algorithms"]
-    wanted = {learner.algorithm for learner in declared.decisive or declared.compared}
-    wanted |= {
-        name for name, each in algorithms.items() if each["family"] == "tabular" and not each["check_of"]
-    }
+    wanted = {*Declared.from_manifest(folder.manifest).compared}
+    learners = [Learner(*pair) for pair in zip(table["algorithm"], table["observation"], strict=True)]
     if with_checks:
-        wanted |= {name for name, each in algorithms.items() if each["check_of"] in wanted}
-    seen = {str(learner) for learner in declared.decisive or declared.compared}
-    forms = {learner.observation for learner in declared.decisive} or set(table["observation"])
-    return table[
-        [
-            row["algorithm"] in wanted
-            and (name_of(row) in seen or row["observation"] == "index" or row["observation"] in forms)
-            for _, row in table.iterrows()
-        ]
-    ]
+        checked = {
+            each: Learner(algorithms[each.algorithm]["check_of"], each.observation) for each in learners
+        }
+        wanted |= {check for check, learner in checked.items() if learner in wanted}
+    return table[[learner in wanted for learner in learners]]
 
 
 def name_of(row: pd.Series) -> str:
