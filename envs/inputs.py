@@ -38,15 +38,16 @@ _TOO_LARGE: Final = 10**_MOST_DIGITS
 # read from the metadata of an installation; a test compares it with pyproject.toml.
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "reproduce": (
-        "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba", "packaging", "pandas",
-        "rich", "scipy", "seaborn", "tabulate",
+        "PIL", "jinja2", "llvmlite", "markdown_it", "markupsafe", "matplotlib", "numba", "packaging",
+        "pandas", "rich", "scipy", "seaborn", "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
     "cluster": ("distributed",),
     "render": ("pygame",),
     "tensorboard": ("tensorboard",),
 }  # fmt: skip
-PACKAGES: Final[Mapping[str, str]] = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}  # of modules with another name
+# Of modules with another name.
+PACKAGES: Final[Mapping[str, str]] = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit, that is not a number, true, "
     "false or NA"
