@@ -203,7 +203,7 @@ def test_texts_of_all_folders_and_the_page_are_written_again(results: Path, tmp_
     shutil.copytree(results, tmp_path / "results", ignore=shutil.ignore_patterns("README.md", "index.html"))
     shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "mine")
     assert main(["report", "--results", str(tmp_path / "results")]) == 0
-    for file in ("index.html", "compare_deep/README.md", "speed/README.md"):
+    for file in ("index.html", "compare_deep/README.md", "reproduce/README.md"):
         made, there = ((path / file).read_text(encoding="utf-8") for path in (tmp_path / "results", results))
         assert made == there, file
     assert (tmp_path / "results" / "mine" / "README.md").exists()
