@@ -11,10 +11,16 @@ from typing import Final, NoReturn
 
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
 
+
+def _is_interrupt(error: BaseException) -> bool:
+    """Returns whether Ctrl-C was pressed; pydantic turns that into an error of its own."""
+    return "KeyboardInterrupt" in f"{type(error).__name__}: {error}"
+
+
 try:
     from envs.inputs import InputError, needed_by
-except BaseException as error:  # imports take a second; pydantic turns an interrupt into an error of its own
-    if "KeyboardInterrupt" not in f"{type(error).__name__}: {error}":
+except BaseException as error:  # imports take a second
+    if not _is_interrupt(error):
         raise
     print(_INTERRUPTED, file=sys.stderr)
     sys.exit(130)
@@ -22,14 +28,9 @@ except BaseException as error:  # imports take a second; pydantic turns an inter
 _EPILOG = """\
 examples:
   python -m benchmark list                         what there is, and which runs are done
-  python -m benchmark run reproduce                execute missing runs, on all cores
-  python -m benchmark run reproduce --report       the same, then draw results/reproduce
-  python -m benchmark run reproduce --seeds 0-9    only ten agents per scenario
+  python -m benchmark run reproduce --report       execute missing runs on all cores, draw results/reproduce
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
-  python -m benchmark run compare_deep --report    tables against DQN and PPO, about an hour
-  python -m benchmark run beyond --report          the same in scenarios beyond the paper, about 45 minutes
-  python -m benchmark run beyond --cluster tcp://HOST:8786  the same on the machines of a Dask cluster
-  python -m benchmark report reproduce             draw results/reproduce from stored runs
+  python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report beyond --format pdf   write its figures as PDF, into results/beyond_pdf
   python -m benchmark report                       build results/index.html from published results
@@ -37,8 +38,6 @@ examples:
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent
   python -m benchmark doctor compare_deep          examine this machine; estimate time and memory
-  python -m benchmark speed                        measure speed against common alternatives
-  python -m benchmark growth                       measure time and memory against agents, cells, stored runs
 
 Runs are stored in RESULTS/runs.db, and a stored run is not repeated: interrupt at any time and continue
 with the same command. Exit codes: 0 success, 1 a run failed or a problem was found, 2 invalid input, 130
@@ -57,27 +56,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with needed_by(f"benchmark {options.command}"):
             code = int(import_module(f"benchmark.commands.{options.command}").main(options))
         sys.stdout.flush()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
         _silence_output()
         return 0
-    except OSError as error:
-        _silence_output()
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"error: {InputError(f'{where}{error.strerror or error}.')}", file=sys.stderr)
+    except (InputError, MemoryError, OSError) as error:
+        message: object = error
+        if isinstance(error, MemoryError):
+            message = "out of memory; give fewer --jobs or run a smaller experiment."
+        elif isinstance(error, OSError):
+            _silence_output()
+            where = f"{error.filename}: " if error.filename else ""
+            message = InputError(f"{where}{error.strerror or error}.")
+        print(f"error: {message}", file=sys.stderr)
         return 2
-    except MemoryError:
-        print("error: out of memory; give fewer --jobs or run a smaller experiment.", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(_INTERRUPTED, file=sys.stderr)
-        return 130
-    except Exception as error:
-        if "KeyboardInterrupt" not in str(error):
+    except (Exception, KeyboardInterrupt) as error:
+        if not _is_interrupt(error):
             raise
-        print(_INTERRUPTED, file=sys.stderr)  # it came while pydantic called a function of ours
+        print(_INTERRUPTED, file=sys.stderr)
         return 130
     return code
 
@@ -108,24 +103,16 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="python -m benchmark",
-        description="Runs experiments on the proxemic gridworld and draws their results.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    raw = argparse.RawDescriptionHelpFormatter
+    about = "Runs experiments on the proxemic gridworld and draws their results."
+    parser = _Parser(prog="python -m benchmark", description=about, epilog=_EPILOG, formatter_class=raw)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     def command(name: str, summary: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         sub.set_defaults(command=name)
-        sub.add_argument(
-            "--results",
-            type=Path,
-            default=Path("results"),
-            metavar="DIR",
-            help="folder of results (default: results)",
-        )
+        about = "folder of results (default: results)"
+        sub.add_argument("--results", type=Path, default=Path("results"), metavar="DIR", help=about)
         return sub
 
     command("list", "show scenarios, algorithms and experiments, and how many runs are done")
@@ -134,148 +121,80 @@ def _parser() -> argparse.ArgumentParser:
     _add_experiment(run)
     _add_jobs(run, "; with --cluster: twice the workers at the start, so that each has its next job waiting")
     run.add_argument("--report", action="store_true", help="then draw tables and figures, as 'report' does")
-    run.add_argument(
-        "--tensorboard",
-        type=Path,
-        metavar="DIR",
-        help="write TensorBoard logs of deep learners to DIR; results do not depend on it, only times do",
-    )
+    about = "write TensorBoard logs of deep learners to DIR; results do not depend on it, only times do"
+    run.add_argument("--tensorboard", type=Path, metavar="DIR", help=about)
     where = run.add_mutually_exclusive_group()
-    where.add_argument(
-        "--executor",
-        metavar="NAME",
-        help="run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another "
-        "(default: each algorithm's placement, thread or process)",
-    )
-    where.add_argument(
-        "--cluster",
-        metavar="tcp://HOST:PORT",
-        help="run all jobs on the workers of the Dask scheduler at this address",
-    )
+    about = "run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another (default: each "
+    about += "algorithm's placement, thread or process)"
+    where.add_argument("--executor", metavar="NAME", help=about)
+    about = "run all jobs on the workers of the Dask scheduler at this address"
+    where.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
     run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
     _add_experiment(report, "; without one, only the texts of all results and the page are written")
-    report.add_argument(
-        "--partial",
-        action="store_true",
-        help="draw a comparison even if runs are missing, into EXPERIMENT_partial "
-        "(with --seeds: EXPERIMENT_seeds_A-B_partial)",
-    )
-    report.add_argument(
-        "--format",
-        choices=("svg", "pdf", "tex"),
-        help="only write figures (svg, pdf) or tables (tex) in this form, into EXPERIMENT_FORMAT",
-    )
+    about = "draw a comparison even if runs are missing, into EXPERIMENT_partial (with --seeds: "
+    about += "EXPERIMENT_seeds_A-B_partial)"
+    report.add_argument("--partial", action="store_true", help=about)
+    about = "only write figures (svg, pdf) or tables (tex) in this form, into EXPERIMENT_FORMAT"
+    report.add_argument("--format", choices=("svg", "pdf", "tex"), help=about)
 
     verify = command("verify", "verify checksums, repeat some runs, and draw tables and figures again")
     _add_experiment(verify, "; by default all that 'list' shows", seeds=False)
-    verify.add_argument(
-        "--runs",
-        type=int,
-        default=20,
-        metavar="N",
-        help="how many runs to repeat, drawn at random (default: 20)",
-    )
-    verify.add_argument(
-        "--seed",
-        type=int,
-        metavar="N",
-        help="of the draw; the same seed draws the same runs (default: random)",
-    )
+    about = "how many runs to repeat, drawn at random (default: 20)"
+    verify.add_argument("--runs", type=int, default=20, metavar="N", help=about)
+    about = "of the draw; the same seed draws the same runs (default: random)"
+    verify.add_argument("--seed", type=int, metavar="N", help=about)
     _add_jobs(verify)
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
     watch.add_argument("--scenario", default="S1", help="a scenario of the experiment (default: S1)")
-    watch.add_argument(
-        "--algorithm",
-        default="q_learning",
-        metavar="NAME",
-        help="an arm of the experiment (default: q_learning)",
-    )
+    about = "an arm of the experiment (default: q_learning)"
+    watch.add_argument("--algorithm", default="q_learning", metavar="NAME", help=about)
     watch.add_argument("--observation", help="an observation of that arm (default: its first)")
     watch.add_argument("--seed", default="0", metavar="N", help="the run's seed (default: 0)")
-    watch.add_argument(
-        "--experiment",
-        default="compare_deep",
-        help="the experiment that defines the settings; a missing run is trained and stored "
-        "(default: compare_deep)",
-    )
-    watch.add_argument(
-        "--terminal", action="store_true", help="use the terminal, even if a window can be shown"
-    )
-    watch.add_argument(
-        "--save", type=Path, metavar="FILE", help="write an animated .webp or .gif instead of showing it"
-    )
+    about = "defines the settings; a missing run is trained and stored (default: compare_deep)"
+    watch.add_argument("--experiment", default="compare_deep", help=about)
+    about = "use the terminal, even if a window can be shown"
+    watch.add_argument("--terminal", action="store_true", help=about)
+    about = "write an animated .webp or .gif instead of showing it"
+    watch.add_argument("--save", type=Path, metavar="FILE", help=about)
 
     assess = command("assess", "score an agent exactly, and rank it among the published learners")
     agent = assess.add_mutually_exclusive_group(required=True)
-    agent.add_argument(
-        "--agent",
-        metavar="MODULE:FUNCTION",
-        help="a function of the observation that returns an action or five probabilities",
-    )
-    agent.add_argument(
-        "--model",
-        type=Path,
-        metavar="FILE",
-        help="a model saved by Stable-Baselines3; loading it can run any code: load only what you trust",
-    )
-    assess.add_argument(
-        "--algorithm", metavar="MODULE:CLASS", help="the saved model's class, as in stable_baselines3:PPO"
-    )
-    assess.add_argument(
-        "--stochastic", action="store_true", help="let a saved model sample its actions (default: greedy)"
-    )
+    about = "a function of the observation that returns an action or five probabilities"
+    agent.add_argument("--agent", metavar="MODULE:FUNCTION", help=about)
+    about = "a model saved by Stable-Baselines3; loading it can run any code: load only what you trust"
+    agent.add_argument("--model", type=Path, metavar="FILE", help=about)
+    about = "the saved model's class, as in stable_baselines3:PPO"
+    assess.add_argument("--algorithm", metavar="MODULE:CLASS", help=about)
+    about = "let a saved model sample its actions (default: greedy)"
+    assess.add_argument("--stochastic", action="store_true", help=about)
     assess.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
-    assess.add_argument(
-        "--observation",
-        required=True,
-        help="form of observation that the agent takes: index, one_hot or coordinates",
-    )
+    about = "form of observation that the agent takes: index, one_hot or coordinates"
+    assess.add_argument("--observation", required=True, help=about)
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
-    _add_experiment(
-        doctor, "; then its time, memory and disk are estimated, in at most 20 seconds", draws=False
-    )
+    about = "; then its time, memory and disk are estimated, in at most 20 seconds"
+    _add_experiment(doctor, about, draws=False)
     _add_jobs(doctor)
-    doctor.add_argument(
-        "--cluster",
-        metavar="tcp://HOST:PORT",
-        help="also examine the workers of the Dask scheduler at this address; estimates are for this machine",
-    )
+    about = "also examine the workers of the Dask scheduler at this address; estimates are for this machine"
+    doctor.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
-    speed.add_argument(
-        "--smoke",
-        action="store_true",
-        help="measure for one second, into speed_smoke; the numbers mean nothing",
-    )
-
+    about = "measure for one second, into speed_smoke; the numbers mean nothing"
+    speed.add_argument("--smoke", action="store_true", help=about)
     growth = command("growth", "measure how time and memory grow with agents, cells, stored runs and workers")
-    growth.add_argument(
-        "--smoke",
-        action="store_true",
-        help="measure for a minute, into growth_smoke; the numbers mean nothing",
-    )
+    about = "measure for a minute, into growth_smoke; the numbers mean nothing"
+    growth.add_argument("--smoke", action="store_true", help=about)
     return parser
 
 
 def _add_jobs(command: argparse.ArgumentParser, otherwise: str = "") -> None:
-    """Adds the number of jobs to a command's arguments.
-
-    Args:
-      command: Its parser.
-      otherwise: When the default is another one.
-    """
-    command.add_argument(
-        "--jobs",
-        type=int,
-        metavar="N",
-        help="number of jobs to run at a time; results do not depend on it (default: number of cores"
-        f"{otherwise})",
-    )
+    """Adds the number of jobs to a command's arguments, and says when the default is another one."""
+    about = "number of jobs to run at a time; results do not depend on it (default: number of cores"
+    command.add_argument("--jobs", type=int, metavar="N", help=f"{about}{otherwise})")
 
 
 def _add_experiment(
@@ -289,20 +208,13 @@ def _add_experiment(
       seeds: Whether seeds can be chosen.
       draws: Whether tables and figures are made of the runs.
     """
-    command.add_argument(
-        "experiment",
-        metavar="EXPERIMENT",
-        nargs="?" if if_missing else None,
-        help=f"a name shown by 'list', or the path of a TOML file{if_missing}",
-    )
-    if not seeds:
-        return
-    command.add_argument(
-        "--seeds",
-        metavar="A-B",
-        help="seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
-        + "; tables and figures of other seeds go into EXPERIMENT_seeds_A-B" * draws,
-    )
+    about = f"a name shown by 'list', or the path of a TOML file{if_missing}"
+    nargs = "?" if if_missing else None
+    command.add_argument("experiment", metavar="EXPERIMENT", nargs=nargs, help=about)
+    about = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
+    about += "; tables and figures of other seeds go into EXPERIMENT_seeds_A-B" * draws
+    if seeds:
+        command.add_argument("--seeds", metavar="A-B", help=about)
 
 
 if __name__ == "__main__":

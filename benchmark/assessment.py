@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs import ACTIONS, ZONES, InputError, Model, compile_scenario, load_scenario
-from envs.inputs import needed_by, unknown_name
+from envs.inputs import needed_by, shortened, unknown_name
 from envs.model import PING
 from envs.observations import OBSERVATIONS, observation_table
 from envs.scenario import ScenarioLike
@@ -83,30 +83,11 @@ class Assessment:
         return float(self.evaluation.success)
 
     @property
-    def steps(self) -> float:
-        """Expected steps of an episode."""
-        return float(self.evaluation.steps)
-
-    @property
-    def wrong_pings(self) -> float:
-        """Expected wrong PINGs of an episode."""
-        return float(self.evaluation.wrong_pings)
-
-    @property
-    def uncomfortable_steps(self) -> float:
-        """Expected steps of an episode that end in the uncomfortable region."""
-        return float(self.evaluation.zone_steps[ZONES.index("uncomfortable")])
-
-    @cached_property
-    def marked(self) -> NDArray[np.bool_]:
-        """(F,) in which fresh states PING is the likeliest action; if a move is as likely, it is not."""
-        observed = self.model.observation[self.model.fresh_state]
-        return np.asarray(self.policy.argmax(axis=1) == PING)[observed]
-
-    @property
     def region_overlap(self) -> float:
-        """Intersection over union of `marked` and the target region."""
-        return float(overlap(self.marked, self.model.zone_of_cell == ZONES.index("target")))
+        """Intersection over union of the target region and the cells where no move is as likely as PING."""
+        observed = self.model.observation[self.model.fresh_state]
+        is_marked = np.asarray(self.policy.argmax(axis=1) == PING)[observed]
+        return float(overlap(is_marked, self.model.zone_of_cell == ZONES.index("target")))
 
     @cached_property
     def standing(self) -> Standing | None:
@@ -116,26 +97,24 @@ class Assessment:
 
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
+        exact, name = self.evaluation, self.model.scenario.name
         rows = {
             "score": f"{self.score:<10g} (0: random, 1: optimal for an agent that knows the state; clipped)",
             "unbounded score": f"{self.unbounded_score:g}",
             "success": f"{self.success:g}",
-            "steps": f"{self.steps:g}",
-            "wrong PINGs": f"{self.wrong_pings:g}",
-            "uncomfortable steps": f"{self.uncomfortable_steps:g}",
-            "region overlap": f"{self.region_overlap:<10g} (of where PING is the likeliest action with the "
-            "target region)",
+            "steps": f"{float(exact.steps):g}",
+            "wrong PINGs": f"{float(exact.wrong_pings):g}",
+            "uncomfortable steps": f"{float(exact.zone_steps[ZONES.index('uncomfortable')]):g}",
+            "region overlap": f"{self.region_overlap:<10g} (of where it PINGs with the target region)",
         }
-        name = self.model.scenario.name
         lines = [
             f"{name}, observed as {self.observation}: a memoryless policy, evaluated exactly over episodes "
             f"of at most {HORIZON} steps",
             *(f"  {label:20} {text}" for label, text in rows.items()),
         ]
         if self.standing is None:
-            return "\n".join(
-                [*lines, f"no rank: {self.results} has no complete published results for this scenario"]
-            )
+            lines.append(f"no rank: {self.results} has no complete published results for this scenario")
+            return "\n".join(lines)
         rank, tied, learners = self.standing
         n, runs = len(learners), learners["runs"].sum()
         lines += [
@@ -149,20 +128,17 @@ class Assessment:
         return "\n".join(lines)
 
     def draw(self, path: str | Path) -> None:
-        """Draws where the agent PINGs, and which moves are its likeliest elsewhere.
+        """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
         If an observation is more than the agent's cell, the map is of the first place of the issuer and of
         the first phase, before any wrong PING.
-
-        Args:
-          path: A .png or .svg file.
 
         Raises:
           InputError: The file name has another ending, or the file cannot be written.
         """
         path = Path(path)
         check_picture(path)
-        figure = _map(self)
+        figure = draw_map(self)
         try:
             save_figure(figure, path, bbox_inches="tight")
         except OSError as error:
@@ -182,9 +158,7 @@ def assess(
 ) -> Assessment:
     """Evaluates an agent exactly in a scenario, under the time limit of the published experiments.
 
-    A function is called once for every observation of the scenario, and for some of them a second time. A
-    saved model acts greedily unless `stochastic` is true. Loading it can run any code: load only files that
-    you trust.
+    Loading a saved model can run any code: load only files that you trust.
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`) or five
@@ -192,7 +166,7 @@ def assess(
       scenario: A name or a path, see `envs.load_scenario`.
       observation: The form of observation that the agent takes, see `envs.observations`.
       algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
-      stochastic: Whether a saved model draws its actions by the probabilities that it has learned.
+      stochastic: Whether a saved model draws its actions; otherwise it acts greedily.
       results: The folder of published results among which the agent is ranked.
 
     Raises:
@@ -206,29 +180,19 @@ def assess(
     if isinstance(agent, str | Path):
         policy = _policy_of_saved(Path(agent), algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
-        raise InputError(
-            f"agent = {_shown(agent)}: accepted: a function of the observation, or the path of a saved model."
-        )
+        raise InputError(f"agent = {_shown(agent)}: accepted: a function, or the path of a saved model.")
     elif algorithm is not None or stochastic:
-        raise InputError("algorithm, stochastic: accepted only together with the path of a saved model.")
+        raise InputError("algorithm, stochastic: accepted only with the path of a saved model.")
     else:
         policy = policy_of(agent, model, observation)
     return Assessment(model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
 
 
 def policy_of(act: Act, model: Model, observation: str) -> Policy:
-    """Asks a function for its action in every observation.
+    """Asks a function for its action in every observation, given in a form; returns probabilities, (O, A).
 
     Some observations are asked a second time in another order, since a function that remembers or draws
     something would be misjudged. This finds most such functions, not all.
-
-    Args:
-      act: Takes an observation and returns an action or five probabilities.
-      model: Compiled scenario with O observations.
-      observation: The form in which `act` takes observations.
-
-    Returns:
-      Action probabilities, (O, A).
 
     Raises:
       InputError: `act` fails, or returns something else, or another answer the second time.
@@ -237,69 +201,48 @@ def policy_of(act: Act, model: Model, observation: str) -> Policy:
     # As an environment gives it: a number, or an array that the function may change.
     given: list[Any] = table.tolist() if table.ndim == 1 else list(table)
 
-    def ask(o: int) -> tuple[NDArray[np.float64], object]:
+    def ask(o: int) -> NDArray[np.float64]:
         try:
             answer = act(given[o] if isinstance(given[o], int) else given[o].copy())
         except Exception as error:  # whatever the function raises
-            raise InputError(
-                f"act: failed for {_named(model, o)}: {type(error).__name__}: {error}."
-            ) from error
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError(f"act: failed for {_named(model, o)}: {reason}.") from error
         row = _row(answer)
         if row is None:
             raise InputError(
                 f"act: returned {_shown(answer)} for {_named(model, o)}; accepted: an action, a whole number "
                 f"from 0 to {len(ACTIONS) - 1}, or {len(ACTIONS)} probabilities that sum to one."
             )
-        return row, answer
+        return row
 
-    asked = [ask(o) for o in range(len(given))]
+    policy = np.stack([ask(o) for o in range(len(given))])
     for o in np.random.default_rng(0).permutation(len(given))[:_ASKED_AGAIN].tolist():
-        row, answer = ask(o)
-        before, first_answer = asked[o]
-        if abs(row - before).max() > _TOLERANCE:
+        if abs(ask(o) - policy[o]).max() > _TOLERANCE:
             raise InputError(
-                f"act: returned {_shown(first_answer)} and, asked again, {_shown(answer)} for "
-                f"{_named(model, o)}; accepted: an answer that depends on the observation alone, without "
+                f"act: returned another answer, asked again, for {_named(model, o)}; accepted: one without "
                 f"memory; an agent that draws its actions returns {len(ACTIONS)} probabilities."
             )
-    return np.stack([row for row, _ in asked])
+    return policy
 
 
 def standing_of(score: float, published: pd.DataFrame) -> Standing:
-    """Ranks a score among learners by their mean scores.
-
-    Args:
-      score: Of the agent, in [0, 1].
-      published: A row per run: experiment, learner, score.
-    """
+    """Ranks a score in [0, 1] by mean score among learners; a row per run: experiment, learner, score."""
     runs = published.assign(
         lower=published["score"] < score - _ROUNDING,
         equal=(published["score"] - score).abs() <= _ROUNDING,
         higher=published["score"] > score + _ROUNDING,
     )
-    learners = (
-        runs.groupby(["experiment", "learner"], sort=False)
-        .agg(
-            runs=("score", "size"),
-            score=("score", "mean"),
-            lower=("lower", "mean"),
-            equal=("equal", "mean"),
-            higher=("higher", "mean"),
-        )
-        .reset_index()
-        .sort_values("score", ascending=False, kind="stable", ignore_index=True)
-    )
+    groups = runs.groupby(["experiment", "learner"], sort=False)
+    learners = groups[["score", "lower", "equal", "higher"]].mean()
+    learners.insert(0, "runs", groups.size())
+    learners = learners.reset_index().sort_values("score", ascending=False, kind="stable", ignore_index=True)
     above = int((learners["score"] > score + _ROUNDING).sum())
     tied = int(((learners["score"] - score).abs() <= _ROUNDING).sum())
     return Standing(above + 1, tied, learners)
 
 
 def check_picture(path: Path) -> None:
-    """Checks that a map can be written to a file.
-
-    Raises:
-      InputError: The file name has an ending other than .png and .svg, or its folder is missing.
-    """
+    """Checks that a map can be written to a file of this name; raises InputError if it cannot."""
     if path.suffix.lower() not in (".png", ".svg"):
         raise InputError(f"{path}: accepted: a name that ends in .png or .svg.")
     if not path.parent.is_dir():
@@ -312,7 +255,7 @@ def _policy_of_saved(
     """Reads the policy of a saved model, (O, A)."""
     if algorithm is None:
         raise InputError(
-            f'{path}: the algorithm is missing; accepted: module:class, for example "stable_baselines3:PPO".'
+            f"{path}: the algorithm is missing; accepted: module:class, as stable_baselines3:PPO."
         )
     with needed_by(f"{path}: a saved model"):
         from agents.sb3.tables import saved_table
@@ -320,10 +263,7 @@ def _policy_of_saved(
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
-        raise InputError(
-            f"{path}: stochastic = True: accepted if action probabilities are learned; {algorithm} learns "
-            "values."
-        )
+        raise InputError(f"{path}: stochastic = True: accepted of action probabilities, not values.")
     return table
 
 
@@ -337,17 +277,14 @@ def _row(answer: object) -> NDArray[np.float64] | None:
         return np.asarray(np.eye(len(ACTIONS))[int(values)])
     if values.shape != (len(ACTIONS),) or values.dtype.kind not in "iuf":
         return None
-    probabilities = values.astype(np.float64)
-    total = probabilities.sum()
-    if not ((probabilities >= 0).all() and abs(total - 1.0) <= _TOLERANCE):
-        return None
-    return np.asarray(probabilities / total)
+    total = values.sum(dtype=np.float64)
+    is_distribution = (values >= 0).all() and abs(total - 1.0) <= _TOLERANCE
+    return values / total if is_distribution else None
 
 
 def _shown(answer: object) -> str:
     """Returns an object as a message has it: on one line, and not too long."""
-    text = " ".join(repr(answer).split())
-    return text if len(text) <= _LONGEST_ANSWER else f"{text[: _LONGEST_ANSWER - 3]}..."
+    return shortened(" ".join(repr(answer).split()), _LONGEST_ANSWER)
 
 
 def _named(model: Model, o: int) -> str:
@@ -384,24 +321,23 @@ def _scores(folder: Folder, model: Model) -> pd.DataFrame | None:
     with the settings of another learner.
     """
     name, manifest = model.scenario.name, folder.manifest
-    if (
-        manifest["scenarios"].get(name) != model.scenario.model_dump(mode="json")
-        or manifest["horizon"] != HORIZON
-        or manifest["partial"]
-        or manifest["experiment"] != folder.path.name  # other seeds
-        or folder.path.name.endswith("_smoke")
-    ):
+    is_comparable = (
+        manifest["scenarios"].get(name) == model.scenario.model_dump(mode="json")
+        and manifest["horizon"] == HORIZON
+        and not manifest["partial"]
+        and manifest["experiment"] == folder.path.name  # else, other seeds
+        and not folder.path.name.endswith("_smoke")
+    )
+    if not is_comparable:
         return None
     frame = folder.frame(_SCORES.removesuffix(".csv"))
-    if "score" not in frame:  # of an experiment about implementations
-        return None
     checks = [arm for arm, declared in manifest["algorithms"].items() if declared["check_of"]]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(checks)]
     learner = frame["algorithm"] + ", " + frame["observation"]
     return pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})
 
 
-def _map(assessment: Assessment) -> Figure:
+def draw_map(assessment: Assessment) -> Figure:
     """Draws the map of an agent, see `Assessment.draw`."""
     model = assessment.model
     scene, states = scene_of(model), model.states_of(0)
@@ -430,11 +366,10 @@ def _map(assessment: Assessment) -> Figure:
 
 def _where(model: Model, phase: str) -> str:
     """Returns which of the agent's observations a map shows; empty if it shows all."""
-    if tuple(model.scenario.observe) == ("agent",) and not model.context.any():
+    if model.scenario.observe == ("agent",) and not model.context.any():
         return ""
     row, column = model.scenario.people[0][0][0].cell
-    issuer = f"the issuer in row {row}, column {column}"
-    if model.n_places > 1:
-        issuer += f", the first of {model.n_places} places"
+    of_places = f", the first of {model.n_places} places" if model.n_places > 1 else ""
     pings = "no wrong PING yet" if "wrong_pings" in model.scenario.observe else ""
+    issuer = f"the issuer in row {row}, column {column}{of_places}"
     return "; ".join(filter(None, [issuer, phase and f"phase: {phase}", pings]))

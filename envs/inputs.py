@@ -47,7 +47,11 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "tensorboard": ("tensorboard",),
 }  # fmt: skip
 # Of modules with another name.
-PACKAGES: Final[Mapping[str, str]] = {"PIL": "pillow", "markdown_it": "markdown-it-py", "pygame": "pygame-ce"}
+PACKAGES: Final[Mapping[str, str]] = {
+    "PIL": "pillow",
+    "markdown_it": "markdown-it-py",
+    "pygame": "pygame-ce",
+}
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit, that is not a number, true, "
     "false or NA"
@@ -91,31 +95,24 @@ class Table(BaseModel):
     # written before, and the digests of runs, stay the same.
     later: ClassVar[frozenset[str]] = frozenset()
 
-    # What a table has cached is neither compared nor copied nor pickled.
+    def _given(self) -> dict[str, Any]:
+        """The values by key, without what is cached, which is neither compared nor copied nor pickled."""
+        return {key: self.__dict__[key] for key in type(self).model_fields}
 
     def __eq__(self, other: object) -> bool:
-        """Compares types and values."""
-        return type(self) is type(other) and all(
-            getattr(self, key) == getattr(other, key) for key in type(self).model_fields
-        )
+        return isinstance(other, Table) and type(self) is type(other) and self._given() == other._given()
 
     def __hash__(self) -> int:
-        """Hashes the values."""
-        values = (getattr(self, key) for key in type(self).model_fields)
+        values = self._given().values()
         return hash(tuple(tuple(value.items()) if isinstance(value, dict) else value for value in values))
 
-    def __copy__(self) -> Self:
-        """Returns a copy for `model_copy`, which may change fields: without what is cached."""
+    def __copy__(self) -> Self:  # for `model_copy`, which may change fields
         copied = super().__copy__()
-        for key in copied.__dict__.keys() - type(self).model_fields.keys():
-            del copied.__dict__[key]
+        object.__setattr__(copied, "__dict__", self._given())
         return copied
 
     def __getstate__(self) -> dict[Any, Any]:
-        """Returns what is pickled."""
-        state = super().__getstate__()
-        fields = type(self).model_fields
-        return state | {"__dict__": {key: v for key, v in state["__dict__"].items() if key in fields}}
+        return super().__getstate__() | {"__dict__": self._given()}
 
     @model_serializer(mode="wrap")
     def _without_later_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -157,11 +154,7 @@ Line = Annotated[str, AfterValidator(_in_one_line)]  # free text that labels som
 
 
 def check_file_name(path: Path, what: str) -> None:
-    """Checks that something can be named after its file.
-
-    Args:
-      path: Of the file.
-      what: That is named, for the message, for example "results are".
+    """Checks that something, for example "results are" (for the message), can be named after its file.
 
     Raises:
       InputError: It cannot.
@@ -193,49 +186,24 @@ def read_toml(path: Path) -> dict[str, Any]:
         if path.stat().st_size > _LARGEST_FILE:
             raise InputError(f"{path}: larger than {_LARGEST_FILE:,} bytes; accepted: a smaller file.")
         data = tomllib.loads(path.read_text(encoding="utf-8"))
+        _check_texts(data, str(path))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {reason}.") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}.") from error
     except RecursionError:
-        depth = _DEEPEST + 1
+        raise InputError(f"{path}: nested too deeply; accepted: at most {_DEEPEST} levels.") from None
     except InputError:
         raise
     except ValueError as error:  # Python refuses to read such a number
-        raise InputError(
-            f"{path}: a number has too many digits; accepted: at most {_MOST_DIGITS:,}."
-        ) from error
-    else:
-        depth = _depth(data)
-    if depth > _DEEPEST:
-        raise InputError(f"{path}: nested too deeply; accepted: at most {_DEEPEST} levels.")
-    _check_texts(data, str(path))
+        accepted = f"at most {_MOST_DIGITS:,}"
+        raise InputError(f"{path}: a number has too many digits; accepted: {accepted}.") from error
     return data
 
 
-def _depth(data: object) -> int:
-    """Returns how many levels of tables and lists are nested, up to one more than is accepted."""
-    level, depth = [data], 0
-    while level and depth <= _DEEPEST:
-        level = [
-            value
-            for each in level
-            if isinstance(each, dict | list)
-            for value in (each.values() if isinstance(each, dict) else each)
-        ]
-        depth += 1
-    return depth
-
-
 def whole_number(text: str, option: str, low: int, high: int) -> int:
-    """Returns the number that a text gives.
-
-    Args:
-      text: As given on the command line.
-      option: Its name, for the message.
-      low: The smallest that is accepted.
-      high: The largest that is accepted.
+    """Returns the number, from `low` to `high`, that an option of the command line gives.
 
     Raises:
       InputError: It is another text or number.
@@ -255,14 +223,16 @@ def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
     return text if text.isprintable() else json.dumps(text)
 
 
-def _check_texts(value: object, source: str, key: str = "") -> None:
-    """Checks that keys and texts have no control characters, and numbers no more digits than Python writes.
+def _check_texts(value: object, source: str, key: str = "", depth: int = 1) -> None:
+    """Checks how deeply tables are nested, texts for control characters, and numbers for digits.
 
-    Control characters could take over a terminal.
+    Control characters could take over a terminal; Python does not write more than so many digits.
 
     Raises:
-      InputError: One has; the message shows it escaped.
+      InputError: They are, or one has; the message shows it escaped.
     """
+    if depth > _DEEPEST:
+        raise InputError(f"{source}: nested too deeply; accepted: at most {_DEEPEST} levels.")
     if isinstance(value, int) and abs(value) >= _TOO_LARGE:  # as hexadecimal, Python reads it
         raise InputError(f"{source}: {key}: too many digits; accepted: at most {_MOST_DIGITS:,}.")
     if isinstance(value, str) and _CONTROL.search(value):
@@ -275,19 +245,14 @@ def _check_texts(value: object, source: str, key: str = "") -> None:
             where = f"{key}.{shortened(str(name), _LONGEST_NAME)}".removeprefix(".")
             if _CONTROL.search(str(name)) or _BREAK.search(str(name)):
                 raise InputError(f"{source}: the key {where}: accepted: text without control characters.")
-            _check_texts(each, source, where)
+            _check_texts(each, source, where, depth + 1)
     elif isinstance(value, list | tuple):
         for i, each in enumerate(value):
-            _check_texts(each, source, f"{key}.{i}")
+            _check_texts(each, source, f"{key}.{i}", depth + 1)
 
 
 def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """Returns a copy of nested tables with some values replaced.
-
-    Args:
-      data: Tables as read from TOML.
-      overrides: Dotted key to new value, for example `{"issuer.position": [8, 6]}`.
-      source: The origin of `data`, for the message.
+    """Returns a copy of nested tables with some values replaced, by dotted key: `{"grid.start": [8, 6]}`.
 
     Raises:
       InputError: A key passes through a value that is not a table, or through too many tables.
@@ -296,8 +261,7 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
     for dotted, value in overrides.items():
         *tables, key = dotted.split(".")
         if len(tables) >= _DEEPEST:
-            where = f"{source}: the key {shortened(dotted)}"
-            raise InputError(f"{where}: nested too deeply; accepted: at most {_DEEPEST} levels.")
+            raise InputError(f"{source}: the key {shortened(dotted)}: nested too deeply.")
         table = result
         for name in tables:
             table = table.setdefault(name, {})
@@ -308,12 +272,12 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
 
 
 def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any) -> TableT:
-    """Checks tables and returns them as a typed object.
+    """Checks tables, as read from TOML, and returns them as a typed object.
 
     Args:
       cls: Class of the object.
-      data: Tables as read from TOML.
-      source: The file of `data`, for the message.
+      data: The tables.
+      source: Their file, for the message.
       **given: Values that are not in the file; the file must not contain these keys.
 
     Raises:
@@ -356,12 +320,7 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
 
 
 def imported(name: str, source: str, kind: str) -> object:
-    """Imports what `module:attribute` names.
-
-    Args:
-      name: The module and the attribute.
-      source: What named it, for the message.
-      kind: What it should be, for the message.
+    """Imports what a name `module:attribute` means; the source names it, and it should be of this kind.
 
     Raises:
       InputError: It cannot be imported.
@@ -383,9 +342,6 @@ def needed_by(what: str) -> Iterator[None]:
 
     Other errors pass, among them those of modules that this project does not need.
 
-    Args:
-      what: What needs the package, for the message.
-
     Raises:
       MissingPackageError: A package is not installed.
     """
@@ -401,12 +357,7 @@ def needed_by(what: str) -> Iterator[None]:
 
 
 def missing_package(what: str, module: str) -> MissingPackageError:
-    """Returns the error that a package is not installed.
-
-    Args:
-      what: What needs it.
-      module: The package, as it is imported.
-    """
+    """Returns the error that something needs a package, named as it is imported, which is not installed."""
     package = PACKAGES.get(module, module)
     installer = _installer(module) or f"pip install {package} installs it"
     return MissingPackageError(

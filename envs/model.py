@@ -19,7 +19,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Final, NamedTuple, TypeVar, assert_never
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,9 @@ from envs.regions import ZONES
 from envs.scenario import (
     BinaryFeedback,
     DelayedFeedback,
-    DistanceFeedback,
     NoFeedback,
     NoisyFeedback,
     Scenario,
-    Someone,
     UniformFeedback,
 )
 
@@ -95,9 +93,7 @@ class Model:
     terminated: NDArray[np.bool_]  # (S, A)
     event: NDArray[np.int8]  # (S, A) index into EVENTS
     wrong_pings: NDArray[np.int32]  # (S, A) wrong PINGs in the episode after the action
-    observation: NDArray[
-        np.int32
-    ]  # (S,) 0 to O - 1: numbers the values of the parts, the first changing fastest
+    observation: NDArray[np.int32]  # (S,) 0 to O - 1: the values of the parts, the first changing fastest
     parts: tuple[Part, ...]  # what is observed, the agent's cell first
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
@@ -130,14 +126,13 @@ class Model:
     @cached_property
     def fresh_state(self) -> NDArray[np.int64]:
         """(F,) the states with no wrong PING so far and no feedback to come, no walls; in S1 the cells."""
-        return np.flatnonzero(self.is_fresh & ~self.scenario.grid.is_wall[self.cell])
+        return np.flatnonzero(self._is_fresh & ~self.scenario.grid.is_wall[self.cell])
 
     @cached_property
-    def is_fresh(self) -> NDArray[np.bool_]:
+    def _is_fresh(self) -> NDArray[np.bool_]:
         """(S,) whether a state has no wrong PING so far and no feedback to come."""
-        size = self.scenario.grid.rows * self.scenario.grid.columns
-        block = size * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
-        return np.asarray(np.arange(len(self.observation)) % block < size)
+        block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
+        return np.asarray(np.arange(len(self.observation)) % block < len(self.position))
 
     @cached_property
     def has_cell_maps(self) -> bool:
@@ -146,14 +141,12 @@ class Model:
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
-        states = np.flatnonzero(self.is_fresh & (self.context == context))
-        return np.asarray(states[: self.scenario.grid.rows * self.scenario.grid.columns])
+        return np.flatnonzero(self._is_fresh & (self.context == context))[: len(self.position)]
 
     @cached_property
     def position(self) -> NDArray[np.int_]:
         """(C, 2) row and column of each cell."""
-        grid = self.scenario.grid
-        return np.stack(np.divmod(np.arange(grid.rows * grid.columns), grid.columns), axis=1)
+        return self.scenario.grid.position
 
     @property
     def zone_of_cell(self) -> NDArray[np.int8]:
@@ -180,17 +173,12 @@ class Model:
         """Returns the arrays of a state as Python values, by action: the fast way to step a single env."""
         known = self._transitions.get(state)
         if known is None:
-            columns = (
-                self.next_state[state].tolist(),
-                self.probability[state].tolist(),
-                self.grid_reward[state].tolist(),
-                self.issuer_reward[state].tolist(),
-                self.issuer_noise[state].tolist(),
-                self.terminated[state].tolist(),
-                self.event[state].tolist(),
-                self.wrong_pings[state].tolist(),
-            )
-            known = self._transitions[state] = [Transition(*row) for row in zip(*columns, strict=True)]
+            arrays = (
+                self.next_state, self.probability, self.grid_reward, self.issuer_reward, self.issuer_noise,
+                self.terminated, self.event, self.wrong_pings,
+            )  # fmt: skip
+            rows = zip(*(array[state].tolist() for array in arrays), strict=True)
+            known = self._transitions[state] = [Transition(*row) for row in rows]
         return known
 
     @cached_property
@@ -240,7 +228,7 @@ def compile_scenario(scenario: Scenario) -> Model:
     zone = zone_of[context, cell]
 
     # The agent's part: event, grid reward and next cell
-    position = np.stack(np.divmod(np.arange(n_cells), columns), axis=1)  # (C, 2) row, column
+    position = scenario.grid.position
     moved = np.clip(position[:, None] + MOVES, 0, (rows - 1, columns - 1)) @ (columns, 1)  # (C, 4)
     moved = np.where(scenario.grid.is_wall[moved], np.arange(n_cells)[:, None], moved)
     next_cell = np.column_stack([moved[cell], cell])  # (S, A)
@@ -259,15 +247,7 @@ def compile_scenario(scenario: Scenario) -> Model:
     is_wrong = np.isin(event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
     wrong_pings = pings[:, None] + is_wrong
     rewards = scenario.rewards
-    reward_of_event = {
-        "none": 0.0,
-        "move": rewards.other,
-        "uncomfortable": rewards.uncomfortable,
-        "issuer_reached": rewards.issuer_reached,
-        "target_ping": rewards.target_ping,
-        "wrong_ping": rewards.wrong_ping,
-        "last_wrong_ping": rewards.last_wrong_ping,
-    }
+    reward_of_event = {"none": 0.0, "move": rewards.other} | dict(rewards)
     grid_reward = np.array([reward_of_event[name] for name in EVENTS])[event]
     too_close = (event == EVENTS.index("wrong_ping")) & (zone == ZONES.index("uncomfortable"))[:, None]
     grid_reward[too_close] = rewards.wrong_ping_uncomfortable
@@ -276,7 +256,7 @@ def compile_scenario(scenario: Scenario) -> Model:
     )
 
     # The issuer's part: feedback, and the next tick
-    mean, noise, comes_late = (values[context, cell] for values in _feedback(scenario, position))  # (S,) each
+    mean, noise, comes_late = (values[context, cell] for values in _feedback(scenario))  # (S,) each
     issuer_reward = np.zeros(event.shape)
     issuer_noise = np.zeros(event.shape)
     issuer_reward[:, PING] = np.where(comes_late, 0.0, mean)
@@ -292,18 +272,16 @@ def compile_scenario(scenario: Scenario) -> Model:
         waits = is_person[next_context, next_cell[:, :, None]] & ~terminated[:, :, None]
         next_tick = np.where(waits, tick[:, None, None], next_tick)
     next_tick = np.where(terminated[:, :, None], tick[:, None, None], next_tick)
-    next_state = np.ravel_multi_index(
-        (
-            np.broadcast_to(place[:, None, None], next_tick.shape),
-            next_tick,
-            np.broadcast_to(
-                np.where(terminated, delayed[:, None], next_delayed)[:, :, None], next_tick.shape
-            ),
-            np.broadcast_to(np.minimum(wrong_pings, n_pings - 1)[:, :, None], next_tick.shape),
-            np.broadcast_to(next_cell[:, :, None], next_tick.shape),
-        ),
-        shape,
+    next_delayed = np.where(terminated, delayed[:, None], next_delayed)
+    next_pings = np.minimum(wrong_pings, n_pings - 1)
+    following = np.broadcast_arrays(
+        place[:, None, None],
+        next_tick,
+        next_delayed[:, :, None],
+        next_pings[:, :, None],
+        next_cell[:, :, None],
     )
+    next_state = np.ravel_multi_index(tuple(following), shape)
 
     over = (zone == ZONES.index("issuer")) | scenario.grid.is_wall[cell]  # absorbing
     next_state[over] = np.flatnonzero(over)[:, None, None]
@@ -314,7 +292,7 @@ def compile_scenario(scenario: Scenario) -> Model:
 
     j, first_tick, first_cell = scenario.starts.T
     zero = np.zeros(len(j), dtype=np.int64)
-    parts = _parts(scenario, place, tick, pings, cell)
+    parts = _parts(scenario, place, scenario.ticks[tick], pings, cell)
     observation, size = np.zeros(len(cell), dtype=np.int64), 1
     for part in parts:
         observation += size * part.of_state
@@ -342,41 +320,32 @@ def compile_scenario(scenario: Scenario) -> Model:
     return model
 
 
-def _parts(
-    scenario: Scenario,
-    place: NDArray[np.int_],
-    tick: NDArray[np.int_],
-    pings: NDArray[np.int_],
-    cell: NDArray[np.int_],
-) -> tuple[Part, ...]:
-    """Returns the observed parts of all states, given (S,) each what the states consist of."""
+def _parts(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Part, ...]:
+    """Returns the observed parts of all states, given (S,) their place, phase, wrong PINGs and cell."""
+    place, phase, pings, cell = of_states
     grid = scenario.grid
     largest = np.maximum((grid.rows - 1, grid.columns - 1), 1)
-    position = np.stack(np.divmod(np.arange(grid.rows * grid.columns), grid.columns), axis=1)
     stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
     cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
     where = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
-    n_phases = len(scenario.stages)
+    n_phases, n_pings = len(scenario.stages), scenario.ping_limit
     known = {
-        "agent": (cell, position / largest),
-        "issuer": (where[place, scenario.ticks[tick]], position[cells] / largest),
-        "phase": (scenario.ticks[tick], np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
-        "wrong_pings": (pings, np.arange(scenario.ping_limit)[:, None] / max(scenario.ping_limit - 1, 1)),
+        "agent": (cell, grid.position / largest),
+        "issuer": (where[place, phase], grid.position[cells] / largest),
+        "phase": (phase, np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
+        "wrong_pings": (pings, np.arange(n_pings)[:, None] / max(n_pings - 1, 1)),
     }
     return tuple(
         Part(name, known[name][0].astype(np.int32), np.asarray(known[name][1])) for name in scenario.observe
     )
 
 
-def _feedback(
-    scenario: Scenario, position: NDArray[np.int_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Returns mean, half-width and lateness of the reward for a PING, (J * P, C) each, by the nearest person.
 
-    Args:
-      scenario: As checked.
-      position: (C, 2) row and column of each cell.
+    Feedback by distance is relative to the largest distance from a start in the same place.
     """
+    position = scenario.grid.position
     stands = np.array([[[who.cell for who in people] for people in stages] for stages in scenario.people])
     shape = *stands.shape[:2], len(position)  # J, P, C
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
@@ -384,40 +353,22 @@ def _feedback(
         _, tick, cell = scenario.starts[scenario.starts[:, 0] == j].T
         from_start = np.abs(position[cell][:, None] - stands[j, scenario.ticks[tick]]).sum(axis=2).max(axis=0)
         for p, people in enumerate(stages):
-            far = np.abs(position - stands[j, p][:, None]).sum(axis=2)  # (people, C)
+            far = np.abs(position - stands[j, p][:, None]).sum(axis=2)  # (people, C), L1 distances
             nearest = far.argmin(axis=0)
-            for k, person in enumerate(people):
-                values = _answer(person, far[k], from_start[k], scenario.zone[j, p])
-                for array, value in zip((mean, noise, is_late), values, strict=True):
-                    array[j, p] = np.where(nearest == k, value, array[j, p])
-    n_contexts = shape[0] * shape[1]
-    return mean.reshape(n_contexts, -1), noise.reshape(n_contexts, -1), is_late.reshape(n_contexts, -1)
-
-
-def _answer(
-    person: Someone, manhattan: NDArray[np.int_], from_start: int, zone: NDArray[np.int8]
-) -> tuple[NDArray[np.float64] | float, float, bool]:
-    """Returns mean, half-width and lateness of a person's reward for a PING in every cell.
-
-    Args:
-      person: Who answers.
-      manhattan: (C,) L1 distance of each cell from the person.
-      from_start: The same when the episode starts, the largest if there are several starts.
-      zone: (C,) index into ZONES.
-    """
-    feedback = person.feedback
-    match feedback:
-        case UniformFeedback():
-            return (feedback.low + feedback.high) / 2, (feedback.high - feedback.low) / 2, False
-        case DistanceFeedback():
-            return -manhattan / from_start, 0.0, False
-        case NoisyFeedback():
-            return -manhattan / from_start, feedback.noise, False
-        case DelayedFeedback():
-            return -manhattan / from_start, 0.0, True
-        case BinaryFeedback():
-            return np.where(zone == ZONES.index("target"), feedback.high, feedback.low), 0.0, False
-        case NoFeedback():
-            return 0.0, 0.0, False
-        case _:
-            assert_never(feedback)
+            for k, feedback in enumerate(person.feedback for person in people):
+                value: NDArray[np.float64] | float = -far[k] / from_start[k]
+                width = 0.0
+                match feedback:
+                    case NoFeedback():
+                        value = 0.0
+                    case UniformFeedback(low=low, high=high):
+                        value, width = (low + high) / 2, (high - low) / 2
+                    case BinaryFeedback(low=low, high=high):
+                        value = np.where(scenario.zone[j, p] == ZONES.index("target"), high, low)
+                    case NoisyFeedback():
+                        width = feedback.noise
+                mean[j, p] = np.where(nearest == k, value, mean[j, p])
+                noise[j, p, nearest == k] = width
+                is_late[j, p, nearest == k] = isinstance(feedback, DelayedFeedback)
+    flat = shape[0] * shape[1], -1
+    return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)

@@ -4,7 +4,7 @@ import bisect
 import operator
 from collections.abc import Mapping
 from itertools import accumulate
-from typing import Any
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
@@ -20,6 +20,7 @@ from envs.scene import scene_of
 from envs.specs import JsonSpec
 
 Observation = int | NDArray[np.float32]
+_INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward")
 
 
 class ProxemicEnv(gymnasium.Env[Observation, int]):
@@ -30,10 +31,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     region. The agent does not see the regions. It walks, and by a PING asks whether it is in the target
     region; a PING anywhere else meets the issuer's disagreement.
 
-    S1 to S3 are the scenarios of the paper, which differ in the issuer's feedback. In others there are walls
-    or a second person, regions have other shapes, the agent or the issuer starts anywhere, or the issuer
-    turns, walks or changes mood during an episode; comments in the TOML files in `envs/scenarios` describe
-    them. `envs.model` says in which order things happen in a step.
+    S1 to S3 are the scenarios of the paper, which differ in the issuer's feedback. Comments in the files of
+    `envs/scenarios` describe them and the others. `envs.model` says in which order things happen in a step.
 
     ## Action Space
     `Discrete(5)`: 0 UP (row - 1), 1 DOWN (row + 1), 2 LEFT (column - 1), 3 RIGHT (column + 1), 4 PING.
@@ -50,9 +49,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number for each other part,
       each divided by its maximum
 
-    The issuer's cell has a value for each cell in which the issuer may be. What varies and
-    does not follow from the observation is hidden. The number of wrong PINGs so far is hidden in all shipped
-    scenarios except `Counted`.
+    The issuer's cell has a value for each cell in which the issuer may be. What varies and does not follow
+    from the observation is hidden, as the number of wrong PINGs is in all shipped scenarios except `Counted`.
 
     ## Starting State
     One of the scenario's starts, all equally likely, with no wrong PING so far. A start is a cell of the
@@ -94,11 +92,6 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     ## References
     Millan-Arias, Fernandes and Cruz (2021), Learning Proxemic Behavior Using Reinforcement Learning
     with Cognitive Agents, arXiv 2108.03730.
-
-    ## Version History
-    - v0: first version. Changed before its first release: the ids have a time limit of 200 steps (none
-      before), and `event` and `zone` in the info are integer codes (names before). Scenarios beyond the
-      paper.
     """
 
     metadata = {"render_modes": list(render.MODES), "render_fps": 8}  # noqa: RUF012, as declared by Env
@@ -140,9 +133,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         """Moves the agent to the start, one of the starts if there are several."""
         super().reset(seed=seed, options=options)
         starts = self.model.starts
-        self.s = (
-            int(starts[int(self.np_random.random() * len(starts))]) if len(starts) > 1 else self.model.start
-        )
+        self.s = int(starts[int(self.np_random.random() * len(starts)) if len(starts) > 1 else 0])
         self._event = 0
         if self.render_mode == "human":
             self.render()
@@ -159,9 +150,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         except TypeError:
             index = -1
         if not 0 <= index < len(ACTIONS):
-            raise InputError(
-                f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1} ({', '.join(ACTIONS)})."
-            )
+            raise InputError(f"action = {action!r}; accepted: 0 to {len(ACTIONS) - 1}.")
         t = self.model.transitions(self.s)[index]
         uniform = self.np_random.random() if self.model.is_noisy else 0.5
         issuer_reward = draw_issuer_reward(t.issuer_reward, t.issuer_noise, uniform)
@@ -204,14 +193,6 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         return observation if isinstance(observation, int) else observation.copy()
 
 
-def _info(
-    event: int, zone: int, wrong_pings: int, grid_reward: float, issuer_reward: float
-) -> dict[str, Any]:
+def _info(*values: float) -> dict[str, Any]:
     """Returns the info of a step."""
-    return {
-        "event": event,
-        "zone": zone,
-        "wrong_pings": wrong_pings,
-        "grid_reward": grid_reward,
-        "issuer_reward": issuer_reward,
-    }
+    return dict(zip(_INFO, values, strict=True))

@@ -26,7 +26,7 @@ HEADINGS: Final[dict[Heading, tuple[int, int]]] = {  # (row, column)
     "right": (0, 1),
 }
 Length = Annotated[float, Field(ge=0, le=1000)]  # in cells, or in metres
-Offsets = NDArray[np.float64]  # from the person, in the unit of the lengths
+Axis = Annotated[float, Field(gt=0, le=1000)]
 
 # (row, column) of a crossing of grid lines; cell (r, c) lies between the corners (r, c) and (r + 1, c + 1).
 Corner = tuple[int, int]
@@ -45,10 +45,6 @@ class Square(Table):
     kind: Literal["square"]
     radius: Length
 
-    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
-        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
-        return np.asarray(np.maximum(abs(ahead), abs(aside)) <= self.radius + _TOLERANCE)
-
 
 class Circle(Table):
     """A circle around the person, by Euclidean distance."""
@@ -57,22 +53,14 @@ class Circle(Table):
     kind: Literal["circle"]
     radius: Length
 
-    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
-        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
-        return np.asarray(np.hypot(ahead, aside) <= self.radius + _TOLERANCE)
-
 
 class Ellipse(Table):
     """An ellipse around the person: `length` ahead and behind, `width` to either side."""
 
     has_front: ClassVar[bool] = True
     kind: Literal["ellipse"]
-    length: Annotated[float, Field(gt=0, le=1000)]
-    width: Annotated[float, Field(gt=0, le=1000)]
-
-    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
-        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
-        return np.asarray(np.hypot(ahead / self.length, aside / self.width) <= 1 + _TOLERANCE)
+    length: Axis
+    width: Axis
 
 
 class Egg(Table):
@@ -84,19 +72,11 @@ class Egg(Table):
     """
 
     later: ClassVar[frozenset[str]] = frozenset({"side", "back"})
-
     has_front: ClassVar[bool] = True
     kind: Literal["egg"]
-    front: Annotated[float, Field(gt=0, le=1000)]
-    side: Annotated[float, Field(gt=0, le=1000)] | None = None
-    back: Annotated[float, Field(gt=0, le=1000)] | None = None
-
-    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
-        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
-        side = self.front * 2 / 3 if self.side is None else self.side
-        back = self.front / 2 if self.back is None else self.back
-        length = np.where(ahead >= 0, self.front, back)
-        return np.asarray(np.hypot(ahead / length, aside / side) <= 1 + _TOLERANCE)
+    front: Axis
+    side: Axis | None = None
+    back: Axis | None = None
 
 
 class Mask(Table):
@@ -111,22 +91,13 @@ class Mask(Table):
         lines = self.cells.split()
         if len({len(line) for line in lines}) != 1 or set("".join(lines)) - set("I#."):
             raise ValueError('cells: accepted: lines of equal length, of the characters "I", "#" and "."')
-        if "".join(lines).count("I") != 1:
+        if self.cells.count("I") != 1:
             raise ValueError('cells: accepted: exactly one "I", the person')
         return self
 
-    def holds(self, ahead: Offsets, aside: Offsets) -> NDArray[np.bool_]:
-        """Returns which offsets, ahead of the person and to the side, lie in the shape."""
-        drawn = np.array([list(line) for line in self.cells.split()])
-        ((row, column),) = np.argwhere(drawn == "I")
-        rows, columns = row - np.rint(ahead).astype(int), column + np.rint(aside).astype(int)
-        is_drawn = (rows >= 0) & (rows < drawn.shape[0]) & (columns >= 0) & (columns < drawn.shape[1])
-        held = np.zeros(rows.shape, dtype=np.bool_)
-        held[is_drawn] = drawn[rows[is_drawn], columns[is_drawn]] != "."
-        return held
 
-
-Shape = Annotated[Square | Circle | Ellipse | Egg | Mask, Field(discriminator="kind")]
+AnyShape = Square | Circle | Ellipse | Egg | Mask
+Shape = Annotated[AnyShape, Field(discriminator="kind")]
 
 
 class Regions(Table):
@@ -153,13 +124,11 @@ class Regions(Table):
         shapes = self.uncomfortable, self.target
         given = tuple(each is not None for each in (*radii, *shapes))
         if given not in ((True, True, False, False), (False, False, True, True)):
-            raise ValueError(
-                "accepted: the keys uncomfortable_radius and target_radius, or the tables uncomfortable "
-                "and target"
-            )
+            keys = "uncomfortable_radius and target_radius"
+            raise ValueError(f"accepted: the keys {keys}, or the tables uncomfortable and target")
         if radii[0] is not None and radii[1] is not None and radii[1] <= radii[0]:
             raise ValueError(
-                f"target_radius = {radii[1]} must be larger than uncomfortable_radius = {radii[0]}"
+                f"target_radius = {radii[1]}: accepted: more than uncomfortable_radius = {radii[0]}"
             )
         if self.unit == "metres" and (None in shapes or any(isinstance(shape, Mask) for shape in shapes)):
             what = "radii are" if None in shapes else "a mask is drawn"
@@ -167,15 +136,11 @@ class Regions(Table):
         return self
 
     @property
-    def shapes(self) -> tuple[Square | Circle | Ellipse | Egg | Mask, Square | Circle | Ellipse | Egg | Mask]:
+    def shapes(self) -> tuple[AnyShape, AnyShape]:
         """The shapes of the uncomfortable region, and of the target region with what lies inside."""
-        if self.uncomfortable is not None and self.target is not None:
-            return self.uncomfortable, self.target
-        assert self.uncomfortable_radius is not None
-        assert self.target_radius is not None
         return (
-            Square(kind="square", radius=self.uncomfortable_radius),
-            Square(kind="square", radius=self.target_radius),
+            self.uncomfortable or Square(kind="square", radius=self.uncomfortable_radius or 0),
+            self.target or Square(kind="square", radius=self.target_radius or 0),
         )
 
 
@@ -206,10 +171,32 @@ def _window(regions: Regions, heading: Heading, size: tuple[int, int], cell_widt
     )
     row, column = HEADINGS[heading]
     ahead, aside = down * row + right * column, right * -row + down * column
-    inner, outer = (shape.holds(ahead, aside) for shape in regions.shapes)
+    inner, outer = (_holds(shape, ahead, aside) for shape in regions.shapes)
     inside = [(down == 0) & (right == 0), inner, outer]
     names = "issuer", "uncomfortable", "target"
     return np.select(inside, [ZONES.index(name) for name in names], ZONES.index("outside")).astype(np.int8)
+
+
+def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Returns which offsets, ahead of a person and to the side, lie in a shape."""
+    match shape:
+        case Square():
+            inside = np.maximum(abs(ahead), abs(aside)) <= shape.radius + _TOLERANCE
+        case Circle():
+            inside = np.hypot(ahead, aside) <= shape.radius + _TOLERANCE
+        case Ellipse():
+            inside = np.hypot(ahead / shape.length, aside / shape.width) <= 1 + _TOLERANCE
+        case Egg():
+            back = shape.front / 2 if shape.back is None else shape.back
+            side = shape.front * 2 / 3 if shape.side is None else shape.side
+            inside = np.hypot(ahead / np.where(ahead >= 0, shape.front, back), aside / side) <= 1 + _TOLERANCE
+        case Mask():
+            drawn = np.array([list(line) for line in shape.cells.split()])
+            ((row, column),) = np.argwhere(drawn == "I")
+            room = np.pad(drawn != ".", max(ahead.shape))  # so that no offset leaves it
+            rows = max(ahead.shape) + row - np.rint(ahead).astype(int)
+            inside = room[rows, max(ahead.shape) + column + np.rint(aside).astype(int)]
+    return np.asarray(inside)
 
 
 def merged(zones_of_people: NDArray[np.int8]) -> NDArray[np.int8]:
@@ -223,20 +210,13 @@ def merged(zones_of_people: NDArray[np.int8]) -> NDArray[np.int8]:
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:
     """Returns the Chebyshev distance of every cell from the target region around a person, (C,).
 
-    The region counts as complete even if the grid's edge cuts it.
-
-    Args:
-      regions: Of the person; squares by their radii.
-      cell: Where the person stands.
-      size: Rows and columns of the grid.
+    The region counts as complete even if the grid's edge, with so many rows and columns, cuts it.
 
     Raises:
-      InputError: The regions are no squares by their radii.
+      InputError: The regions are not given by their radii.
     """
     if regions.uncomfortable_radius is None or regions.target_radius is None:
-        raise InputError(
-            "regions: the distance from the target region needs uncomfortable_radius and target_radius."
-        )
+        raise InputError("regions: the distance from the target region needs radii.")
     row, column = np.indices(size).reshape(2, -1)
     distance = np.maximum(abs(row - cell[0]), abs(column - cell[1]))
     outside, within = distance - regions.target_radius, regions.uncomfortable_radius + 1 - distance

@@ -45,14 +45,26 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
     image = image.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
     image[::CELL_PIXELS] = COLOURS["line"]
     image[:, ::CELL_PIXELS] = COLOURS["line"]
-    for person in scene.glyphs_of("issuer"):
-        centre, outer, inner = scene.centre(person.cell), 0.42, 0.30
-        if person.heading is not None:
-            outer, inner = 0.36, 0.27  # leaves room for the nose
-            _paint_nose(image, centre, person.heading, COLOURS["person"])
-        _paint_disc(image, centre, outer, COLOURS["person"])
-        _paint_disc(image, centre, inner, COLOURS[scene.zone[person.cell]])
-    _paint_disc(image, scene.centre(agent), 0.26, COLOURS["agent"])
+    offset = (np.arange(CELL_PIXELS) - CELL_PIXELS / 2) / CELL_PIXELS  # from a cell's centre, in cells
+
+    def paint(cell: int, inside: NDArray[np.bool_], colour: Colour) -> None:
+        top, left = scene.position[cell] * CELL_PIXELS
+        image[top : top + CELL_PIXELS, left : left + CELL_PIXELS][inside] = colour
+
+    distance = np.hypot(offset[:, None], offset)
+    for glyph in scene.glyphs:
+        if glyph.kind == "issuer":
+            outer, inner = 0.42, 0.30
+            if glyph.heading is not None:
+                outer, inner = 0.36, 0.27  # leaves room for the nose
+                (down, right), (tip, base, half) = glyph.heading, NOSE
+                ahead = offset[:, None] * down + offset * right
+                aside = abs(offset[:, None] * right + offset * down)
+                is_nose = (ahead >= base) & (aside <= half * (tip - ahead) / (tip - base))
+                paint(glyph.cell, is_nose, COLOURS["person"])
+            paint(glyph.cell, distance <= outer, COLOURS["person"])
+            paint(glyph.cell, distance <= inner, COLOURS[scene.zone[glyph.cell]])
+    paint(agent, distance <= 0.26, COLOURS["agent"])
     return image
 
 
@@ -60,32 +72,6 @@ def _kinds(scene: Scene) -> list[str]:
     """Returns what every cell is, (C,): its zone, or "wall"."""
     walls = scene.is_wall.tolist()
     return ["wall" if is_wall else zone for zone, is_wall in zip(scene.zone, walls, strict=True)]
-
-
-def _paint_disc(image: NDArray[np.uint8], centre: tuple[float, float], radius: float, colour: Colour) -> None:
-    """Paints a disc inside a cell; the centre, (row, column), and the radius are in cells."""
-    offset = np.arange(CELL_PIXELS) - CELL_PIXELS / 2
-    inside = offset[:, None] ** 2 + offset**2 <= (radius * CELL_PIXELS) ** 2
-    _paint(image, centre, inside, colour)
-
-
-def _paint_nose(
-    image: NDArray[np.uint8], centre: tuple[float, float], heading: tuple[int, int], colour: Colour
-) -> None:
-    """Paints a triangle inside a cell that points where a person looks, (row, column)."""
-    offset = (np.arange(CELL_PIXELS) - CELL_PIXELS / 2) / CELL_PIXELS
-    ahead = offset[:, None] * heading[0] + offset * heading[1]
-    aside = offset[:, None] * heading[1] + offset * heading[0]
-    tip, base, half = NOSE
-    _paint(image, centre, (ahead >= base) & (abs(aside) <= half * (tip - ahead) / (tip - base)), colour)
-
-
-def _paint(
-    image: NDArray[np.uint8], centre: tuple[float, float], inside: NDArray[np.bool_], colour: Colour
-) -> None:
-    """Paints those pixels of a cell, (40, 40), that are inside; the centre, (row, column), is in cells."""
-    top, left = (int(coordinate) * CELL_PIXELS for coordinate in centre)
-    image[top : top + CELL_PIXELS, left : left + CELL_PIXELS][inside] = colour
 
 
 class Window:

@@ -4,9 +4,9 @@
 there say what each is about, and in S1 to S3 which term of the paper a value has.
 """
 
+import json
 import math
-import pickle
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -14,25 +14,10 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    AfterValidator,
-    Field,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, ValidationError, WrapValidator, model_validator
+from pydantic import ValidatorFunctionWrapHandler as Handler
 
-from envs.inputs import (
-    Line,
-    Name,
-    Table,
-    check_file_name,
-    override,
-    parse,
-    read_toml,
-    unknown_name,
-)
+from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, unknown_name
 from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, merged, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
@@ -46,7 +31,7 @@ _CELL_LENGTH: Final = 2
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 
 
-def _place(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _place(value: Any, handler: Handler) -> Any:
     if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
         value = tuple(tuple(each) if isinstance(each, list) else each for each in value)
     try:
@@ -79,30 +64,24 @@ class Grid(Table):
         return self.rows, self.columns
 
     @cached_property
+    def position(self) -> NDArray[np.int_]:
+        """(C, 2) row and column of each cell."""
+        return np.stack(np.divmod(np.arange(self.rows * self.columns), self.columns), axis=1)
+
+    @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
         """(C,) which cells are walls."""
         signs = "".join(self.walls.split()) or "." * (self.rows * self.columns)
         return np.array([sign == "#" for sign in signs])
 
     @model_validator(mode="after")
-    def _has_few_cells(self) -> Self:
-        if self.rows * self.columns > MAX_STATES:
-            raise ValueError(
-                f"rows x columns = {self.rows} x {self.columns}: accepted: at most {MAX_STATES} cells"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _walls_fill_the_grid(self) -> Self:
-        lines = self.walls.split()
-        if lines and (
-            len(lines) != self.rows
-            or {len(line) for line in lines} != {self.columns}
-            or set(self.walls) - set("#. \n")
-        ):
-            raise ValueError(
-                f'walls: accepted: {self.rows} lines of {self.columns} characters, "#" a wall, "." floor'
-            )
+    def _is_sound(self) -> Self:
+        rows, columns, lines = self.rows, self.columns, self.walls.split()
+        if rows * columns > MAX_STATES:
+            raise ValueError(f"rows x columns = {rows} x {columns}: accepted: at most {MAX_STATES} cells")
+        is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set("#. \n")
+        if lines and not is_complete:
+            raise ValueError(f'walls: accepted: {rows} lines of {columns} characters, "#" a wall, "." floor')
         return self
 
 
@@ -166,10 +145,10 @@ class BinaryFeedback(Table):
     high: Reward
 
 
-Feedback = Annotated[
-    NoFeedback | UniformFeedback | DistanceFeedback | NoisyFeedback | DelayedFeedback | BinaryFeedback,
-    Field(discriminator="kind"),
-]
+AnyFeedback = (
+    NoFeedback | UniformFeedback | DistanceFeedback | NoisyFeedback | DelayedFeedback | BinaryFeedback
+)
+Feedback = Annotated[AnyFeedback, Field(discriminator="kind")]
 
 
 class Walk(Table):
@@ -248,9 +227,7 @@ class Someone(NamedTuple):
     cell: Cell
     heading: Heading
     regions: Regions
-    feedback: (
-        NoFeedback | UniformFeedback | DistanceFeedback | NoisyFeedback | DelayedFeedback | BinaryFeedback
-    )
+    feedback: AnyFeedback
 
 
 class Scenario(Table):
@@ -283,16 +260,16 @@ class Scenario(Table):
         walk = self.issuer.walk
         if walk is None:
             return self.phases or (Phase(name="always"),)
-        stages: list[Phase] = []
+        cells: list[tuple[Cell, Heading]] = []
         for (row, column), (to_row, to_column) in pairwise(_round(self.issuer.position, walk)):
             step = int(np.sign(to_row - row)), int(np.sign(to_column - column))
-            heading: Heading = next(name for name, way in HEADINGS.items() if way == step)
-            for k in range(abs(to_row - row) + abs(to_column - column)):
-                cell = row + k * step[0], column + k * step[1]
-                stages.append(
-                    Phase(name=f"{len(stages) + 1}", position=cell, heading=heading, steps=walk.steps)
-                )
-        return tuple(stages)
+            heading = next(name for name, way in HEADINGS.items() if way == step)
+            n_steps = abs(to_row - row) + abs(to_column - column)
+            cells += [((row + k * step[0], column + k * step[1]), heading) for k in range(n_steps)]
+        return tuple(
+            Phase(name=f"{i}", position=cell, heading=heading, steps=walk.steps)
+            for i, (cell, heading) in enumerate(cells, start=1)
+        )
 
     @cached_property
     def ticks(self) -> NDArray[np.int_]:
@@ -323,9 +300,7 @@ class Scenario(Table):
     @cached_property
     def people(self) -> tuple[tuple[tuple[Someone, ...], ...], ...]:
         """(J, P, people) the issuer, and the others, in each place and phase."""
-        return tuple(
-            tuple(tuple(self._people(place, stage)) for stage in self.stages) for place in self.places
-        )
+        return tuple(tuple(self._people(place, stage) for stage in self.stages) for place in self.places)
 
     @cached_property
     def issuer_cells(self) -> tuple[Cell, ...]:
@@ -425,7 +400,7 @@ class Scenario(Table):
     def _zones_by_place(self) -> dict[Cell, NDArray[np.int8]]:
         """The zone of every cell in each phase, (P, C), by where the issuer can stand."""
         return {
-            place: np.array([self._zones(list(self._people(place, stage))) for stage in self.stages])
+            place: np.array([self._zones(self._people(place, stage)) for stage in self.stages])
             for place in _cells(self.issuer.position, self.grid)
             if not self._is_taken(place)
         }
@@ -434,23 +409,21 @@ class Scenario(Table):
         """Returns whether the agent can enter a target region in some phase, given (P, C) zones."""
         return bool(((zone == ZONES.index("target")) & ~self.grid.is_wall).any())
 
+    def _is_wall(self, cell: Cell) -> bool:
+        return bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
+
     def _is_taken(self, cell: Cell) -> bool:
         """Returns whether a cell is a wall, or another person stands there."""
-        is_wall = bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
-        return is_wall or cell in [person.position for person in self.others]
+        return self._is_wall(cell) or cell in [person.position for person in self.others]
 
-    def _people(self, place: Cell, stage: Phase) -> Iterator[Someone]:
+    def _people(self, place: Cell, stage: Phase) -> tuple[Someone, ...]:
         """Returns the issuer in a phase, and the others."""
-        yield Someone(
-            stage.position or place,
-            stage.heading or self.issuer.heading,
-            stage.regions or self.regions,
-            self.issuer.feedback,
-        )
-        for person in self.others:
-            yield Someone(person.position, person.heading, person.regions, person.feedback)
+        heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
+        issuer = Someone(stage.position or place, heading, regions, self.issuer.feedback)
+        others = (Someone(each.position, each.heading, each.regions, each.feedback) for each in self.others)
+        return issuer, *others
 
-    def _zones(self, people: list[Someone]) -> NDArray[np.int8]:
+    def _zones(self, people: tuple[Someone, ...]) -> NDArray[np.int8]:
         """Returns the zone of every cell among some people, (C,)."""
         size, width = self.grid.size, self.grid.metres_per_cell or 1.0
         each = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
@@ -459,24 +432,36 @@ class Scenario(Table):
     # Checks
 
     @model_validator(mode="after")
-    def _observes_in_order(self) -> Self:
-        if "agent" not in self.observe or len(set(self.observe)) < len(self.observe):
-            raise ValueError(f'observe = {list(self.observe)}: accepted: "agent", and other parts once each')
-        if self.observe != (ordered := tuple(part for part in PARTS if part in self.observe)):
-            raise ValueError(f"observe = {list(self.observe)}: accepted: in this order, {list(ordered)}")
+    def _is_sound(self) -> Self:
+        ordered = tuple(part for part in PARTS if part in self.observe)
+        if "agent" not in ordered or self.observe != ordered:
+            where = f"observe = {list(self.observe)}"
+            raise ValueError(
+                f"{where}: accepted: agent, and other parts once each, in the order {list(PARTS)}"
+            )
+        regions = [self.regions, *(person.regions for person in self.others)]
+        regions += [phase.regions for phase in self.phases if phase.regions is not None]
+        if self.grid.metres_per_cell is None and any(each.unit == "metres" for each in regions):
+            raise ValueError('regions.unit = "metres": needs grid.metres_per_cell')
+        self._check_phases()
+        self._check_walk()
+        self._check_cells()
+        self._check_sizes()
+        self._check_starts()
+        if self.n_observations > MAX_STATES:
+            what = f"observe = {list(self.observe)}: {self.n_observations} observations"
+            raise ValueError(f"{what}; accepted: at most {MAX_STATES}")
         return self
 
-    @model_validator(mode="after")
-    def _phases_follow_each_other(self) -> Self:
+    def _check_phases(self) -> None:
+        """Checks that phases follow each other."""
         names = [phase.name for phase in self.phases]
         for i, phase in enumerate(self.phases):
             where = f"phases.{i}"
-            if (phase.steps is None) == (phase.next is None) or (phase.next is None) != (
-                self.phases[0].next is None
-            ):
-                raise ValueError(
-                    f"{where} ({phase.name}): accepted: steps in every phase, or next in every phase"
-                )
+            is_timed = phase.next is None
+            if (phase.steps is None) == is_timed or is_timed != (self.phases[0].next is None):
+                accepted = "steps in every phase, or next in every phase"
+                raise ValueError(f"{where} ({phase.name}): accepted: {accepted}")
             if names.count(phase.name) > 1:
                 raise ValueError(f"{where}.name = {phase.name}: accepted: another name, since it is taken")
             for name in phase.next or {}:
@@ -485,143 +470,86 @@ class Scenario(Table):
                     raise ValueError(f"{where}.next: {name} is not another phase; accepted: {accepted}")
             if math.fsum((phase.next or {}).values()) > 1 + _CERTAINTY_TOLERANCE:
                 raise ValueError(f"{where}.next: the probabilities sum to more than 1; accepted: at most 1")
-        return self
 
-    @model_validator(mode="after")
-    def _issuer_has_one_way_to_move(self) -> Self:
+    def _check_walk(self) -> None:
+        """Checks that the issuer moves in one way, if at all, and that its feedback allows that."""
         position, walk = self.issuer.position, self.issuer.walk
-        is_fixed = isinstance(position, tuple) and isinstance(position[0], int)
         if walk is not None and self.phases:
             raise ValueError("issuer.walk and phases: accepted: one of them")
-        if walk is not None and not is_fixed:
-            raise ValueError(f"issuer.walk with issuer.position = {_written(position)}: accepted: a cell")
-        if not is_fixed and any(phase.position is not None for phase in self.phases):
-            raise ValueError(
-                f"phases with positions and issuer.position = {_written(position)}: accepted: a cell"
-            )
-        if walk is not None and isinstance(position, tuple):
-            for here, there in pairwise(_round(position, walk)):
-                if (here[0] == there[0]) == (here[1] == there[1]):
-                    raise ValueError(
-                        f"issuer.walk.corners: from {_written(here)} to {_written(there)}: accepted: "
-                        "another cell of the same row or column, also on the way back"
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _metres_are_known(self) -> Self:
-        regions = [self.regions, *(person.regions for person in self.others)]
-        regions += [phase.regions for phase in self.phases if phase.regions is not None]
-        if self.grid.metres_per_cell is None and any(each.unit == "metres" for each in regions):
-            raise ValueError('regions.unit = "metres": needs grid.metres_per_cell')
-        return self
-
-    @model_validator(mode="after")
-    def _late_feedback_is_known(self) -> Self:
-        if self.is_delayed and self.moves:
+        moved_by = "issuer.walk" if walk is not None else "phases with positions"
+        if walk is None and all(phase.position is None for phase in self.phases):
+            return
+        if position == "anywhere" or not isinstance(position[0], int):
+            raise ValueError(f"{moved_by} with issuer.position = {_written(position)}: accepted: a cell")
+        for here, there in pairwise(_round(position, walk) if walk is not None else ()):
+            if (here[0] == there[0]) == (here[1] == there[1]):
+                where = f"issuer.walk.corners: from {_written(here)} to {_written(there)}"
+                accepted = "another cell of the same row or column, also on the way back"
+                raise ValueError(f"{where}: accepted: {accepted}")
+        if self.is_delayed:
             raise ValueError('feedback.kind = "delayed" with an issuer that moves: accepted: any other kind')
-        return self
 
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _check_cells(self) -> None:
+        """Checks that everyone stands on the grid, on floor, and alone."""
         rows, columns = self.grid.size
-        stands = {"issuer.position": _cells(self.issuer.position, self.grid)}
-        stands |= {f"others.{i}.position": [person.position] for i, person in enumerate(self.others)}
+        stands = {f"others.{i}.position": [person.position] for i, person in enumerate(self.others)}
         stands |= {
-            f"phases.{i}.position": [phase.position] for i, phase in enumerate(self.phases) if phase.position
+            f"phases.{i}.position": [each.position] for i, each in enumerate(self.phases) if each.position
         }
         if self.issuer.walk is not None:
             stands["issuer.walk.corners"] = list(self.issuer.walk.corners)
-        for key, cells in {"grid.start": _cells(self.grid.start, self.grid), **stands}.items():
+        for key, place in {"issuer.position": self.issuer.position, "grid.start": self.grid.start}.items():
+            stands |= {} if place == "anywhere" else {key: _cells(place, self.grid)}
+        for key, cells in stands.items():
             for row, column in cells:
                 if not (0 <= row < rows and 0 <= column < columns):
-                    raise ValueError(
-                        f"{key} = [{row}, {column}] is off the grid; accepted: rows 0 to {rows - 1}, "
-                        f"columns 0 to {columns - 1}"
-                    )
+                    accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+                    raise ValueError(f"{key} = [{row}, {column}] is off the grid; accepted: {accepted}")
         if self.issuer.walk is not None:
             stands["issuer.walk.corners"] = [stage.position for stage in self.stages if stage.position]
         others = [person.position for person in self.others]
-        if self.issuer.position == "anywhere":
-            del stands["issuer.position"]
-        if self.grid.start != "anywhere":
-            stands["grid.start"] = _cells(self.grid.start, self.grid)
         for key, cells in stands.items():
             for cell in cells:
-                is_wall = self.grid.is_wall[cell[0] * columns + cell[1]]
-                if is_wall or others.count(cell) > key.startswith("others"):
-                    why = "is a wall" if is_wall else "is taken by another person"
-                    raise ValueError(f"{key} = {_written(cell)} {why}; accepted: another cell")
-        self._has_few_states()
-        self._can_be_played()
-        self._has_few_observations()
-        return self
+                if self._is_wall(cell) or others.count(cell) > key.startswith("others"):
+                    why = "a wall" if self._is_wall(cell) else "taken by another person"
+                    raise ValueError(f"{key} = {_written(cell)} is {why}; accepted: another cell")
 
-    def _can_be_played(self) -> None:
-        """Checks that episodes can start and succeed, in every cell that is listed for it.
-
-        Raises:
-          ValueError: They cannot.
-        """
-        start, position = self.grid.start, self.issuer.position
-        for place, zone in self._zones_by_place.items():
-            if position != "anywhere" and not self._has_target(zone):
-                raise ValueError(
-                    f"regions: with the issuer at {_written(place)}, the target region has no cell that the "
-                    "agent can enter; accepted: a target shape that reaches beyond the uncomfortable one"
-                )
-        used = {
-            divmod(cell, self.grid.columns) for rest in self._starts_by_place.values() for cell in rest[:, 1]
-        }
-        for cell in _cells(start, self.grid) if start != "anywhere" else ():
-            if cell not in used:
-                raise ValueError(
-                    f"grid.start = {_written(cell)} lies inside a region of the issuer at "
-                    f"{_written(position)}{' or of another person' if self.others else ''}; accepted: a cell "
-                    "outside every region"
-                )
-        for place in _cells(position, self.grid) if position != "anywhere" else ():
-            if place not in self._starts_by_place:
-                raise ValueError(
-                    f"issuer.position = {_written(place)} leaves no start outside every region; "
-                    "accepted: a cell that leaves one"
-                )
-        if not self._starts_by_place:
-            raise ValueError(
-                'issuer.position = "anywhere" leaves no start outside every region; accepted: smaller '
-                "regions, or another grid.start"
-            )
-
-    def _has_few_states(self) -> None:
-        """Checks that the scenario has at most MAX_STATES states.
-
-        Raises:
-          ValueError: It has more; the message names what their number is the product of.
-        """
+    def _check_sizes(self) -> None:
+        """Checks that the scenario has at most MAX_STATES states."""
         factors = {
             "cells (grid.rows x grid.columns)": self.grid.rows * self.grid.columns,
             "wrong PINGs (ping_limit)": self.ping_limit,
             "cells for the issuer (issuer.position)": len(_cells(self.issuer.position, self.grid)),
             "ticks (phases, or issuer.walk)": sum(stage.steps or 1 for stage in self.stages),
-            "cases, with and without pending feedback (issuer.feedback)": 2 if self.is_delayed else 1,
+            "cases, with and without pending feedback (issuer.feedback)": 1 + self.is_delayed,
         }
         n_states = math.prod(factors.values())
         if n_states > MAX_STATES:
             product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
             raise ValueError(f"{product} = {n_states} states; accepted: at most {MAX_STATES}")
 
-    def _has_few_observations(self) -> None:
-        """Checks that the scenario has at most MAX_STATES observations.
-
-        Raises:
-          ValueError: It has more.
-        """
-        n_observations = self.n_observations
-        if n_observations > MAX_STATES:
-            raise ValueError(
-                f"observe = {list(self.observe)}: {n_observations} observations; accepted: at most "
-                f"{MAX_STATES}"
-            )
+    def _check_starts(self) -> None:
+        """Checks that episodes can start and succeed, in every cell that is listed for it."""
+        start, position = self.grid.start, self.issuer.position
+        listed = _cells(position, self.grid) if position != "anywhere" else []
+        for place in listed:
+            if not self._has_target(self._zones_by_place[place]):
+                raise ValueError(
+                    f"regions: with the issuer at {_written(place)}, the target region has no cell that the "
+                    "agent can enter; accepted: a target shape that reaches beyond the uncomfortable one"
+                )
+        starts = np.concatenate([np.zeros((0, 2), dtype=int), *self._starts_by_place.values()])
+        used = {divmod(cell, self.grid.columns) for cell in starts[:, 1].tolist()}
+        for cell in _cells(start, self.grid) if start != "anywhere" else ():
+            if cell not in used:
+                whose = f"the issuer at {_written(position)}{' or another person' if self.others else ''}"
+                where = f"grid.start = {_written(cell)} lies inside a region of {whose}"
+                raise ValueError(f"{where}; accepted: a cell outside every region")
+        unused = [place for place in listed if place not in self._starts_by_place]
+        if unused or not self._starts_by_place:
+            where = f"issuer.position = {_written(unused[0] if unused else position)}"
+            accepted = "other cells, smaller regions, or another grid.start"
+            raise ValueError(f"{where} leaves no start outside every region; accepted: {accepted}")
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, Any]
@@ -681,14 +609,10 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
             unknown_name("scenarios", "scenario", str(scenario), scenario_names())
     check_file_name(path, "the scenario is")
     changed = override(read_toml(path), overrides or {}, str(path))
-    checked: Scenario = pickle.loads(_checked(pickle.dumps(changed), path))
-    return checked
+    return _checked(json.dumps(changed, default=str), path)
 
 
 @lru_cache(maxsize=256)
-def _checked(values: bytes, path: Path) -> bytes:
-    """Returns the scenario of a file, given its values; both pickled, so that each caller has its own.
-
-    Experiments load the same again and again.
-    """
-    return pickle.dumps(parse(Scenario, pickle.loads(values), str(path), name=path.stem))
+def _checked(values: str, path: Path) -> Scenario:
+    """Returns the scenario of a file, given its values as JSON. Experiments load the same again and again."""
+    return parse(Scenario, json.loads(values), str(path), name=path.stem)

@@ -6,7 +6,7 @@ covers rows r to r + 1 and columns c to c + 1.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -39,9 +39,7 @@ BORDERS: Final = {
     "uncomfortable": ("uncomfortable region's edge", True),
 }
 COLOUR_MAP: Final = "cividis"  # of values, in every back end
-CLIPPED_SHARE: Final = (
-    0.01  # of all values, clipped at each end of a colour scale that outliers would stretch
-)
+CLIPPED_SHARE: Final = 0.01  # of values, at each end of a colour scale, which outliers would stretch
 # Of each move: corners of its triangle, (row, column) from the cell's centre; the third is the centre.
 TRIANGLES: Final = np.array(
     [
@@ -94,6 +92,7 @@ class Scene:
     rows: int
     columns: int
     zone: tuple[str, ...]  # (O,) one of ZONES
+    position: NDArray[np.int_]  # (O, 2) row and column of each cell
     is_over: NDArray[np.bool_]  # (O,) in which cells the episode is over, so that nothing can be done
     is_wall: NDArray[np.bool_]  # (O,)
     outlines: tuple[Outline, ...]  # the outermost first
@@ -105,11 +104,6 @@ class Scene:
         """O."""
         return self.rows * self.columns
 
-    @cached_property
-    def position(self) -> NDArray[np.int_]:
-        """(O, 2) row and column of each cell."""
-        return np.stack(np.divmod(np.arange(self.n_cells), self.columns), axis=1)
-
     def centre(self, cell: int) -> tuple[float, float]:
         """Returns a cell's centre, (row, column)."""
         row, column = divmod(cell, self.columns)
@@ -117,11 +111,7 @@ class Scene:
 
     def cells_of(self, kind: str) -> list[int]:
         """Returns the cells of the glyphs of a kind."""
-        return [glyph.cell for glyph in self.glyphs_of(kind)]
-
-    def glyphs_of(self, kind: str) -> list[Glyph]:
-        """Returns the glyphs of a kind."""
-        return [glyph for glyph in self.glyphs if glyph.kind == kind]
+        return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]
 
     def as_json(self) -> dict[str, Any]:
         """Returns the scene for the page's script."""
@@ -142,39 +132,28 @@ class Scene:
 
 @lru_cache(maxsize=64)
 def scene_of(model: Model, context: int = 0) -> Scene:
-    """Returns the map of a model's cells.
-
-    Args:
-      model: Compiled scenario.
-      context: Which place and phase, see `Model.context`.
-    """
+    """Returns the map of a model's cells in a place and phase, see `Model.context`."""
     scenario = model.scenario
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
     place, phase = divmod(context, len(scenario.stages))
-    has_front = scenario.has_front
-    people = [
-        Glyph(
-            "issuer",
-            person.cell[0] * grid.columns + person.cell[1],
-            HEADINGS[person.heading] if has_front else None,
+    people = []
+    for (row, column), heading, *_ in scenario.people[place][phase]:
+        people.append(
+            Glyph("issuer", row * grid.columns + column, HEADINGS[heading] if scenario.has_front else None)
         )
-        for person in scenario.people[place][phase]
-    ]
     starts = model.cell[model.starts[model.context[model.starts] // len(scenario.stages) == place]]
     is_floor = ~grid.is_wall.reshape(grid.size)
-    within = {
-        "target": is_floor & (zone != ZONES.index("outside")),
-        "uncomfortable": is_floor & np.isin(zone, [ZONES.index("uncomfortable"), ZONES.index("issuer")]),
-    }
     return Scene(
         rows=grid.rows,
         columns=grid.columns,
         zone=tuple(ZONES[index] for index in zone.ravel()),
+        position=grid.position,
         is_over=model.is_over[states],
         is_wall=grid.is_wall,
         outlines=tuple(
-            Outline(region, label, is_dashed, outlines(within[region]))
+            # ZONES are ordered by nearness
+            Outline(region, label, is_dashed, outlines(is_floor & (zone >= ZONES.index(region))))
             for region, (label, is_dashed) in BORDERS.items()
         ),
         # Of many start cells none is marked.

@@ -53,9 +53,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Args:
           num_envs: N, at least 1.
-          scenario: A name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's values.
-          observation: `"index"`, `"one_hot"` or `"coordinates"`.
-          overrides: New values for keys of the scenario.
+          scenario: As for `ProxemicEnv`.
+          observation: As for `ProxemicEnv`.
+          overrides: As for `ProxemicEnv`.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
           render_mode: None; a batch cannot be rendered.
@@ -69,9 +69,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             accepted = "at least 1, or None or -1 for no limit"
             self._limit = _whole_number("max_episode_steps", max_episode_steps, accepted)
         if render_mode is not None:
-            raise InputError(
-                f"render_mode = {render_mode!r}; accepted: None, because a batch cannot be rendered."
-            )
+            raise InputError(f"render_mode = {render_mode!r}; accepted: None, for a batch.")
         try:
             self._mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -184,8 +182,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         fresh = np.flatnonzero(self._over)
         if len(fresh) and self._mode is AutoresetMode.DISABLED:
             raise InputError(
-                f"actions: the episodes of envs {fresh.tolist()} are over; "
-                "accepted: actions after a reset of these envs."
+                f"actions: the episodes of envs {fresh.tolist()} are over; accepted: a reset first."
             )
         # An env that is about to be reset takes no draws for its step.
         uniform = self._draw(np.flatnonzero(~self._over)) if self.model.is_noisy else None
@@ -225,9 +222,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ) -> tuple[
         NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
     ]:
-        """Moves every env by one action: the core of `step`, for loops that need no info.
-
-        It neither checks actions nor resets envs: see `observe` and `restart`.
+        """Moves every env by one action: the core of `step`, without checks, resets and info.
 
         Args:
           actions: (N,) integers, 0 to 4.
@@ -235,8 +230,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
           outcome: (N,) draws from [0, 1) for the outcomes; unused if there is one each.
 
         Returns:
-          (N,) each: `state * A + action` before the move; the grid's reward; the issuer's reward;
-          terminated; truncated.
+          (N,) `state * A + action` before the move, grid's and issuer's rewards, terminated, truncated.
         """
         taken = self._state * len(ACTIONS) + actions
         if self.model.n_outcomes > 1:
@@ -254,17 +248,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
     def restart(self, envs: NDArray[np.intp], uniform: NDArray[np.float64] | None) -> None:
-        """Moves the agents of these envs to a start.
-
-        Args:
-          envs: (n,) which envs.
-          uniform: (n,) draws from [0, 1), which choose among several starts; unused if there is one.
-        """
-        if len(self._starts) > 1:
-            assert uniform is not None
-            self._state[envs] = self._starts[(uniform * len(self._starts)).astype(np.intp)]
-        else:
-            self._state[envs] = self._starts[0]
+        """Moves the agents of these envs, (n,), to a start, of several by (n,) draws from [0, 1)."""
+        place = 0 if uniform is None else (uniform * len(self._starts)).astype(np.intp)
+        self._state[envs] = self._starts[place]
         self._steps[envs] = 0
 
     def draw_starts(self, envs: NDArray[np.intp]) -> NDArray[np.float64] | None:
@@ -312,11 +298,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         info["zone"][envs] = self._zone[self._state[envs]]
 
     def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
-        """Returns a reset mask.
-
-        Raises:
-          InputError: It is not (N,) bool, or selects no env.
-        """
+        """Returns a reset mask, which must be (N,) bool and select an env."""
         if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             given = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
             raise InputError(f"reset_mask: {given}; accepted: a bool array of shape ({self.num_envs},).")
@@ -325,11 +307,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return mask
 
     def _seeds(self, seed: int | np.integer | Sequence[int | None]) -> Sequence[int | None]:
-        """Returns a seed for each env.
-
-        Raises:
-          InputError: There are fewer or more seeds than envs.
-        """
+        """Returns a seed for each env, of which there must be as many."""
         if isinstance(seed, int | np.integer):
             return range(int(seed), int(seed) + self.num_envs)
         if len(seed) != self.num_envs:
@@ -338,11 +316,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
 
 def _whole_number(name: str, value: Any, accepted: str) -> int:
-    """Returns an argument as a Python integer.
-
-    Raises:
-      InputError: It is not a whole number of at least 1.
-    """
+    """Returns an argument as a Python integer, which must be at least 1."""
     try:
         number = operator.index(value)
     except TypeError:

@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -28,6 +28,7 @@ from benchmark.execution.executors.threads import Threads
 from benchmark.execution.store import NoRunsError, Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_cluster import Machines
+from tests.benchmark.execution.test_processes import arrays_of, children
 from tests.support import ROOT
 
 # Tables, which are trained in the driver, compiled nets, and nets of Stable-Baselines3.
@@ -46,7 +47,6 @@ dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 3 }
 dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 2, settings.learning_starts = 1900 }
 """
 TABLES: Final = re.sub(r"dqn.*\n", "", NETS)  # without nets, whose workers take seconds to start
-Arrays = dict[str, dict[str, bytes]]  # by digest and name
 
 
 class Broken(Exception):  # noqa: N818
@@ -73,7 +73,7 @@ class Chaos:
             runs = all_specifications(load_experiment(self.experiment))
             errors = run(runs, store, jobs=1, executor=Threads)
             assert errors == []
-            self.expected = _arrays(store)
+            self.expected = arrays_of(store.get(sorted(store.ended())))
         self.duration = 0.0  # seconds that all runs take
         started = time.monotonic()
         self.finish()
@@ -109,7 +109,7 @@ class Chaos:
             with Store(self.results / "runs.db", read_only=True) as store:
                 if problem := store.problem():
                     raise Broken(f"the store is damaged: {problem}")
-                found = _arrays(store)
+                found = arrays_of(store.get(sorted(store.ended())))
         except NoRunsError:
             found = {}
         if lost := self._kept - found.keys():
@@ -141,13 +141,21 @@ class Chaos:
         shutil.rmtree(self.results)
         self._kept = set()
 
+    def _moment(self) -> float:
+        """Draws when something happens, as `time.monotonic` says it."""
+        return time.monotonic() + self.rng.uniform(0.2, max(self.duration, 1.0))
+
+    def _wait(self, process: subprocess.Popen[str]) -> int:
+        """Waits for such a moment; returns whether a process is still running then."""
+        time.sleep(max(0.0, self._moment() - time.monotonic()))
+        return int(process.poll() is None)
+
     # What can happen. Each returns how many processes were killed.
 
     def driver_killed(self, number: int = signal.SIGKILL) -> int:
         """A driver is killed at some moment, with all it has started, or by itself."""
         process = self.start()
-        time.sleep(self.rng.uniform(0.2, max(self.duration, 1.0)))
-        is_running = process.poll() is None
+        is_running = self._wait(process)
         if self.rng.random() < 0.5:
             os.killpg(process.pid, number) if is_running else None
         else:
@@ -156,53 +164,47 @@ class Chaos:
         if number == signal.SIGINT and "Traceback" in errors:
             raise Broken(f"a traceback after an interrupt: {errors[-2000:]}")
         _wait_for_end(process.pid)
-        return int(is_running)
+        return is_running
 
     def worker_killed(self) -> int:
         """A worker process is killed at some moment; the driver goes on."""
         process = self.start()
-        deadline = time.monotonic() + self.rng.uniform(0.2, max(self.duration, 1.0))
+        deadline = self._moment()
         workers: list[int] = []
         while process.poll() is None and (time.monotonic() < deadline or not workers):
-            workers = [pid for pid in _children(process.pid) if _is_worker(pid)]
+            workers = _workers(process.pid)
             time.sleep(0.01)
         n_killed = 0
-        if workers:
-            victim = int(self.rng.choice(workers))
-            try:
-                os.kill(victim, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            if workers:
+                os.kill(int(self.rng.choice(workers)), signal.SIGKILL)
                 n_killed = 1
-            except ProcessLookupError:
-                pass
         process.communicate(timeout=600)
         return n_killed
 
     def cluster_worker_killed(self, machines: Machines) -> int:
         """One of two workers of a Dask cluster is killed at some moment, and replaced; the driver goes on."""
         process = self.start(cluster=machines.address)
-        time.sleep(self.rng.uniform(0.2, max(self.duration, 1.0)))
-        is_running = process.poll() is None
+        is_running = self._wait(process)
         victim = machines.workers.pop(int(self.rng.integers(len(machines.workers))))
         victim.kill()
         machines.workers.append(machines.add(f"worker{self.rng.integers(2**31)}", preload=""))
         _, errors = process.communicate(timeout=600)
         if process.returncode != 0:
             raise Broken(f"the driver ended with {process.returncode}: {errors[-500:]}")
-        return int(is_running)
+        return is_running
 
     def one_of_two_drivers_killed(self) -> int:
         """Two drivers share the store; one is killed."""
         first, second = self.start(), self.start()
-        time.sleep(self.rng.uniform(0.2, max(self.duration, 1.0)))
-        is_running = first.poll() is None
-        if is_running:
+        if is_running := self._wait(first):
             os.killpg(first.pid, signal.SIGKILL)
         first.communicate()
         _wait_for_end(first.pid)
         _, errors = second.communicate(timeout=600)
         if second.returncode != 0:
             raise Broken(f"the other driver ended with {second.returncode}: {errors[-500:]}")
-        return int(is_running)
+        return is_running
 
     def disk_full(self) -> int:
         """The disk is full at some moment, then no more; or a file may not become larger."""
@@ -210,12 +212,8 @@ class Chaos:
         with _small_disk(self.results, size) as is_disk:
             process = self.start(limit=None if is_disk else size)
             _, errors = process.communicate(timeout=600)
-            lines = [line for line in errors.splitlines() if line.startswith("error: ")]
-            if (
-                process.returncode not in (0, 1, 2)
-                or "Traceback" in errors
-                or (process.returncode and not lines)
-            ):
+            is_explained = process.returncode == 0 or (process.returncode in (1, 2) and "error: " in errors)
+            if "Traceback" in errors or not is_explained:
                 raise Broken(f"a full disk: exit code {process.returncode}: {errors[-2000:]}")
             self.check()
         return 0
@@ -238,7 +236,9 @@ def main(arguments: list[str] | None = None) -> int:
                 continue
             (Path(folder) / name).mkdir()
             chaos = Chaos(Path(folder) / name, text, options.seed)
-            ways = local_ways(chaos)
+            ways: list[Callable[[], int]]
+            ways = [chaos.disk_full, chaos.driver_killed, partial(chaos.driver_killed, signal.SIGINT)]
+            ways += [chaos.one_of_two_drivers_killed, chaos.driver_killed]
             if name == "nets":
                 ways = [chaos.worker_killed] * 3 + ways
             elif name == "cluster":
@@ -249,17 +249,6 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"{what:28} {count}")
     print(f"processes killed or interrupted: {total['killed']}; runs lost, repeated or different: 0")
     return 0
-
-
-def local_ways(chaos: Chaos) -> list[Callable[[], int]]:
-    """Returns what can happen to drivers of an experiment on this machine."""
-    return [
-        chaos.disk_full,
-        chaos.driver_killed,
-        partial(chaos.driver_killed, signal.SIGINT),
-        chaos.one_of_two_drivers_killed,
-        chaos.driver_killed,
-    ]
 
 
 @contextmanager
@@ -300,31 +289,13 @@ def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> No
     chaos.finish()
 
 
-def _arrays(store: Store) -> Arrays:
-    """Returns what is stored of all ended runs."""
-    return {
-        record.digest: {name: values.tobytes() for name, values in record.arrays.items()}
-        for record in store.get(sorted(store.ended()))
-    }
-
-
-def _children(pid: int) -> list[int]:
-    """Returns the processes that a process has started."""
-    children = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            children += [int(child) for child in task.read_text().split()]
-        except OSError:  # it has ended
-            continue
-    return children
-
-
-def _is_worker(pid: int) -> bool:
-    """Returns whether a process is a worker of multiprocessing."""
+def _workers(pid: int) -> list[int]:
+    """Returns the workers of multiprocessing that a process has started."""
     try:
-        return "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()
-    except OSError:
-        return False
+        started = {child: Path(f"/proc/{child}/cmdline").read_text() for child in children(pid)}
+    except OSError:  # one has ended
+        return []
+    return [child for child, command in started.items() if "spawn_main" in command]
 
 
 def _wait_for_end(group: int) -> None:

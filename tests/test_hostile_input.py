@@ -8,12 +8,12 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from typing import IO
 
 import gymnasium
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError, load_scenario
 from envs.inputs import read_toml
@@ -32,8 +32,14 @@ observations = ["index"]
 seeds = 3
 settings = { budget = 1000 }
 """
-
-
+LONG = EXPERIMENT.replace("budget = 1000", "budget = 1_000_000_000, record_every = 1000")
+LARGE = EXPERIMENT.replace('"index"', '"coordinates", "one_hot"').replace("q_learning", "compiled_dqn")
+LARGE += """
+[readings.default]
+question = "?"
+answer = "!"
+scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }
+"""
 # Eight axes of twelve conditions.
 SWEEP = "".join(
     f"[sweep.axis{axis}.c{i}.settings]\nkey{axis} = {i}\n" for axis in range(8) for i in range(12)
@@ -54,28 +60,34 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (f"a = {'[' * 500}{']' * 500}", "nested too deeply; accepted: at most 32 levels"),
+        (f"a = {'[' * 500}{']' * 500}", "nested too deeply"),
         (f"a = {'[' * 40}{']' * 40}", "nested too deeply"),
         (f"a = {'{ b = ' * 300}1{' }' * 300}", "nested too deeply"),
         (f"[{'.'.join('a' * 3000)}]", "nested too deeply"),
         (f"{'.'.join('a' * 3000)} = 1", "nested too deeply"),
-        (f"horizon = {'9' * 5000}", "a number has too many digits; accepted: at most 4,300"),
-        (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
-        (EXPERIMENT.replace("= 200", "= 10_001"), "horizon = 10001: "),
-        (
-            EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"),
-            "horizon: too many digits; accepted: at most 4,300",
-        ),
+        (f"{EXPERIMENT}[sweep.size.small.scenario]\n'{'.'.join('a' * 1200)}' = 1", "nested too deeply"),
         (
             f"extends = 'reproduce'\ndescription = 'x'\n[changes]\n'{'.'.join('a' * 3000)}' = 1",
             "nested too deeply",
         ),
-        (f"{EXPERIMENT}[sweep.size.small.scenario]\n'{'.'.join('a' * 1200)}' = 1", "nested too deeply"),
-        (EXPERIMENT + SWEEP, "readings with sweep: accepted: at most 10,000 conditions"),
+        (f"horizon = {'9' * 5000}", "too many digits"),
+        (EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"), "horizon: too many digits"),
+        (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
+        (EXPERIMENT.replace("= 200", "= 10_001"), "horizon = 10001: "),
+        (EXPERIMENT + SWEEP, "10,000 conditions"),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
         ("a = 1\n" * 2, "not valid TOML"),
         (EXPERIMENT.replace("map_every", "x" * 5000), "unknown key xxxxx"),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
+        (LONG.replace("= 500", "= 1"), "evaluation_every = 1 with budget = 1000000000: 1,000,000,001 evalu"),
+        (LONG.replace("500", "10000"), "100,001 evaluations"),  # times 120 cells
+        # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
+        (LONG.replace("500", "20000"), f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB"),
+        (
+            LONG.replace(", record_every = 1000", "").replace("500", "1_000_000_000"),
+            "record_every = 1 with budget = 1000000000: ",
+        ),
+        (LARGE, "algorithms.table: observation one_hot: 100,000 observations of 100,000 numbers each"),
     ],
 )
 def test_files_that_are_too_much(
@@ -87,68 +99,34 @@ def test_files_that_are_too_much(
 
 def test_pipe_is_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     os.mkfifo(tmp_path / "mine.toml")
-    line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-    assert "mine.toml: cannot be read: it is not a file." in line
+    assert "not a file" in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
 
 
-def test_many_evaluations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = EXPERIMENT.replace("budget = 1000", "budget = 1_000_000_000, record_every = 1000")
-    (tmp_path / "mine.toml").write_text(text.replace("evaluation_every = 500", "evaluation_every = 1"))
-    line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-    assert (
-        "algorithms.table: evaluation_every = 1 with budget = 1000000000: 1,000,000,001 evaluations" in line
-    )
-    (tmp_path / "mine.toml").write_text(text.replace("500", "10000"))  # 100,001 times 120 cells
-    line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-    assert "100,001 evaluations; accepted: at most 100,000." in line
-    (tmp_path / "mine.toml").write_text(text.replace("500", "20000"))
-    # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
-    assert f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB" in refused(
-        capsys, "run", tmp_path / "mine.toml", "--results", tmp_path
-    )
-    text = text.replace(", record_every = 1000", "").replace("500", "1_000_000_000")
-    (tmp_path / "mine.toml").write_text(text)
-    line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-    assert "record_every = 1 with budget = 1000000000: accepted: at most 10,000,000 records" in line
-
-
-def test_one_hot_observations_of_many_cells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_hot_observations_of_many_cells() -> None:
     large = {"grid.rows": 250, "grid.columns": 400, "ping_limit": 1}
-    scenario = load_scenario("S1", large)
     with pytest.raises(InputError, match="one_hot: 100,000 observations of 100,000 numbers each"):
         gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides=large)
     for observation in ("index", "coordinates"):
         env = gymnasium.make("envs:Proxemic/S1-v0", observation=observation, overrides=large)
         env.reset(seed=0)
         env.close()
-    assert scenario.n_observations == 100_000
-    text = EXPERIMENT.replace('"index"', '"coordinates", "one_hot"').replace('"q_learning"', '"compiled_dqn"')
-    changes = "\n[readings.default]\nquestion = '?'\nanswer = '!'\n"
-    changes += 'scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }\n'
-    (tmp_path / "mine.toml").write_text(text + changes)
-    line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-    assert "algorithms.table: observation one_hot: 100,000 observations of 100,000 numbers each" in line
 
 
 def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """If every step and every PING pays the same, the optimal policy earns no more than the random one."""
     text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
-    rewards = read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"]
-    start = text.index("[rewards]")
-    (tmp_path / "Flat.toml").write_text(
-        text[:start] + "[rewards]\n" + "".join(f"{key} = 0.0\n" for key in rewards)
-    )
+    zeros = "".join(f"{key} = 0.0\n" for key in read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"])
+    (tmp_path / "Flat.toml").write_text(f"{text[: text.index('[rewards]')]}[rewards]\n{zeros}")
     (tmp_path / "mine.toml").write_text(EXPERIMENT.replace('"S1"', f'"{tmp_path}/Flat.toml"'))
-    line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path / "out")
-    assert "Flat: within 200 steps the random policy earns as much as the optimal one (0), so scores" in line
+    flat = ["--agent", "operator:neg", "--scenario", f"{tmp_path}/Flat.toml", "--observation", "index"]
+    for arguments in (["run", f"{tmp_path}/mine.toml"], ["assess", *flat]):
+        assert "so scores" in refused(capsys, *arguments, "--results", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    flat = ["--scenario", str(tmp_path / "Flat.toml"), "--observation", "index"]
-    assert "so scores are undefined" in refused(capsys, "assess", "--agent", "operator:neg", *flat)
 
 
 def test_many_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = refused(capsys, "run", "reproduce", "--seeds", "0-99999", "--results", tmp_path)
-    assert "reproduce: 2,700,000 runs; accepted: at most 500,000." in line
+    assert "2,700,000 runs; accepted: at most 500,000" in line
     (tmp_path / "mine.toml").write_text(EXPERIMENT)
     runs = all_specifications(load_experiment(tmp_path / "mine.toml"), range(100_000))
     assert len({run.digest for run in runs}) == 100_000
@@ -173,19 +151,18 @@ def test_walk_with_many_ticks_is_refused_before_it_is_laid_out() -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["watch", "--save=--"], "an option has the value --"),
-        (["assess", "--observation", "index", "--agent=--"], "an option has the value --"),
-        (["run", "reproduce", "--jobs", "9" * 5000], "argument --jobs: invalid int value"),
-        (["run", "reproduce", "--jobs", "2000"], "--jobs 2000: accepted: a whole number from 1 to 1024"),
+        (["watch", "--save=--"], "the value --"),
+        (["run", "reproduce", "--jobs", "9" * 5000], "--jobs"),
+        (["run", "reproduce", "--jobs", "2000"], "--jobs 2000: "),
         (["run", "reproduce", "--seeds", "9" * 5000], "--seeds 999"),
-        (["run", "reproduce", "--seeds", "٣"], "--seeds ٣: accepted: A-B"),
+        (["run", "reproduce", "--seeds", "٣"], "--seeds ٣: "),
         (["watch", "--seed", "9" * 5000], "--seed 999"),
-        (["verify", "reproduce", "--runs", "-1"], "--runs -1: accepted: at least 0"),
+        (["verify", "reproduce", "--runs", "-1"], "--runs -1: "),
         (["run", "x" * 5000], "unknown experiment xxx"),
         (["run", "\u001b[31mred"], "unknown experiment"),
-        (["run"], "the following arguments are required: EXPERIMENT; 'python -m benchmark run --help'"),
-        (["fly"], "invalid choice: 'fly'"),
-        ([], "the following arguments are required: COMMAND"),
+        (["run"], "EXPERIMENT; 'python -m benchmark run --help'"),
+        (["fly"], "'fly'"),
+        ([], "COMMAND"),
         (["run", "reproduce", "--executor", "json:"], "executor json: cannot be imported"),
     ],
 )
@@ -193,33 +170,26 @@ def test_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], exp
     assert expected in refused(capsys, *arguments)
 
 
-def listed(results: Path, output: int | IO[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "benchmark", "list", "--results", str(results)],
-        cwd=ROOT,
-        stdout=output,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 def test_closed_and_full_outputs(tmp_path: Path) -> None:
+    def bash(command: str) -> subprocess.CompletedProcess[str]:
+        text = command.replace("benchmark", f"{sys.executable} -m benchmark")
+        return subprocess.run(["bash", "-c", text], cwd=ROOT, capture_output=True, text=True)
+
     # With its output closed, the first file that is opened would get it: the store.
-    command = f"{sys.executable} -m benchmark run reproduce_smoke --jobs 1 --results {tmp_path} >&- 2>&-"
-    assert subprocess.run(["bash", "-c", command], cwd=ROOT).returncode == 0
-    done = listed(tmp_path, subprocess.PIPE)
-    assert "156 of 156 runs done" in done.stdout
-    with Path("/dev/full").open("w") as full:
-        done = listed(tmp_path, full)
+    (tmp_path / "mine.toml").write_text(EXPERIMENT)
+    assert bash(f">&- 2>&- benchmark run {tmp_path}/mine.toml --jobs 1 --results {tmp_path}").returncode == 0
+    with Store(tmp_path / "runs.db", read_only=True) as store:
+        assert len(store.ended()) == 3
+        assert store.problem() == ""
+    done = bash(">/dev/full benchmark list")
     assert (done.returncode, done.stderr) == (2, "error: No space left on device.\n")
-    command = f"{sys.executable} -m benchmark list --results {tmp_path} | head -1; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True)
+    done = bash("benchmark list | head -1; exit ${PIPESTATUS[0]}")
     assert (done.returncode, done.stdout, done.stderr) == (0, "scenarios\n", "")
 
 
 def test_interrupt_at_any_moment_is_one_line() -> None:
     rng = random.Random(0)
-    for _ in range(12):
+    for _ in range(6):
         process = subprocess.Popen(
             [sys.executable, "-m", "benchmark", "list"],
             cwd=ROOT,

@@ -10,11 +10,7 @@ MOST_JOBS: Final = 1024
 
 
 def parse_jobs(jobs: int | None, default: int | None = None) -> int:
-    """Returns the number of jobs that `--jobs` gives.
-
-    Args:
-      jobs: As given; None if the option is not.
-      default: The number without the option; by default that of the cores that this process may use.
+    """Returns the number that `--jobs` gives; without the option the default, or that of usable cores.
 
     Raises:
       InputError: Too few or too many.
@@ -42,10 +38,8 @@ def parse_seeds(text: str | None) -> range | None:
         low = whole_number(first, "--seeds", 0, MOST_SEEDS - 1)
         high = whole_number(last, "--seeds", low, MOST_SEEDS - 1) if dash else low
     except InputError:
-        raise InputError(
-            f"--seeds {shortened(text)}: accepted: A-B with A at most B, as in 0-29, or one seed, as in 7; "
-            f"seeds below {MOST_SEEDS:,}."
-        ) from None
+        accepted = "A-B with A at most B, as in 0-29, or one seed, as in 7; seeds below"
+        raise InputError(f"--seeds {shortened(text)}: accepted: {accepted} {MOST_SEEDS:,}.") from None
     return range(low, high + 1)
 
 

@@ -2,10 +2,10 @@
 
 import argparse
 
-from benchmark.reports.growth import report
+from benchmark.reports import measured
 
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    report.measure(options.results / ("growth_smoke" if options.smoke else "growth"), smoke=options.smoke)
+    measured.measure("growth", options.results, smoke=options.smoke)
     return 0

@@ -1,7 +1,7 @@
 """Shows scenarios, algorithms and experiments, and how many runs are done."""
 
 import argparse
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterable
 
 from agents import ALGORITHMS
 from benchmark.execution.store import NoRunsError, Store
@@ -11,27 +11,28 @@ from envs import InputError, load_scenario, scenario_names
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    print("scenarios")
-    for name in scenario_names():
+    try:
+        with Store(options.results / "runs.db", read_only=True) as store:
+            ended = store.ended()
+    except NoRunsError:
+        ended = set()
+
+    def about(name: str) -> str:
+        experiment = load_experiment(name)
+        runs = all_specifications(experiment)
+        n_done = sum(run.digest in ended for run in runs)
+        return f"{n_done} of {len(runs)} runs done. {experiment.description}"
+
+    _print("scenarios", scenario_names(), lambda name: load_scenario(name).description)
+    _print("algorithms", ALGORITHMS, lambda name: ALGORITHMS[name])
+    _print("experiments", experiment_names(), about)
+    return 0
+
+
+def _print(title: str, names: Iterable[str], about: Callable[[str], str]) -> None:
+    print(title)
+    for name in names:
         try:
-            print(f"  {name:24} {load_scenario(name).description}")
+            print(f"  {name:24} {about(name)}")
         except InputError as error:
             print(f"  {name:24} not usable: {error}")
-    print("algorithms")
-    for name, module in ALGORITHMS.items():
-        print(f"  {name:24} {module}")
-    print("experiments")
-    with ExitStack() as stack:
-        store = None
-        with suppress(NoRunsError):
-            store = stack.enter_context(Store(options.results / "runs.db", read_only=True))
-        for name in experiment_names():
-            try:
-                experiment = load_experiment(name)
-            except InputError as error:
-                print(f"  {name:24} not usable: {error}")
-                continue
-            runs = all_specifications(experiment)
-            n_done = 0 if store is None else len(store.ended(run.digest for run in runs))
-            print(f"  {name:24} {n_done} of {len(runs)} runs done. {experiment.description}")
-    return 0

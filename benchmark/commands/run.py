@@ -15,7 +15,7 @@ from benchmark.execution import driver
 from benchmark.execution.executors import load_executor
 from benchmark.execution.plan import plan
 from benchmark.execution.progress import Display
-from benchmark.execution.store import Record, Store
+from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from envs import InputError
 from envs.inputs import missing_package
@@ -28,7 +28,7 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     jobs = parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
-    seeds = parse_seeds(options.seeds)
+    name, seeds = experiment.name, parse_seeds(options.seeds)
     report.check(experiment, is_required=options.report)
     fewest = min(
         len(experiment.declared_seeds(arm, condition)) if seeds is None else len(seeds)
@@ -42,19 +42,15 @@ def main(options: argparse.Namespace) -> int:
         _check_logs(experiment, options.tensorboard)
     runs = all_specifications(experiment, seeds)
     check_scores(runs)
-    diverged: list[str] = []
     with Store(options.results / "runs.db") as store:
-        n_damaged = driver.discard_damaged(runs, store)
-        if n_damaged:
-            print(
-                f"{experiment.name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr
-            )
+        if n_damaged := driver.discard_damaged(runs, store):
+            print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
         todo = driver.pending(runs, store)
-        if options.tensorboard is not None and len(todo) < len(runs):
-            done = f"{len(runs) - len(todo)} of {len(runs)} runs are done already"
-            print(f"{experiment.name}: {done}; they are not trained again for --tensorboard.")
+        n_done = len(runs) - len(todo)
+        if options.tensorboard is not None and n_done:
+            print(f"{name}: {n_done} runs were done already; they are not trained again for --tensorboard.")
         if not todo:
-            print(f"{experiment.name}: all {len(runs)} runs are done already.")
+            print(f"{name}: all {len(runs)} runs are done already.")
             return report.main(options) if options.report else 0
         with ExitStack() as stack:
             if options.cluster is not None:
@@ -64,35 +60,21 @@ def main(options: argparse.Namespace) -> int:
                 jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
             ended = store.ended(run.digest for run in runs)
             display = stack.enter_context(Display(experiment, seeds, ended, plan(todo)))
-
-            def advance(records: list[Record]) -> None:
-                display.advance(records)
-                diverged.extend(record.digest for record in records if record.status == "diverged")
-
-            errors = driver.run(
-                runs,
-                store,
-                jobs,
-                on_progress=advance,
-                on_start=display.start,
-                logs=options.tensorboard,
-                executor=executor,
-            )
-        n_lost = 0 if errors else len(driver.pending(runs, store))
+            logs = options.tensorboard
+            errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
+        statuses = store.statuses()
+    n_lost = sum(run.digest not in statuses for run in runs)
     if errors:
-        print(
-            f"error: {len(errors)} runs failed; the same command tries them again. First error: {errors[0]}",
-            file=sys.stderr,
-        )
+        again = "the same command tries them again"
+        print(f"error: {len(errors)} runs failed; {again}. First error: {errors[0]}", file=sys.stderr)
+    elif n_lost:
+        lost = f"runs that were stored but are no longer there: {n_lost}"
+        print(f"error: {lost}; the same command repeats them.", file=sys.stderr)
+    if errors or n_lost:
         return 1
-    if n_lost:
-        print(
-            f"error: runs that were stored but are no longer there: {n_lost}; the same command repeats them.",
-            file=sys.stderr,
-        )
-        return 1
-    which = f", {len(diverged)} of them diverged" if diverged else ""
-    print(f"{experiment.name}: {len(todo)} runs done{which}, {len(runs) - len(todo)} were done already.")
+    n_diverged = sum(statuses[run.digest] == "diverged" for run in todo)
+    which = f", {n_diverged} of them diverged" if n_diverged else ""
+    print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
     return report.main(options) if options.report else 0
 
 

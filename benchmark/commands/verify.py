@@ -3,16 +3,16 @@
 import argparse
 import secrets
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
+import numpy as np
 
 from benchmark.commands import parse_jobs
-from benchmark.commands.report import check, folder_name
+from benchmark.commands.report import folder_name
+from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, Record, Store
-from benchmark.execution.verification import repeat, sample
 from benchmark.experiments import (
     Experiment,
     RunSpecification,
@@ -20,9 +20,8 @@ from benchmark.experiments import (
     experiment_names,
     load_experiment,
 )
-from benchmark.reports import certificate, draw, files, load_items, load_report
-from benchmark.reports.item import measured_files
-from benchmark.reports.published import MANIFEST
+from benchmark.reports import draw, files, sameness
+from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
 
@@ -58,69 +57,73 @@ def _problems(
     ended = store.ended()
     runs = {experiment.name: all_specifications(experiment) for experiment in experiments}
     wanted = {run.digest: run for of_experiment in runs.values() for run in of_experiment}
-    stored = {digest: run for digest, run in wanted.items() if digest in ended}
-    every = sorted(store.statuses() if options.experiment is None else stored, key=str)
+    every = [*store.statuses()] if options.experiment is None else sorted(wanted.keys() & ended)
     damaged = store.damaged(every)
+    ended -= {*damaged}
     if damaged:
-        advice = "run their experiments again, which repeats them"
-        if unlisted := [digest for digest in damaged if digest not in wanted]:
-            advice += (
-                f" ({len(unlisted)} of them are of none that 'list' shows; to remove them: "
-                f"sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{unlisted[0][:12]}%'\" for each)"
-            )
+        first = damaged[0][:12]
         yield (
-            f"checksums: {len(damaged)} of {len(every)} records are damaged (the first: {damaged[0][:12]}); "
-            f"{advice}."
+            f"checksums: {len(damaged)} of {len(every)} records are damaged (the first: {first}); run their "
+            f"experiments again, which repeats them ({len({*damaged} - wanted.keys())} are of other "
+            f"experiments; sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{first}%'\" removes one)."
         )
-        ended -= {*damaged}
     else:
         print(f"checksums: correct in all {len(every)} records.")
-    yield from _repeated([run for digest, run in stored.items() if digest in ended], store, options, scratch)
+    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
+    stored = [run for digest, run in wanted.items() if digest in ended]
+    chosen = np.random.default_rng(seed).permutation(len(stored))[: options.runs]
+    sample = [stored[i] for i in sorted(chosen)]
+    print(f"repeating {len(sample)} runs ...", file=sys.stderr)
+    differences = [*_differences(sample, store, scratch / "runs.db", options.jobs)]
+    yield from differences
+    n_same, drawn = len(sample) - len(differences), f"drawn from {len(stored)} with --seed {seed}"
+    print(f"runs: {n_same} of {len(sample)} repeated runs are identical ({drawn}).")
     for experiment in experiments:
         folder = options.results / folder_name(experiment, None, partial=False)
         is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
         if is_published and all(run.digest in ended for run in runs[experiment.name]):
             yield from _redrawn(experiment, store, folder, scratch, options.jobs)
-        elif is_published or any(run.digest in stored for run in runs[experiment.name]):
+        elif is_published or any(run.digest in ended for run in runs[experiment.name]):
             what = "runs are missing" if is_published else "there is no report"
             print(f"{experiment.name}: not drawn again, since {what}.")
 
 
-def _repeated(
-    runs: list[RunSpecification], store: Store, options: argparse.Namespace, scratch: Path
-) -> Iterator[str]:
-    """Repeats a sample of runs; yields those that differ."""
-    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
-    chosen = sample(runs, options.runs, seed)
-    if not chosen:
-        print("runs: none were repeated.")
-        return
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(f"repeating {len(chosen)} runs", total=len(chosen))
+def _differences(runs: Sequence[RunSpecification], store: Store, path: Path, jobs: int) -> Iterator[str]:
+    """Executes stored runs again, into another store; yields a sentence for each that differs."""
+    with Store(path) as repeated:
+        driver.run(runs, repeated, jobs)
+        for run in runs:
+            (before,), (after,) = store.get([run.digest]), repeated.get([run.digest])
+            if what := _difference(before, after):
+                yield f"{run.folder} ({run.digest[:12]}): {what}."
 
-        def advance(records: list[Record]) -> None:
-            progress.advance(task, len(records))
 
-        differing = repeat(chosen, store, scratch / "runs.db", options.jobs, advance)
-    for run in chosen:
-        if run.digest in differing:
-            yield f"{run.folder} ({run.digest[:12]}): {differing[run.digest]}."
-    n_same = len(chosen) - len(differing)
-    drawn = f"drawn from {len(runs)} with --seed {seed}"
-    print(f"runs: {n_same} of {len(chosen)} repeated runs are identical ({drawn}).")
+def _difference(before: Record, after: Record) -> str:
+    """Returns what differs between two records of a run; empty if nothing but times and machines does."""
+    if before.status != after.status:
+        return f"it was {before.status}, but is {after.status} now{f': {after.error}' * bool(after.error)}"
+
+    def bits(arrays: Mapping[str, Any], name: str) -> object:
+        return name in arrays and (arrays[name].dtype, arrays[name].shape, arrays[name].tobytes())
+
+    names = sorted(before.arrays.keys() | after.arrays.keys())
+    differing = [name for name in names if bits(before.arrays, name) != bits(after.arrays, name)]
+    old, new = (
+        record.provenance["versions"] | {"machine": record.provenance["machine"]}
+        for record in (before, after)
+    )
+    others = [f"{key} {old[key]}, here {new.get(key)}" for key in old if old[key] != new.get(key)]
+    made = f" (recorded with {'; '.join(others)})" if others else ""
+    return f"differs in {', '.join(differing)}{made}" if differing else ""
 
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path, jobs: int) -> Iterator[str]:
     """Draws an experiment again; yields what differs from its folder."""
-    check(experiment, is_required=True)
+    _, items = draw.report_of(experiment)
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
     draw.draw(experiment, store, made, jobs=jobs)
-    report = load_report(experiment.report, experiment.argument)
-    items = load_items(report, experiment.items, experiment.argument)
-    found = certificate.compare_folders(
-        made, folder, experiment.name, measured_files(items), draw.was_made(folder, items)
-    )
+    found = sameness.compare(made, experiment.name, draw.measured_files(items), folder)
     assert found is not None  # there is a manifest
     if found.is_identical:
         print(found)

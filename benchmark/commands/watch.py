@@ -16,7 +16,7 @@ from rich.live import Live
 
 from benchmark.analysis.population import load_population
 from benchmark.commands import MOST_SEEDS
-from benchmark.drawing.film import Film, Moment, end_of, film_of, picture, write
+from benchmark.drawing.film import Film, Moment, check_animation, end_of, film_of, picture, write
 from benchmark.drawing.text import to_text
 from benchmark.execution.driver import discard_damaged, pending, run
 from benchmark.execution.store import Store
@@ -33,19 +33,13 @@ from envs.render import Window
 
 FRAMES_PER_SECOND: Final = 12
 _PAUSE: Final = 6  # frames for which the end of a walk is shown
+_CELL_PIXELS: Final = 40  # in the window
 
 
 def specification(
     experiment: Experiment, scenario: str, arm: str, observation: str | None, seed: int
 ) -> RunSpecification:
-    """Returns the run to be watched.
-
-    Args:
-      experiment: That declares the run.
-      scenario: The name of one of its scenarios.
-      arm: A key of its algorithms.
-      observation: One of the arm's observations; by default its first.
-      seed: Any, including one that the experiment does not declare.
+    """Returns a run of an experiment, with any seed; the default observation is the arm's first.
 
     Raises:
       InputError: The experiment has no such run.
@@ -53,8 +47,7 @@ def specification(
     if arm not in experiment.algorithms:
         unknown_name(experiment.name, "arm", arm, experiment.algorithms)
     observations = experiment.algorithms[arm].observations
-    if observation is None:
-        observation = observations[0]
+    observation = observation or observations[0]
     if observation not in observations:
         unknown_name(f"{experiment.name}: {arm}", "observation", observation, observations)
     paths = {Path(declared).stem: declared for declared in experiment.scenarios}
@@ -91,28 +84,20 @@ def moments(film: Film) -> Iterator[Moment]:
 
 def has_window() -> bool:
     """Returns whether a window can be shown, which needs pygame-ce and a screen."""
-    has_screen = sys.platform in ("darwin", "win32") or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
-    )
+    screens = "DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"
+    has_screen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, screens))
     return has_screen and find_spec("pygame") is not None
 
 
 def in_window(film: Film) -> None:
-    """Plays the film in a window until the reader closes it.
-
-    Space pauses, the left and right arrow keys go to the previous and next map, q quits.
+    """Plays the film in a window until the reader closes it; the title says which keys do what.
 
     Raises:
       InputError: There is no window, or no screen to show it on.
     """
-    shown = list(moments(film))
-
-    def image(moment: Moment) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-        return np.asarray(picture(film, moment, cell_pixels=40))
-
+    shown, frame, is_paused = list(moments(film)), 0, False
     title = f"{film.title}   (space: pause, left and right: training, q: quit)"
-    window = Window(image(shown[0]), title)
-    frame, is_paused = 0, False
+    window = Window(np.asarray(picture(film, shown[0], _CELL_PIXELS)), title)
     try:
         if not window.has_screen:
             raise InputError("no window can be opened: there is no screen.")
@@ -122,10 +107,10 @@ def in_window(film: Film) -> None:
                     return
                 if key == "space":
                     is_paused = not is_paused
-                elif key in ("left", "right"):
+                if key in ("left", "right"):
                     place = shown[frame].place + (1 if key == "right" else -1)
                     frame = next((i for i, moment in enumerate(shown) if moment.place == place), frame)
-            window.show(image(shown[frame]), FRAMES_PER_SECOND)
+            window.show(np.asarray(picture(film, shown[frame], _CELL_PIXELS)), FRAMES_PER_SECOND)
             if not is_paused:
                 frame = min(frame + 1, len(shown) - 1)  # the last frame stays
     finally:
@@ -146,26 +131,16 @@ def in_terminal(film: Film, console: Console) -> None:
 
 
 def to_file(film: Film, path: Path) -> None:
-    """Writes the film as an animated GIF or WebP, one frame per map.
-
-    Raises:
-      InputError: The file name has another ending, or the file cannot be written.
-    """
-    frames = [picture(film, end_of(film, place), cell_pixels=32) for place in range(len(film.steps))]
-    try:
-        write(frames, path)
-    except OSError as error:
-        raise InputError(f"--save {path}: cannot be written: {error.strerror or error}.") from error
+    """Writes the film as an animated GIF or WebP, one frame per map; raises as `film.write` does."""
+    write([picture(film, end_of(film, place), 32) for place in range(len(film.steps))], path)
 
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment = load_experiment(options.experiment)
     seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
-    if options.save is not None and options.save.suffix.lower() not in (".webp", ".gif"):
-        raise InputError(f"--save {options.save}: accepted: a name that ends in .webp or .gif.")
-    if options.save is not None and not options.save.parent.is_dir():
-        raise InputError(f"--save {options.save}: there is no folder {options.save.parent}.")
+    if options.save is not None:
+        check_animation(options.save)
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
         film = load_film(watched, store)

@@ -8,7 +8,6 @@ of which the agent has learned nothing: all its actions are equally good.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,6 +46,15 @@ _WHITE: Final = (255, 255, 255)
 _BLACK: Final = (0, 0, 0)
 _MOST_PIXELS: Final = 1_500_000  # of a map: the cells of large rooms are smaller
 _LONGEST_SIDE: Final = 8000  # pixels
+_FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
+# (row, column) from a cell's centre, in cells
+_CENTRE: Final = np.zeros((1, 2))
+_SQUARE: Final = np.array([(-0.5, -0.5), (0.5, 0.5)])
+_STROKES: Final = np.array([[(0, -0.5), (-0.5, 0)], [(0.5, 0), (0, 0.5)]])
+_TURNS: Final = np.arange(10) * np.pi / 5
+_STAR: Final = np.where(np.arange(10) % 2, 0.16, 0.38)[:, None] * np.stack(
+    [-np.cos(_TURNS), np.sin(_TURNS)], 1
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +94,9 @@ class Film:
         first = moment.state - int(self.model.cell[moment.state])
         observed = self.model.observation[first : first + len(self.model.position)]
         context = int(self.model.context[moment.state])
-        return replace(
-            self,
-            scene=scene_of(self.model, context),
-            values=self.values[:, observed],
-            greedy=self.greedy[:, observed],
-            scale=self.limits,
-            model=None,
-        )
+        values, greedy = self.values[:, observed], self.greedy[:, observed]
+        scene = scene_of(self.model, context)
+        return replace(self, scene=scene, values=values, greedy=greedy, scale=self.limits, model=None)
 
     def place_at(self, step: int) -> int:
         """Returns the place of the last map that is not later than a step."""
@@ -120,19 +123,19 @@ class Moment:
 
 def film_of(title: str, population: Population, agent: int = 0) -> Film:
     """Returns the film of one agent of a population."""
-    places = population.map_places
+    model, places = population.model, population.map_places
     arrays = population.of_agent(agent)
     greedy = arrays["greedy"][places]
-    n_starts = len(population.model.starts)
+    n_starts = len(model.starts)
     return Film(
         title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
-        scene=scene_of(population.model),
+        scene=scene_of(model),
         steps=np.array(population.evaluation_steps)[places].tolist(),
         values=arrays["values"].astype(np.float64),
         greedy=greedy,
         scores=population.scores[agent, places],
-        walks=[walk(population.model, masks, population.horizon) for masks in greedy],
-        model=None if population.model.has_cell_maps else population.model,
+        walks=[walk(model, masks, population.horizon) for masks in greedy],
+        model=None if model.has_cell_maps else model,
     )
 
 
@@ -159,14 +162,13 @@ def picture(film: Film, moment: Moment, cell_pixels: int = 30, *, has_marks: boo
     top = 2 * line + line // 8
     diverged = "diverged, " if np.isnan(film.values[place]).any() else ""
     score = f"step {film.steps[place]:,}   {diverged}score {film.scores[place]:.2f}"
-    lines = (film.title, f"{score}   {ENDINGS.get(moment.ending, '')}")
     font = _font(int(0.75 * line))
     # All images of a film have the same width, as a window cannot change its size.
     longest = f"step {film.steps[-1]:,}   score -0.00   {max(ENDINGS.values(), key=len)}"
     width = max(scene.columns * unit, int(max(map(font.getlength, (film.title, longest)))) + line // 2)
     image = Image.new("RGB", (width, top + scene.rows * unit), COLOURS["outside"])
     draw = ImageDraw.Draw(image)
-    for i, text in enumerate(lines):
+    for i, text in enumerate((film.title, f"{score}   {ENDINGS.get(moment.ending, '')}")):
         draw.text((line // 8, i * line + line // 16), text, COLOURS["ink"], font=font)
     _Painter(draw, scene, unit, top).paint(film, moment, has_marks=has_marks)
     return image.resize((image.width // _SCALE, image.height // _SCALE), Image.Resampling.LANCZOS)
@@ -180,36 +182,48 @@ def learning(films: Sequence[Sequence[Film]], cell_pixels: int = 21) -> list[Ima
       cell_pixels: Side of a cell; less in large rooms.
     """
     columns = max(sum(film.scene.columns for film in row) for row in films)
-    rows = sum(max(film.scene.rows for film in row) for row in films)
-    cell_pixels = _fitting(cell_pixels, rows, columns)
-    films = [_on_one_scale(row) for row in films]
-    shown = [
-        [
+    cell_pixels = _fitting(cell_pixels, sum(max(film.scene.rows for film in row) for row in films), columns)
+    scales = [colour_limits(np.concatenate([film.values.ravel() for film in row])) for row in films]
+    films = [[replace(film, scale=scale) for film in row] for row, scale in zip(films, scales, strict=True)]
+    frames, gap = [], cell_pixels // 2
+    for step in sorted({step for row in films for film in row for step in film.steps}):
+        panels = [
             [picture(film, end_of(film, film.place_at(step)), cell_pixels, has_marks=False) for film in row]
             for row in films
         ]
-        for step in sorted({step for row in films for film in row for step in film.steps})
-    ]
-    widths = [max(panel.width for panel in column if panel) for column in zip_longest(*shown[0])]
-    gap = cell_pixels // 2
-    bars = [_colour_bar(row, sum(widths) + gap * (len(widths) - 1), cell_pixels) for row in films]
-    return [_beside(panels, bars, widths, gap) for panels in shown]
+        width = max(panel.width for row in panels for panel in row) + gap
+        bar = max(map(len, panels)) * width - gap, 3 * int(0.7 * cell_pixels)
+        heights = [max(panel.height for panel in row) for row in panels]
+        frame = Image.new("RGB", (bar[0], sum(heights) + len(panels) * bar[1]), COLOURS["outside"])
+        top = 0
+        for row, shown, height in zip(panels, films, heights, strict=True):
+            for j, panel in enumerate(row):
+                frame.paste(panel, (j * width, top))
+            frame.paste(_colour_bar(shown[0], bar), (0, top + height))
+            top += height + bar[1]
+        frames.append(frame)
+    return frames
 
 
-def write(frames: Sequence[Image.Image], path: Path, frame_ms: int = 350, last_ms: int = 2500) -> None:
+def write(frames: Sequence[Image.Image], path: Path) -> None:
     """Writes an animated WebP or GIF that repeats; a WebP is a quarter of the size and has all colours.
 
     Raises:
-      InputError: The file name has another ending.
+      InputError: The file name has another ending, or there is no such folder.
       OSError: The file cannot be written.
     """
-    form = path.suffix.lower().removeprefix(".")
-    if form not in ("webp", "gif"):
+    check_animation(path)
+    options: dict[str, Any] = {"save_all": True, "append_images": list(frames[1:]), "loop": 0, "quality": 70}
+    durations = [_FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
+    frames[0].save(path, path.suffix.lower().removeprefix("."), duration=durations, **options)
+
+
+def check_animation(path: Path) -> None:
+    """Checks that a film can be written to a file of this name; raises InputError if it cannot."""
+    if path.suffix.lower() not in (".webp", ".gif"):
         raise InputError(f"{path}: accepted: a name that ends in .webp or .gif.")
-    durations = [frame_ms] * (len(frames) - 1) + [last_ms]
-    frames[0].save(
-        path, form, save_all=True, append_images=list(frames[1:]), duration=durations, loop=0, quality=70
-    )
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
 def _fitting(cell_pixels: int, rows: int, columns: int) -> int:
@@ -218,71 +232,25 @@ def _fitting(cell_pixels: int, rows: int, columns: int) -> int:
     return max(min(cell_pixels, _LONGEST_SIDE // max(rows, columns), largest), 1)
 
 
-def _on_one_scale(films: Sequence[Film]) -> list[Film]:
-    """Returns films with one colour scale."""
-    scale = colour_limits(np.concatenate([film.values.ravel() for film in films]))
-    return [replace(film, scale=scale) for film in films]
-
-
-def _beside(
-    panels: Sequence[Sequence[Image.Image]], bars: Sequence[Image.Image], widths: Sequence[int], gap: int
-) -> Image.Image:
-    """Joins rows of images, with a bar below each row.
-
-    Args:
-      panels: Rows of columns.
-      bars: One per row; as wide as all columns together.
-      widths: Of the columns.
-      gap: Between the columns.
-    """
-    heights = [max(panel.height for panel in row) for row in panels]
-    size = bars[0].width, sum(heights) + sum(bar.height for bar in bars)
-    joined = Image.new("RGB", size, COLOURS["outside"])
-    top = 0
-    for row, height, bar in zip(panels, heights, bars, strict=True):
-        for j, panel in enumerate(row):
-            joined.paste(panel, (sum(widths[:j]) + j * gap, top))
-        joined.paste(bar, (0, top + height))
-        top += height + bar.height
-    return joined
-
-
-def _colour_bar(films: Sequence[Film], width: int, cell_pixels: int) -> Image.Image:
-    """Draws the colour scale of a row of films, with its ends and zero below it.
-
-    An end has the sign of an inequality if there are values beyond it.
-    """
-    low, high = films[0].limits
-    values = np.concatenate([film.values.ravel() for film in films])
-    line = int(0.7 * cell_pixels * _SCALE)
-    font, gap = _font(int(0.75 * line)), line // 3
-    image = Image.new("RGB", (width * _SCALE, 3 * line), COLOURS["outside"])
-    draw = ImageDraw.Draw(image)
-    long = image.width // 2
-    left, upper, lower = (image.width - long) // 2, gap, gap + 2 * line // 3
-    colours = films[0].colours(np.linspace(low, high, long))
-    image.paste(Image.fromarray(np.repeat(colours[None], lower - upper, axis=0)), (left, upper))
-    draw.text((left - gap, (upper + lower) // 2), "value", COLOURS["ink"], font=font, anchor="rm")
-    ends = {
-        low: ("≤ " if np.nanmin(values, initial=low) < low else "") + _number(low),
-        high: ("≥ " if np.nanmax(values, initial=high) > high else "") + _number(high),
-    }
-    margin = (font.getlength(max(ends.values(), key=len)) / 2 + line) / long
+def _colour_bar(film: Film, size: tuple[int, int]) -> Image.Image:
+    """Draws the colour scale of a film, half as long as the image is wide, with its ends and zero."""
+    low, high = film.limits
+    image = Image.new("RGB", (size[0] * _SCALE, size[1] * _SCALE), COLOURS["outside"])
+    line = image.height // 3
+    draw, font, gap = ImageDraw.Draw(image), _font(int(0.75 * line)), line // 3
+    left, long, lower = image.width // 4, image.width // 2, line
+    colours = film.colours(np.linspace(low, high, long))
+    image.paste(Image.fromarray(np.repeat(colours[None], lower - gap, axis=0)), (left, gap))
+    draw.text((left - gap, (gap + lower) // 2), "value", COLOURS["ink"], font=font, anchor="rm")
     zero = -low / (high - low)
-    marks = ends | ({0.0: "0"} if margin < zero < 1 - margin else {})
-    for value, text in marks.items():
-        x = left + int((value - low) / (high - low) * (long - 1))
+    shares = {f"≤ {low:.2g}": 0.0, f"≥ {high:.2g}": 1.0} | ({"0": zero} if 0.2 < zero < 0.8 else {})
+    for text, share in shares.items():
+        x = left + int(share * (long - 1))
         draw.line((x, lower, x, lower + gap), COLOURS["ink"], width=_SCALE)
-        draw.text((x, lower + gap), text, COLOURS["ink"], font=font, anchor="ma")
-    if 0.0 in marks:
-        x = left + int(zero * (long - 1))
-        draw.line((x, upper, x, lower), _WHITE, width=_SCALE)
-    return image.resize((width, image.height // _SCALE), Image.Resampling.LANCZOS)
-
-
-def _number(value: float) -> str:
-    """Returns a number with two digits and a proper minus sign."""
-    return f"{value:.2g}".replace("-", "−")
+        draw.text((x, lower + gap), text.replace("-", "−"), COLOURS["ink"], font=font, anchor="ma")
+        if text == "0":
+            draw.line((x, gap, x, lower), _WHITE, width=_SCALE)
+    return image.resize(size, Image.Resampling.LANCZOS)
 
 
 @dataclass(frozen=True)
@@ -296,141 +264,79 @@ class _Painter:
 
     def paint(self, film: Film, moment: Moment, *, has_marks: bool) -> None:
         """Paints a moment of a film."""
-        colours = [[tuple(c) for c in row] for row in film.colours(film.values[moment.place]).tolist()]
-        greedy = contains(film.greedy[moment.place])
-        unvisited = film.is_unvisited(moment.place)
-        for cell in range(self.scene.n_cells):
-            if self.scene.is_wall[cell]:
-                self._wall(cell)
-                continue
-            if unvisited[cell] and not self.scene.is_over[cell]:
-                self._hatching(cell)
-                continue
-            self._values(cell, colours[cell], has_marks=has_marks)
-            # All actions are greedy mostly where the agent has never been; marks would say nothing.
-            if not (self.scene.is_over[cell] or greedy[cell].all()):
-                self._marks(cell, np.flatnonzero(greedy[cell]).tolist(), has_marks=has_marks)
-        for outline in self.scene.outlines:
+        scene, place = self.scene, moment.place
+        colours = [[tuple(c) for c in row] for row in film.colours(film.values[place]).tolist()]
+        greedy, unvisited = contains(film.greedy[place]), film.is_unvisited(place)
+        for cell in range(scene.n_cells):
+            if scene.is_wall[cell]:
+                self._hatching(cell, COLOURS["wall"])  # since the colours of values include greys
+            elif scene.is_over[cell]:
+                self.draw.rectangle(self._points(cell, _SQUARE), COLOURS["over"])
+            elif unvisited[cell]:
+                self._hatching(cell, COLOURS["no value"])
+            else:
+                # All actions are greedy mostly where the agent has never been; marks would say nothing.
+                marked = [] if greedy[cell].all() else np.flatnonzero(greedy[cell]).tolist()
+                self._actions(cell, colours[cell], marked, has_marks=has_marks)
+        for outline in scene.outlines:
             for loop in outline.loops:
                 self._border(loop, is_dashed=outline.is_dashed)
-        for person in self.scene.glyphs_of("issuer"):
-            if person.heading is not None:
-                self.draw.polygon(self._shape(person.cell, 1.5 * person.nose), _WHITE, _BLACK)
-            self._star(person.cell)
-        for cell in self.scene.cells_of("start"):
-            self._square(cell)
-        self._path(moment.cells)
+        for glyph in scene.glyphs:
+            if glyph.kind == "issuer":
+                self.draw.polygon(self._points(glyph.cell, _STAR), _WHITE, _BLACK)
+                if glyph.heading is not None:
+                    self.draw.polygon(self._points(glyph.cell, 1.5 * glyph.nose), _WHITE, _BLACK)
+            else:
+                for side, width, colour in ((0.74, self.unit // 9, _BLACK), (0.68, self.unit // 14, _WHITE)):
+                    self.draw.rectangle(self._points(glyph.cell, side * _SQUARE), outline=colour, width=width)
+        path = [self._points(cell, _CENTRE)[0] for cell in moment.cells]
+        if len(path) > 1:
+            self.draw.line(path, _WHITE, width=self.unit // 7, joint="curve")
+            self.draw.line(path, COLOURS["path"], width=self.unit // 12, joint="curve")
+        self.draw.circle(path[-1], 0.28 * self.unit, COLOURS["path"], _WHITE, width=self.unit // 14)
 
-    def _at(self, cell: int) -> tuple[float, float]:
-        """Returns the centre of a cell, (x, y)."""
-        row, column = self.scene.centre(cell)
-        return column * self.unit, row * self.unit + self.top
+    def _points(self, cell: int, offsets: NDArray[np.float64]) -> list[tuple[float, float]]:
+        """Returns points, (x, y) in pixels, given (row, column) in cells from a cell's centre."""
+        return self._pixels(offsets + self.scene.centre(cell))
 
-    def _shape(self, cell: int, corners: NDArray[np.float64]) -> list[tuple[float, float]]:
-        """Returns the corners, (row, column) in cells from a cell's centre, as points, (x, y)."""
-        x, y = self._at(cell)
-        return [(x + column * self.unit, y + row * self.unit) for row, column in corners.tolist()]
+    def _pixels(self, corners: NDArray[np.float64]) -> list[tuple[float, float]]:
+        """Returns points, (x, y) in pixels, given (row, column) in cells."""
+        return [(x, y + self.top) for y, x in (corners * self.unit).tolist()]
 
-    def _values(self, cell: int, colours: Sequence[Colour], *, has_marks: bool) -> None:
-        """Paints the values of a cell's actions, PING's only with marks."""
-        (x, y), half = self._at(cell), self.unit / 2
-        if self.scene.is_over[cell]:
-            self.draw.rectangle((x - half, y - half, x + half, y + half), COLOURS["over"])
-            return
+    def _actions(
+        self, cell: int, colours: Sequence[Colour], greedy: Sequence[int], *, has_marks: bool
+    ) -> None:
+        """Paints the values of a cell's actions, and marks the greedy ones."""
+        thin, (centre,) = max(self.unit // 30, 1), self._points(cell, _CENTRE)
         for move, triangle in enumerate(TRIANGLES):
-            self.draw.polygon(self._shape(cell, triangle), colours[move])
+            self.draw.polygon(self._points(cell, triangle), colours[move])
         if has_marks:
-            width = max(self.unit // 30, 1)
-            self.draw.circle((x, y), 0.2 * self.unit, colours[PING], COLOURS["line"], width=width)
-
-    def _hatching(self, cell: int) -> None:
-        """Paints a cell of which the agent has learned nothing."""
-        self._strokes(cell, COLOURS["no value"], COLOURS["line"])
-
-    def _wall(self, cell: int) -> None:
-        """Paints a wall, hatched, since the colours of values include greys."""
-        self._strokes(cell, COLOURS["wall"], COLOURS["line"])
-
-    def _strokes(self, cell: int, colour: Colour, stroke: Colour) -> None:
-        """Paints a cell with two strokes, from the lower left to the upper right."""
-        (x, y), half = self._at(cell), self.unit / 2
-        self.draw.rectangle((x - half, y - half, x + half, y + half), colour)
-        for along in (-half / 2, half / 2):
-            ends = (x + along - half / 2, y + along + half / 2, x + along + half / 2, y + along - half / 2)
-            self.draw.line(ends, stroke, width=max(self.unit // 20, 1))
-
-    def _marks(self, cell: int, actions: Sequence[int], *, has_marks: bool) -> None:
-        """Marks the greedy actions of a cell."""
-        for action in actions:
-            if action == PING and (has_marks or len(actions) == 1):
-                width = max(self.unit // 30, 1)
-                self.draw.circle(self._at(cell), 0.1 * self.unit, _WHITE, _BLACK, width=width)
+            self.draw.circle(centre, 0.2 * self.unit, colours[PING], COLOURS["line"], width=thin)
+        for action in greedy:
+            if action == PING and (has_marks or len(greedy) == 1):
+                self.draw.circle(centre, 0.1 * self.unit, _WHITE, _BLACK, width=thin)
             elif action != PING and has_marks:
-                self.draw.polygon(self._shape(cell, ARROWHEADS[action]), _WHITE, _BLACK)
+                self.draw.polygon(self._points(cell, ARROWHEADS[action]), _WHITE, _BLACK)
+
+    def _hatching(self, cell: int, colour: Colour) -> None:
+        """Paints a cell with two strokes, from the lower left to the upper right."""
+        self.draw.rectangle(self._points(cell, _SQUARE), colour)
+        for stroke in _STROKES:
+            self.draw.line(self._points(cell, stroke), COLOURS["line"], width=max(self.unit // 20, 1))
 
     def _border(self, loop: Loop, *, is_dashed: bool) -> None:
         """Paints a region's border, on the cells inside: white on black."""
-        unit = self.unit
-        self._edges(loop, 0, unit // 6, _BLACK)
-        if is_dashed:
-            self._edges(loop, unit // 24, unit // 12 + 1, _WHITE, unit // 6 + 1, unit // 3)
-        else:
-            self._edges(loop, unit // 24, unit // 12, _WHITE)
-
-    def _edges(
-        self, loop: Loop, depth: int, width: int, colour: Colour, dash: int | None = None, period: int = 1
-    ) -> None:
-        """Paints a band along the edges of a loop.
-
-        Args:
-          loop: The border.
-          depth: Pixels between the border and the band.
-          width: Of the band, in pixels.
-          colour: Of the band.
-          dash: Pixels of a dash; without dashes by default.
-          period: Pixels from one dash to the next.
-        """
-        outer, inner = (self._corners(loop, pixels) for pixels in (depth, depth + width))
-        for i in range(len(loop)):
-            points = outer[i - 1], outer[i], inner[i - 1], inner[i]
-            (left, right), (top, bottom) = ((min(along), max(along)) for along in zip(*points, strict=True))
-            if dash is None:
-                self.draw.rectangle((left, top, right - 1, bottom - 1), colour)
-            elif right - left > bottom - top:
-                for x in range(left, right - 1, period):
-                    self.draw.rectangle((x, top, min(x + dash, right) - 1, bottom - 1), colour)
-            else:
-                for y in range(top, bottom - 1, period):
-                    self.draw.rectangle((left, y, right - 1, min(y + dash, bottom) - 1), colour)
-
-    def _corners(self, loop: Loop, depth: int) -> list[tuple[int, int]]:
-        """Returns a loop's corners, (x, y), some pixels inside the border."""
-        corners = inset(loop, depth / self.unit)
-        return [(round(column * self.unit), round(row * self.unit) + self.top) for row, column in corners]
-
-    def _star(self, cell: int) -> None:
-        """Paints the issuer."""
-        x, y = self._at(cell)
-        radii = np.where(np.arange(10) % 2, 0.16, 0.38) * self.unit
-        angles = np.arange(10) * np.pi / 5
-        points = np.column_stack([x + radii * np.sin(angles), y - radii * np.cos(angles)])
-        self.draw.polygon([(x, y) for x, y in points.tolist()], _WHITE, _BLACK)
-
-    def _square(self, cell: int) -> None:
-        """Paints the start."""
-        (x, y), side, width = self._at(cell), 0.34 * self.unit, self.unit // 14
-        for edge, colour in ((width // 2, _BLACK), (0, _WHITE)):
-            half = side + edge
-            corners = (x - half, y - half, x + half, y + half)
-            self.draw.rectangle(corners, outline=colour, width=width + 2 * edge)
-
-    def _path(self, cells: Sequence[int]) -> None:
-        """Paints the walk and the agent at its end."""
-        unit, centres = self.unit, [self._at(cell) for cell in cells]
-        if len(centres) > 1:
-            self.draw.line(centres, _WHITE, width=unit // 7, joint="curve")
-            self.draw.line(centres, COLOURS["path"], width=unit // 12, joint="curve")
-        self.draw.circle(centres[-1], 0.28 * unit, COLOURS["path"], _WHITE, width=unit // 14)
+        corners = np.array(inset(loop, 1 / 12))
+        closed = self._pixels(np.concatenate([corners, corners[:2]]))
+        self.draw.line(closed, _BLACK, width=self.unit // 6, joint="curve")
+        if not is_dashed:
+            self.draw.line(closed, _WHITE, width=self.unit // 12, joint="curve")
+            return
+        for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            n_dashes = int(3 * abs(end - start).max())
+            for k in range(n_dashes):
+                ends = np.array([[k + 0.25], [k + 0.75]]) / n_dashes
+                self.draw.line(self._pixels(start + ends * (end - start)), _WHITE, width=self.unit // 12)
 
 
 @cache

@@ -1,10 +1,11 @@
-"""Paints scenes with matplotlib, with one value per cell, or one per cell and move.
+"""Draws scenes with matplotlib: maps of values and actions, and a gallery of scenarios.
 
 On the axes, x is the column and y the row of a cell's centre, so that the corners of `envs.scene` lie half
 a cell off.
 """
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -16,38 +17,47 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon, Rectangle
-from matplotlib.patheffects import AbstractPathEffect
+from matplotlib.patches import Patch, PathPatch, Polygon
+from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from envs import ACTIONS
+from benchmark.drawing.style import figure_of
+from envs import ACTIONS, Model
 from envs.model import MOVES, PING
-from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, TRIANGLES, Scene
+from envs.regions import Loop, outlines
+from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, TRIANGLES, Scene, scene_of
 
+_RGB: Final = {kind: np.array(colour) / 255 for kind, colour in COLOURS.items()}
 _DASHES: Final = (0, (2, 1.5))
-_AROUND_SOLID: Final[list[AbstractPathEffect]] = [
-    patheffects.Stroke(linewidth=3.2, foreground="black"),
-    patheffects.Normal(),
-]
-_AROUND_DASHED: Final[list[AbstractPathEffect]] = [patheffects.withStroke(linewidth=2.8, foreground="black")]
+_SOLID: Final = {"dash_offset": 0, "dash_list": None}
+_ON_VALUES: Final[dict[str, Any]] = {  # white on black
+    "ec": "white",
+    "lw": 1.6,
+    "path_effects": [patheffects.withStroke(linewidth=3, foreground="black", dashes=_SOLID)],
+}
+_ON_ZONES: Final[dict[str, Any]] = {"ec": "black", "lw": 0.8}
 _GLYPHS: Final[dict[str, dict[str, Any]]] = {
-    "issuer": {"marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
-    "start": {"marker": "s", "ms": 5, "mfc": "none", "mec": "white", "mew": 1.2},
+    "issuer": {"ls": "", "marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
+    "start": {"ls": "", "marker": "s", "ms": 5, "mfc": "white", "mec": "black", "mew": 0.8},
 }
 # Hatched, since the colours of values include greys.
-_WALL: Final[dict[str, Any]] = {
-    "fc": np.array(COLOURS["wall"]) / 255,
-    "ec": np.array(COLOURS["line"]) / 255,
-    "lw": 0,
-    "hatch": "////",
-}
+_WALL: Final[dict[str, Any]] = {"fc": _RGB["wall"], "ec": _RGB["line"], "lw": 0, "hatch": "////"}
+_ONE_OF_MANY: Final[dict[str, Any]] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
+_WAY: Final[dict[str, Any]] = {"color": _RGB["person"], "lw": 0.9, "ls": ":"}
+
+# Of the gallery
+_COLUMNS: Final = 6
+_CHARACTERS: Final = 30  # of a line of text below one map
+_MOST_MAPS: Final = 4  # of a scenario; of those with more places or phases, three are shown
+_HIDDEN: Final = {"wrong_pings": "wrong PINGs"}  # in words, where they differ
+_MAP, _GAP, _LINE, _LEGEND = 1.36, 0.07, 0.125, 0.65  # inches: a map, between maps, a line of text, a legend
 
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
     """Draws one value per cell, (O,)."""
     edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
     axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), cmap=COLOUR_MAP, norm=norm)
-    _dress(axis, scene)
+    _dress(axis, scene, _ON_VALUES)
 
 
 def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
@@ -60,18 +70,9 @@ def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, va
       norm: The colour scale.
       value: The column to draw.
     """
-    centre = frame[["column", "row"]].to_numpy()[:, None, :]
-    action = frame["action"].map(ACTIONS.index).to_numpy()
-    polygons = PolyCollection(
-        list(centre + TRIANGLES[action][..., ::-1]),
-        array=frame[value].to_numpy(),
-        cmap=COLOUR_MAP,
-        norm=norm,
-        edgecolors="face",
-    )
-    polygons.set_linewidth(0.2)
-    axis.add_collection(polygons)
-    _dress(axis, scene)
+    style: dict[str, Any] = {"cmap": COLOUR_MAP, "norm": norm, "edgecolors": "face", "linewidths": 0.2}
+    axis.add_collection(PolyCollection(_shapes(frame, TRIANGLES), array=frame[value].to_numpy(), **style))
+    _dress(axis, scene, _ON_VALUES)
 
 
 def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
@@ -100,39 +101,13 @@ def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:
       axis: Where to draw.
       moves: Columns row, column, action.
     """
-    centre = moves[["column", "row"]].to_numpy()[:, None, :]
-    action = moves["action"].map(ACTIONS.index).to_numpy(dtype=int)
-    heads = list(centre + ARROWHEADS[action][..., ::-1])
-    axis.add_collection(PolyCollection(heads, facecolors="white", edgecolors="black", linewidths=0.4))
+    style: dict[str, Any] = {"facecolors": "white", "edgecolors": "black", "linewidths": 0.4}
+    axis.add_collection(PolyCollection(_shapes(moves, ARROWHEADS), **style))
 
 
 def dots(axis: Axes, cells: pd.DataFrame) -> None:
     """Draws a dot in each of these cells; columns row and column."""
     axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
-
-
-def _dress(axis: Axes, scene: Scene) -> None:
-    """Draws walls, the regions' borders and the glyphs on a map, and labels it."""
-    for row, column in scene.position[scene.is_wall]:
-        axis.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, **_WALL))
-    for outline in scene.outlines:
-        for loop in outline.loops:
-            corners = np.array(loop)[:, ::-1] - 0.5
-            dashes = _DASHES if outline.is_dashed else "-"
-            border = Polygon(corners.tolist(), closed=True, fill=False, ec="white", lw=1.6, ls=dashes)
-            border.set_path_effects(_AROUND_DASHED if outline.is_dashed else _AROUND_SOLID)
-            axis.add_patch(border)
-    for glyph in scene.glyphs:
-        row, column = scene.position[glyph.cell]
-        if glyph.heading is not None:
-            nose = scene.position[glyph.cell] + 1.5 * glyph.nose
-            axis.add_patch(Polygon(nose[:, ::-1].tolist(), closed=True, fc="white", ec="black", lw=0.8))
-        axis.plot(column, row, ls="", **_GLYPHS[glyph.kind])
-    axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
-    axis.set(xlabel="column", ylabel="row")
-    axis.spines[:].set_visible(True)
-    axis.set_xticks(range(0, scene.columns, max(scene.columns // 6, 1)))
-    axis.set_yticks(range(0, scene.rows, max(scene.rows // 5, 1)))
 
 
 def colour_bar(
@@ -142,11 +117,11 @@ def colour_bar(
     mappable = mpl.cm.ScalarMappable(norm=norm, cmap=COLOUR_MAP)
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
-    if norm(0.0) > 0 and norm(0.0) < 1:
+    if 0 < norm(0.0) < 1:
         bar.ax.axhline(0.0, color="white", lw=1.5)  # marks where the sign changes
 
 
-def region_legend(figure: Figure, *more: Line2D, columns: int | None = None) -> None:
+def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = None) -> None:
     """Draws a legend of borders, glyphs and more marks on the maps.
 
     Args:
@@ -158,10 +133,142 @@ def region_legend(figure: Figure, *more: Line2D, columns: int | None = None) -> 
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
     ]
-    handles = [
-        Line2D([], [], ls="", marker="*", mfc="white", mec="black", ms=9, label="issuer"),
-        *borders,
-        Line2D([], [], ls="", marker="s", mfc="none", mec="black", ms=5, label="start"),
-        *more,
-    ]
+    person, start = (Line2D([], [], label=kind, **style) for kind, style in _GLYPHS.items())
+    handles = [person, *borders, start, *more]
     figure.legend(handles=handles, loc="outside lower center", ncols=columns or len(handles), frameon=False)
+
+
+def gallery(models: Sequence[Model]) -> Figure:
+    """Draws the maps of scenarios, with their names above, and cells, observations and what is hidden below.
+
+    Scenarios that differ only in what is observed share their maps. Of a scenario in which the issuer may
+    stand in several places, or which has several phases, up to four maps are shown.
+
+    Args:
+      models: The scenarios, in the order in which they are shown; a group of maps goes to the first row that
+        has room for it.
+    """
+    groups: dict[object, list[Model]] = {}
+    for model in models:
+        same = {"name": "", "description": "", "observe": ("agent",)}
+        groups.setdefault(model.scenario.model_copy(update=same), []).append(model)
+    rows: list[list[tuple[str, str, Model, int]]] = []  # maps: title, text below, scenario and context
+    for group in groups.values():
+        shown = _shown(group[0])
+        row = next((row for row in rows if len(row) + len(shown) <= _COLUMNS), None)
+        if row is None:
+            rows.append(row := [])
+        for i, context in enumerate(shown):
+            title = "" if i else ", ".join(model.scenario.name for model in group)
+            about = [] if i else _about(group, _CHARACTERS * len(shown))
+            text = "\n".join(filter(None, [_label(group[0], context), *about]))
+            row.append((title, text, group[0], context))
+    n_lines = max(text.count("\n") + 1 for row in rows for _, text, *_ in row)
+    below = _LINE * (n_lines + 2)  # text, and the title of the next row
+    width, height = _COLUMNS * (_MAP + _GAP) + _GAP, len(rows) * (_MAP + below) + _LEGEND
+    with figure_of(len(rows), _COLUMNS, (width, height)) as (figure, axes):
+        figure.set_layout_engine(None)
+        figure.subplots_adjust(
+            left=_GAP / width, right=1 - _GAP / width, wspace=_GAP / _MAP, hspace=below / _MAP,
+            top=1 - 2 * _LINE / height, bottom=(_LEGEND + below - 2 * _LINE) / height,
+        )  # fmt: skip
+        for axis in axes.flat:
+            axis.set_axis_off()
+        for row, row_axes in zip(rows, axes, strict=True):
+            for axis, (title, text, model, context) in zip(row_axes, row, strict=False):
+                _draw_zones(axis, model, context)
+                axis.set_title(title, loc="left", weight="bold", size=8, pad=3)
+                axis.annotate(
+                    text, (0, 0), (0, -4), xycoords="axes fraction", textcoords="offset points",
+                    va="top", size=6.5, linespacing=1.25,
+                )  # fmt: skip
+        region_legend(
+            figure,
+            Line2D([], [], **_ONE_OF_MANY, label="one of many starts"),
+            Line2D([], [], **_WAY, label="way of the issuer"),
+            Patch(**_WALL, label="wall"),
+            Line2D([], [], ls="", marker="^", color="black", ms=4, label="where a person looks"),
+            columns=3,
+        )
+    return figure
+
+
+def _shown(model: Model) -> list[int]:
+    """Returns which places and phases of a scenario the gallery shows, see `Model.context`."""
+    n_contexts = model.n_places * len(model.scenario.stages)
+    n_shown = n_contexts if n_contexts <= _MOST_MAPS else 3
+    return [i * n_contexts // n_shown for i in range(n_shown)]
+
+
+def _label(model: Model, context: int) -> str:
+    """Returns which place and phase a map shows; empty if there is only one."""
+    place, phase = divmod(context, len(model.scenario.stages))
+    parts = [f"place {place + 1} of {model.n_places}"] if model.n_places > 1 else []
+    if (n_phases := len(model.scenario.stages)) > 1:
+        name = model.scenario.stages[phase].name
+        parts.append(f"phase {name} of {n_phases}" if name.isdecimal() else name)
+    return ", ".join(parts)
+
+
+def _about(group: Sequence[Model], width: int) -> list[str]:
+    """Returns the lines of text, of so many characters, below the maps of scenarios."""
+    first = group[0].scenario
+    feedback = sorted({first.issuer.feedback.label, *(person.feedback.label for person in first.others)})
+    about = [f"{first.grid.rows * first.grid.columns} cells, {' and '.join(feedback)}"]
+    for model in group:
+        hidden = ", ".join(_HIDDEN.get(part, part) for part in model.scenario.hidden) or "nothing"
+        seen = f"{model.n_observations:,} observations"
+        if len(group) > 1:
+            about.append(f"{model.scenario.name}: {seen}; hidden: {hidden}")
+        else:
+            about += [seen, f"hidden: {hidden}"]
+    return [line for sentence in about for line in wrap(sentence, width)]
+
+
+def _draw_zones(axis: Axes, model: Model, context: int) -> None:
+    """Draws a map of the regions, with all starts of the agent and the way of an issuer who moves."""
+    scene, n_phases = scene_of(model, context), len(model.scenario.stages)
+    colours = np.array([_RGB[zone] for zone in scene.zone]).reshape(scene.rows, scene.columns, 3)
+    edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
+    axis.pcolormesh(*edges, colours, edgecolors=_RGB["line"], linewidth=0.25)
+    if model.scenario.moves:
+        way = np.array([people[0].cell for people in model.scenario.people[context // n_phases]])
+        axis.plot(*np.vstack([way, way[:1]])[:, ::-1].T, **_WAY)
+    if not scene.cells_of("start"):
+        is_here = model.context[model.starts] // n_phases == context // n_phases
+        axis.plot(*scene.position[model.cell[model.starts[is_here]]].T[::-1], **_ONE_OF_MANY)
+    _dress(axis, scene, _ON_ZONES, scale=0.7)
+    axis.set_axis_on()
+    axis.set(xticks=[], yticks=[], xlabel="", ylabel="", anchor="NW")
+
+
+def _dress(axis: Axes, scene: Scene, border: dict[str, Any], scale: float = 1.0) -> None:
+    """Draws walls, the regions' borders in a style and the glyphs, scaled, on a map, and labels it."""
+    _add_path(axis, outlines(scene.is_wall.reshape(scene.rows, scene.columns)), _WALL)
+    for outline in scene.outlines:
+        style: dict[str, Any] = {"fill": False, "ls": _DASHES if outline.is_dashed else "-"} | border
+        _add_path(axis, outline.loops, style)
+    for glyph in scene.glyphs:
+        row, column = scene.position[glyph.cell]
+        if glyph.heading is not None:
+            nose = scene.position[glyph.cell] + 2 * glyph.nose
+            axis.add_patch(Polygon(nose[:, ::-1].tolist(), closed=True, fc="black", ec="white", lw=0.6))
+        axis.plot(column, row, **_GLYPHS[glyph.kind] | {"ms": scale * _GLYPHS[glyph.kind]["ms"]})
+    axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
+    axis.set(xlabel="column", ylabel="row")
+    axis.spines[:].set_visible(True)
+    axis.set_xticks(range(0, scene.columns, max(scene.columns // 6, 1)))
+    axis.set_yticks(range(0, scene.rows, max(scene.rows // 5, 1)))
+
+
+def _add_path(axis: Axes, loops: Sequence[Loop], style: dict[str, Any]) -> None:
+    """Draws the set of cells that these loops enclose; holes in it stay free."""
+    paths = [Path(np.array([*loop, loop[0]])[:, ::-1] - 0.5, closed=True) for loop in loops]
+    if paths:
+        axis.add_patch(PathPatch(Path.make_compound_path(*paths), **style))
+
+
+def _shapes(frame: pd.DataFrame, of_move: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Returns the corners, (x, y), of a shape in each row's cell, given those of moves, (4, n, 2)."""
+    action = frame["action"].map(ACTIONS.index).to_numpy(dtype=int)
+    return list(frame[["column", "row"]].to_numpy()[:, None, :] + of_move[action][..., ::-1])

@@ -7,15 +7,14 @@ from rich.text import Text
 
 from agents.policy import contains
 from benchmark.drawing.film import ENDINGS, Film, Moment
-from envs.model import ACTIONS, PING
 from envs.scene import ARROWS
 
 _BRACKETS: Final = {
-    "outside": (" ", " "),
-    "target": ("[", "]"),
-    "uncomfortable": ("{", "}"),
-    "issuer": (" ", " "),
-}
+    "outside": "  ",
+    "target": "[]",
+    "uncomfortable": "{}",
+    "issuer": "  ",
+}  # before and after a cell
 _LEGEND: Final = f"""\
 {ARROWS} greedy move   P greedy PING   + several   . all alike
 [ ] target region   {{ }} uncomfortable region
@@ -27,35 +26,23 @@ def to_text(film: Film, moment: Moment) -> Text:
     film = film.seen(moment)
     scene, values, place = film.scene, film.values[moment.place], moment.place
     best = np.where(film.is_unvisited(place), np.nan, values.max(axis=1))  # NaN, too, if the agent diverged
-    colours = film.colours(best).tolist()
-    greedy = contains(film.greedy[place])
-    agent = moment.cells[-1]
+    greedy, agent = contains(film.greedy[place]), moment.cells[-1]
     text = Text(f"{film.title}\n")
     text.append(f"step {film.steps[place]:,}, score {film.scores[place]:.2f}  ")
     text.append(f"{ENDINGS.get(moment.ending, '')}\n")
-    for cell, (red, green, blue) in enumerate(colours):
+    for cell, (red, green, blue) in enumerate(film.colours(best).tolist()):
         if cell == agent:
             sign = "@"
-        elif scene.is_wall[cell]:
-            sign = "#"
         elif scene.is_over[cell]:
-            sign = "*"
+            sign = "#" if scene.is_wall[cell] else "*"
         else:
-            sign = _sign(np.flatnonzero(greedy[cell]).tolist())
-        before, after = _BRACKETS[scene.zone[cell]]
+            (first, *more) = np.flatnonzero(greedy[cell]).tolist()
+            sign = "." if greedy[cell].all() else "+" if more else f"{ARROWS}P"[first]
+        brackets = _BRACKETS[scene.zone[cell]]
         ink = "rgb(0,0,0)" if red + green + blue > 330 else "rgb(255,255,255)"
         style = f"{'bold ' if cell == agent else ''}{ink} on rgb({red},{green},{blue})"
-        text.append(f"{before}{sign}{after}", style=style)
+        text.append(f"{brackets[0]}{sign}{brackets[1]}", style=style)
         if (cell + 1) % scene.columns == 0:
             text.append("\n")
     text.append(_LEGEND + ("          # wall" if scene.is_wall.any() else ""), style="dim")
     return text
-
-
-def _sign(actions: list[int]) -> str:
-    """Returns the sign of a set of greedy actions."""
-    if len(actions) == len(ACTIONS):
-        return "."
-    if len(actions) > 1:
-        return "+"
-    return "P" if actions[0] == PING else ARROWS[actions[0]]

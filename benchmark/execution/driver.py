@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -19,15 +18,6 @@ from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import check_packages
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification
-
-
-@dataclass(frozen=True, eq=False)
-class _Submission:
-    """A job under way, and when it was submitted."""
-
-    job: Job
-    started_at: str
-    started: float  # of `time.perf_counter`
 
 
 def run(
@@ -62,7 +52,7 @@ def run(
     check_packages(run.algorithm for run in todo)
     waiting = iter(plan(todo))
     executors: dict[str, Executor] = {}
-    under_way: dict[Future[list[Record]], _Submission] = {}
+    under_way: dict[Future[list[Record]], tuple[Job, str, float]] = {}  # with the times when it was submitted
     errors: list[str] = []
 
     def submit(job: Job, stack: ExitStack) -> None:
@@ -72,11 +62,15 @@ def run(
             executors[name] = (executor or load_executor(EXECUTORS[placement]))(jobs)
             stack.callback(executors[name].cancel)
         on_start(job)
-        submission = _Submission(job, now(), time.perf_counter())
-        under_way[executors[name].submit(job, logs)] = submission
+        submitted = job, now(), time.perf_counter()
+        under_way[executors[name].submit(job, logs)] = submitted
 
     def keep(future: Future[list[Record]]) -> None:
-        records = _records(future, under_way[future])
+        try:
+            records = future.result()
+        except Exception as error:  # the job was lost, so its runs have failed
+            job, started_at, started = under_way[future]
+            records = failures(job, error, started_at, time.perf_counter() - started)
         store.add(records)
         errors.extend(record.error for record in records if record.error is not None)
         on_progress(records)
@@ -102,28 +96,11 @@ def run(
 
 
 def discard_damaged(runs: Sequence[RunSpecification], store: Store) -> int:
-    """Removes the records of these runs that are damaged, so that the runs are pending again.
-
-    If the file itself is damaged, it is replaced by one with its whole records first.
-
-    Returns:
-      Their number.
-    """
-    store.repair()
-    damaged = store.damaged(store.ended(run.digest for run in runs))
-    return store.remove_damaged(damaged) if damaged else 0
+    """Removes damaged records, so that their runs are pending again; returns their number."""
+    return store.discard_damaged(store.ended(run.digest for run in runs))
 
 
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:
     """Returns the runs that have no valid record."""
     ended = store.ended(run.digest for run in runs)
     return [run for run in runs if run.digest not in ended]
-
-
-def _records(future: Future[list[Record]], submission: _Submission) -> list[Record]:
-    """Returns the records of a job that has ended; if it was lost, its runs have failed."""
-    try:
-        return future.result()
-    except Exception as error:
-        seconds = time.perf_counter() - submission.started
-        return failures(submission.job, error, submission.started_at, seconds)

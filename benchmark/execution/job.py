@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from agents import check_training, load_algorithm
 from agents.dynamic_programming import Evaluation, evaluate, every_cell
-from agents.policy import Policy, mask_policy
+from agents.policy import mask_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.execution.store import VALUE_DECIMALS, Record, evaluated
-from envs import InputError, Model, compile_scenario
+from envs import InputError, compile_scenario
 
 
 def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
@@ -65,23 +65,11 @@ def recorded(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def failures(job: Job, error: BaseException, started_at: str, wall_time_s: float) -> list[Record]:
-    """Returns the records of a job that failed.
-
-    Args:
-      job: Its runs.
-      error: Why it failed.
-      started_at: When it started, as `now` says it.
-      wall_time_s: How long it took until it failed.
-    """
-    measured: dict[str, Any] = {}
+    """Returns the records of a job that failed, given when it started (`now`), and how long it took."""
+    seconds = wall_time_s / len(job)
+    measured = {"started_at": started_at, "wall_time_s": seconds, "peak_memory_mb": None, "cpu_time_s": []}
     with suppress(InputError):  # an algorithm that cannot be imported here has no versions
         measured |= provenance(job[0].algorithm)
-    measured |= {
-        "started_at": started_at,
-        "wall_time_s": wall_time_s / len(job),
-        "peak_memory_mb": None,
-        "cpu_time_s": [],
-    }
     message = f"{type(error).__name__}: {error}"
     return [Record(run.digest, run.content, "failed", measured, {}, message) for run in job]
 
@@ -109,15 +97,11 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
     shape = training.greedy.shape[:2]  # (N, T)
     for start in first.evaluated_from:
-        for name, values in _evaluate(model, mask_policy(masks), first.horizon, start).items():
-            greedy = values[where.ravel()].reshape(*shape, *values.shape[1:])
-            columns[evaluated(name, "greedy", start)] = greedy
-        for name, values in _evaluate(model, training.stochastic, first.horizon, start).items():
-            columns[evaluated(name, "stochastic", start)] = values
+        starts = every_cell(model) if start == "every_cell" else None
+        greedy = evaluate(model, mask_policy(masks), first.horizon, starts)
+        stochastic = evaluate(model, training.stochastic, first.horizon, starts)
+        for name in (field.name for field in fields(Evaluation)):
+            values = getattr(greedy, name)[where.ravel()]
+            columns[evaluated(name, "greedy", start)] = values.reshape(*shape, *values.shape[1:])
+            columns[evaluated(name, "stochastic", start)] = getattr(stochastic, name)
     return columns
-
-
-def _evaluate(model: Model, policy: Policy, horizon: int, start: str) -> dict[str, NDArray[np.float64]]:
-    """Returns the fields of an evaluation, (..., as policy's leading axes)."""
-    evaluation = evaluate(model, policy, horizon, every_cell(model) if start == "every_cell" else None)
-    return {field.name: getattr(evaluation, field.name) for field in fields(Evaluation)}

@@ -4,7 +4,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Final, Self
 
 from rich.console import Console, Group
@@ -77,7 +76,7 @@ class Display:
             speed_estimate_period=120,
         )
         # The time left is estimated from jobs, not runs: a job of many tables ends all at once.
-        self._task = self._bar.add_task("", total=len(jobs), runs=f"{sum(self._done.values()):,}", speed="0")
+        self._task = self._bar.add_task("", total=len(jobs), runs=f"{self._done.total():,}", speed="0")
         self._live = Live(get_renderable=self.__rich__, console=self._console, refresh_per_second=4)
 
     def __enter__(self) -> Self:
@@ -85,14 +84,12 @@ class Display:
             self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._running.clear()  # nothing is running after an interrupt
         if self._console.is_terminal:
             self._live.stop()
         else:
-            self._console.print(self.line(), markup=False, soft_wrap=True)
+            self._print_line()
 
     def start(self, job: Job) -> None:
         """Notes that a job has started."""
@@ -108,28 +105,25 @@ class Display:
                 (self._failed if record.status == "failed" else self._done)[place] += 1
                 self._updates += int(record.arrays.get("updates", 0))  # a failed run has none
             speed = f"{self._updates / (time.monotonic() - self._started_s):,.0f}"
-            self._bar.update(self._task, advance=1, runs=f"{sum(self._done.values()):,}", speed=speed)
+            self._bar.update(self._task, advance=1, runs=f"{self._done.total():,}", speed=speed)
             if not self._console.is_terminal and time.monotonic() - self._line_s > _LINE_EVERY_S:
                 self._line_s = time.monotonic()
-                self._console.print(self.line(), markup=False, soft_wrap=True)
+                self._print_line()
 
-    def line(self) -> str:
-        """Returns the progress as one line."""
+    def _print_line(self) -> None:
+        """Prints the progress as one line."""
         task = self._bar.tasks[0]
-        failed = f", {sum(self._failed.values())} failed" if any(self._failed.values()) else ""
-        left = task.time_remaining
-        time_left = "" if left is None else f", about {left:,.0f} s left"
-        return (
-            f"{self._title}: {task.fields['runs']} of {len(self._place):,} runs{failed}, "
-            f"{task.fields['speed']} updates/s{time_left}"
-        )
+        line = f"{self._title}: {task.fields['runs']} of {len(self._place):,} runs"
+        line += f", {self._failed.total()} failed" if self._failed else ""
+        line += f", {task.fields['speed']} updates/s"
+        line += f", about {task.time_remaining:,.0f} s left" if task.time_remaining is not None else ""
+        self._console.print(line, markup=False, soft_wrap=True)
 
     def __rich__(self) -> Group:
         """Returns the table and the bar."""
         with self._lock:
-            table = Table(
-                title=Text(self._title), title_justify="left", box=None, header_style="", pad_edge=False
-            )
+            title = Text(self._title)
+            table = Table(title=title, title_justify="left", box=None, header_style="", pad_edge=False)
             table.add_column("", no_wrap=True)
             for column in self._columns:
                 table.add_column(Text(column), justify="right", min_width=16, no_wrap=True)

@@ -59,11 +59,10 @@ def processor() -> str:
         model = text.split("model name")[1].split("\n")[0].strip("\t :")
     except (OSError, IndexError):
         model = platform.processor()
-    available = llvmlite.binding.get_host_cpu_features()
+    available, kind = llvmlite.binding.get_host_cpu_features(), llvmlite.binding.get_host_cpu_name()
     features = " ".join(name for name in _FEATURES if available.get(name))
     build: Any = np.show_config(mode="dicts")
     blas = build["Build Dependencies"]["blas"]
-    kind = llvmlite.binding.get_host_cpu_name()
     return f"{model} ({kind}: {features}); BLAS {blas['name']} {blas.get('version', '')}"
 
 

@@ -26,10 +26,7 @@ VALUE_DECIMALS: Final = 3  # of the values of a record
 REPAIR_ADVICE: Final = "'run EXPERIMENT' saves the intact records and repeats the others"
 _APPLICATION_ID: Final = 0x50524F58  # "PROX"
 _FORMAT: Final = 4
-_WITHOUT_HEADS: Final = 3  # the format before: records had no column `head`
-_EFFORT: Final = (
-    1  # of compression: a run of a table takes half as long to pack as with 6, and 6 % more space
-)
+_EFFORT: Final = 1  # of compression: tables are packed in half the time of 6, and take 6 % more space
 _SCHEMA: Final = """
 CREATE TABLE runs (
   digest TEXT PRIMARY KEY,
@@ -110,11 +107,6 @@ def _pack(arrays: Mapping[str, NDArray[Any]]) -> bytes:
     return b"\n".join([json.dumps(layout).encode(), b"".join(data.values())])
 
 
-def packed_size(arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Returns how many bytes the arrays of a record take in the store."""
-    return len(_pack(arrays))
-
-
 class _Packed(Mapping[str, NDArray[Any]]):
     """What `_pack` returned, as arrays by name; an array is decompressed whenever it is asked for."""
 
@@ -141,7 +133,7 @@ class Store:
     """An open `runs.db`, used as a context manager.
 
     A file that turns out to be damaged is replaced by one with its whole records if it may be written; the
-    damaged one is kept beside it, which is said on stderr and by `salvaged`.
+    damaged one is kept beside it, which is said on stderr.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
@@ -154,37 +146,30 @@ class Store:
         self._path = path  # where the file is, not a link to it
         self._read_only = read_only
         self._inode: int | None = None  # of the file, once it is open
-        self.salvaged = ""  # what was saved from a damaged file, in words
         try:
             if path.is_symlink():
-                self._path = path = Path(os.path.realpath(path))
+                self._path = Path(os.path.realpath(path))
             if not read_only:
-                path.parent.mkdir(parents=True, exist_ok=True)
-            is_there, is_file = path.exists(), path.is_file()
-            is_empty = is_file and path.stat().st_size == 0  # SQLite leaves it so if it is killed early
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+            is_there, is_file = self._path.exists(), self._path.is_file()
+            is_empty = is_file and self._path.stat().st_size == 0  # SQLite leaves it so if it is killed early
         except OSError as error:
-            reason = "it is a file" if path.parent.is_file() else error.strerror
-            verb = "read" if read_only else "created"
-            raise InputError(
-                f"{path.parent}: cannot be {verb}: {reason}; choose another folder with --results."
-            ) from error
+            folder = self._path.parent
+            reason = "it is a file" if folder.is_file() else error.strerror
+            what = f"cannot be {'read' if read_only else 'created'}: {reason}"
+            raise InputError(f"{folder}: {what}; choose another folder with --results.") from error
         if is_there and not is_file:
-            raise InputError(
-                f"{path}: cannot be used as the store of runs: it is not a file; "
-                f"{_ADVICE[sqlite3.SQLITE_NOTADB]}."
-            )
+            raise self._unusable(f"it is not a file; {_ADVICE[sqlite3.SQLITE_NOTADB]}")
         if read_only and (is_empty or not is_there):
-            raise NoRunsError(f"{path}: there are no runs yet; run the experiment first.")
+            raise NoRunsError(f"{self._path}: there are no runs yet; run the experiment first.")
         self._connect()
 
     def _connect(self) -> None:
         """Opens the file, creates its table if it is new, and checks that it is a store."""
         # Also for reading it is opened for writing: what an interrupted transaction left is then put right.
-        mode = "rw" if self._read_only else "rwc"
+        uri = f"{self._path.absolute().as_uri()}?mode={'rw' if self._read_only else 'rwc'}"
         with self._input_errors():
-            self._connection = sqlite3.connect(
-                f"{self._path.absolute().as_uri()}?mode={mode}", uri=True, timeout=60.0, isolation_level=None
-            )
+            self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level=None)
         inode = self._inode_now()  # before it waits for another driver, which may replace the file
         # Text that is no UTF-8 any more is found by its checksum.
         self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
@@ -194,21 +179,17 @@ class Store:
                     if not self._read_only:
                         self._create()
                     self._check()
+                    self._connection.execute(f"PRAGMA query_only = {self._read_only}")
                 except sqlite3.DatabaseError as error:
-                    if (
-                        self._read_only
-                        or _code(error) != sqlite3.SQLITE_CORRUPT
-                        or not self._has_our_header()
-                    ):
+                    is_corrupt = _code(error) == sqlite3.SQLITE_CORRUPT
+                    if self._read_only or not is_corrupt or not self._has_our_header():
                         raise
                     # SQLite refuses a file that is shorter than it should be, but not then.
                     self._connection.execute("PRAGMA writable_schema = ON")
                     self._inode = inode
                     self._salvage()
-                    return
-                if self._read_only:
-                    self._connection.execute("PRAGMA query_only = ON")
-            self._inode = inode
+                else:
+                    self._inode = inode
         except BaseException:
             self._connection.close()
             raise
@@ -223,30 +204,22 @@ class Store:
     def _create(self) -> None:
         """Creates the table, if the file is new."""
         with self._transaction():
-            (tables,) = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-            if tables == 0:
+            if self._number("SELECT count(*) FROM sqlite_master") == 0:
                 for statement in _SCHEMA.split(";"):
                     self._connection.execute(statement)
                 self._connection.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
                 self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
 
     def _check(self) -> None:
-        """Checks that the database is one of this project; brings one of the format before up to date."""
-        (application,) = self._connection.execute("PRAGMA application_id").fetchone()
-        (version,) = self._connection.execute("PRAGMA user_version").fetchone()
-        if application == _APPLICATION_ID and version == _WITHOUT_HEADS:
-            self._connection.create_function("head", 6, lambda *columns: _head(*columns), deterministic=True)
-            with self._transaction():
-                (version,) = self._connection.execute("PRAGMA user_version").fetchone()
-                if version == _WITHOUT_HEADS:  # else another process has done it meanwhile
-                    self._connection.execute("ALTER TABLE runs ADD COLUMN head INTEGER")
-                    self._connection.execute(f"UPDATE runs SET head = head({_HEAD})")
-                    self._connection.execute(f"PRAGMA user_version = {_FORMAT}")
-        elif application != _APPLICATION_ID or version != _FORMAT:
-            raise InputError(
-                f"{self._path}: not a store of this version of the project; "
-                f"move it away, or choose another folder with --results."
-            )
+        """Checks that the database is one of this version of the project."""
+        found = self._number("PRAGMA application_id"), self._number("PRAGMA user_version")
+        if found != (_APPLICATION_ID, _FORMAT):
+            advice = _ADVICE[sqlite3.SQLITE_NOTADB]
+            raise InputError(f"{self._path}: not a store of this version of the project; {advice}.")
+
+    def _number(self, query: str) -> int:
+        (number,) = self._connection.execute(query).fetchone()
+        return int(number or 0)
 
     def __enter__(self) -> Self:
         return self
@@ -271,24 +244,10 @@ class Store:
             wanted = [json.dumps([*among])]
         return self._do(lambda: {digest for (digest,) in self._connection.execute(query, wanted)})
 
-    def contents(self) -> dict[str, tuple[str, int]]:
-        """Returns the specification of every run that has ended, and the size of its arrays, by digest."""
-        query = "SELECT digest, specification, length(arrays) FROM runs WHERE status != 'failed'"
-        return self._do(lambda: {row[0]: row[1:] for row in self._connection.execute(query)})
-
-    def size(self) -> tuple[int, int]:
-        """Returns how many bytes the file has, and how many of them are free for further records."""
-
-        def pages(what: str) -> int:
-            (number,) = self._connection.execute(f"PRAGMA {what}").fetchone()
-            return int(number)
-
-        return self._do(
-            lambda: (
-                pages("page_count") * pages("page_size"),
-                pages("freelist_count") * pages("page_size"),
-            )
-        )
+    def contents(self) -> dict[str, str]:
+        """Returns the specification of every run that has ended, by digest."""
+        query = "SELECT digest, specification FROM runs WHERE status != 'failed'"
+        return self._do(lambda: dict(self._connection.execute(query)))
 
     def add(self, records: Iterable[Record]) -> None:
         """Stores records, all or none; they replace earlier ones, but no failure replaces a valid record."""
@@ -315,35 +274,18 @@ class Store:
         Raises:
           InputError: A record is damaged or cannot be found.
         """
-        return self._do(lambda: [self._get(digest, arrays=arrays) for digest in digests])
+        return self._do(lambda: [self._get(digest, arrays) for digest in digests])
 
-    def _get(self, digest: str, *, arrays: bool) -> Record:
-        """Returns a record."""
-        specification, status, error, provenance, *packed = self._whole_row(digest, arrays=arrays)
+    def _get(self, digest: str, arrays: bool) -> Record:
+        columns = f"{_HEAD}, head{', arrays' * arrays}"
+        row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
+        # The digest is that asked for: in a damaged index it may lead to the record of another run.
+        if row is None or not _is_whole(digest, *row[1:]):
+            advice = "run its experiment again, which repeats it"
+            raise InputError(f"{self._path}: the record of run {digest[:12]} is damaged; {advice}.")
+        _, specification, status, error, provenance, _, _, *packed = row
         unpacked = _Packed(packed[0]) if packed else {}
         return Record(digest, specification, status, json.loads(provenance), unpacked, error)
-
-    def _whole_row(self, digest: str, *, arrays: bool) -> list[Any]:
-        """Returns what is stored of a run, after its digest: without checksums, which are verified."""
-        columns = "checksum, head, specification, status, error, provenance" + ", arrays" * arrays
-        row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
-        stored: list[Any] = []
-        if row is None:
-            raise self._damaged_record(digest)
-        checksum, head, *stored = row
-        specification, status, error, provenance, *packed = stored
-        # The digest is that asked for: in a damaged index it may lead to the record of another run.
-        is_whole = _head(digest, specification, status, error, provenance, checksum) == head
-        if not is_whole or (packed and not _is_whole(packed[0], checksum)):
-            raise self._damaged_record(digest)
-        return stored
-
-    def _damaged_record(self, digest: str) -> InputError:
-        """Returns the error that the record of a run is damaged, or cannot be found."""
-        return InputError(
-            f"{self._path}: the record of run {digest[:12]} is damaged; run its experiment again, which "
-            "repeats it."
-        )
 
     def damaged(self, digests: Iterable[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
@@ -351,28 +293,31 @@ class Store:
         return self._do(lambda: [digest for digest in wanted if self._is_damaged(digest)])
 
     def _is_damaged(self, digest: str) -> bool:
-        """Returns whether the record of a run is damaged or cannot be found."""
         try:
-            self._whole_row(digest, arrays=True)
+            self._get(digest, arrays=True)
         except (InputError, UnicodeEncodeError):  # the digest itself may be damaged
             return True
         return False
 
-    def remove_damaged(self, digests: Iterable[str]) -> int:
+    def discard_damaged(self, digests: Iterable[str]) -> int:
         """Removes the records of these runs that are damaged, all or none; returns how many are.
 
-        They are looked at again, since another driver may have replaced some by whole ones.
+        If the structure of the file is damaged, it is replaced by one with its whole records first.
         """
-        wanted = list(digests)
+        if self.problem():
+            with self._input_errors():
+                self._salvage()
+        damaged = self.damaged(digests)
 
         def remove() -> int:
             with self._transaction():
                 self._connection.execute("REINDEX")  # an index may be what is damaged
-                rows = [(digest,) for digest in wanted if self._is_damaged(digest)]
+                # Meanwhile another driver may have replaced some by whole ones.
+                rows = [(digest,) for digest in damaged if self._is_damaged(digest)]
                 self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
             return len(rows)
 
-        return self._do(remove)
+        return self._do(remove) if damaged else 0
 
     def problem(self) -> str:
         """Returns what is wrong with the file's structure; empty if nothing."""
@@ -384,12 +329,6 @@ class Store:
                     raise
                 found = str(error)
         return "" if found == "ok" else " ".join(str(found).split())
-
-    def repair(self) -> None:
-        """Replaces the file by one with its whole records if its structure is damaged; `salvaged` says so."""
-        if self.problem():
-            with self._input_errors():
-                self._salvage()
 
     def _do(self, action: Callable[[], _T]) -> _T:
         """Returns what an action on the database returns.
@@ -406,7 +345,7 @@ class Store:
             except sqlite3.DatabaseError as error:
                 if self._read_only:
                     raise
-                if not self._is_same_file():  # it was replaced or removed: SQLite does not write to it
+                if self._inode_now() != self._inode:  # replaced or removed: SQLite does not write to it
                     self._connection.close()
                     with suppress(OSError):  # SQLite says what is wrong
                         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -416,10 +355,6 @@ class Store:
                 else:
                     raise
             return action()
-
-    def _is_same_file(self) -> bool:
-        """Returns whether the open file is still the one at its path."""
-        return self._inode_now() == self._inode
 
     def _inode_now(self) -> int:
         """Returns the inode of the file that is at the path now; -1 if there is none."""
@@ -431,7 +366,7 @@ class Store:
     def _salvage(self) -> None:
         """Replaces a damaged file by one with its whole records, and keeps it beside."""
         self._connection.execute("BEGIN EXCLUSIVE")  # waits for other drivers
-        if self._is_same_file():  # else one of them has done it meanwhile
+        if self._inode_now() == self._inode:  # else one of them has done it meanwhile
             kept = self._path.with_name(f"{self._path.name}.damaged")
             fresh = self._path.with_name(f"{self._path.name}.salvaged")
             fresh.unlink(missing_ok=True)
@@ -444,11 +379,8 @@ class Store:
             except OSError:  # where a file has but one name
                 shutil.copyfile(self._path, kept)
             fresh.replace(self._path)
-            self.salvaged = (
-                f"{self._path} was damaged: its {n_records} intact records have been saved; the damaged "
-                f"file is kept as {kept}."
-            )
-            print(self.salvaged, file=sys.stderr)
+            what = f"{self._path} was damaged: its {n_records} intact records have been saved"
+            print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
         self._connection.close()
         self._connect()
 
@@ -456,20 +388,14 @@ class Store:
         """Yields the rows of a damaged file that are whole."""
         last = self._path.stat().st_size // _SMALLEST_ROW
         with suppress(sqlite3.DatabaseError):
-            (found,) = self._connection.execute("SELECT max(rowid) FROM runs NOT INDEXED").fetchone()
-            last = min(max(found or 0, last), _LAST_ROW)
-        for row_id in range(1, last + 1):
-            try:
-                row = self._connection.execute(
-                    f"SELECT {_HEAD}, arrays, head FROM runs NOT INDEXED WHERE rowid = ?", (row_id,)
-                ).fetchone()
-            except sqlite3.DatabaseError:
-                continue
-            if row is not None:
-                *head, arrays, head_checksum = row
-                checksum = head[-1]
-                if _head(*head) == head_checksum and _is_whole(arrays, checksum):
-                    yield (*head[:-1], arrays, checksum, head_checksum)
+            last = max(last, self._number("SELECT max(rowid) FROM runs NOT INDEXED"))
+        query = f"SELECT {_HEAD}, head, arrays FROM runs NOT INDEXED WHERE rowid = ?"
+        for row_id in range(1, min(last, _LAST_ROW) + 1):
+            with suppress(sqlite3.DatabaseError):
+                row = self._connection.execute(query, (row_id,)).fetchone()
+                if row is not None and _is_whole(*row):
+                    *columns, checksum, head, arrays = row
+                    yield (*columns, arrays, checksum, head)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -495,8 +421,10 @@ class Store:
             if code == sqlite3.SQLITE_CORRUPT and self._inode is None and not self._has_our_header():
                 code = sqlite3.SQLITE_NOTADB  # damaged where the file says what it holds
             advice = _ADVICE.get(code, "try again, or choose another folder with --results")
-            text = f"{' '.join(str(error).split())}; {advice}"
-            raise InputError(f"{self._path}: cannot be used as the store of runs: {text}.") from error
+            raise self._unusable(f"{' '.join(str(error).split())}; {advice}") from error
+
+    def _unusable(self, reason: str) -> InputError:
+        return InputError(f"{self._path}: cannot be used as the store of runs: {reason}.")
 
 
 def _code(error: sqlite3.Error) -> int:
@@ -504,13 +432,14 @@ def _code(error: sqlite3.Error) -> int:
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
-def _head(digest: Any, specification: Any, status: Any, error: Any, provenance: Any, checksum: Any) -> int:
-    """Returns the CRC-32 of a record without its arrays, but with their checksum."""
-    return zlib.crc32(
-        json.dumps([digest, specification, status, error, provenance, checksum], default=repr).encode()
+def _head(*columns: Any) -> int:
+    """Returns the CRC-32 of the columns `_HEAD` of a record: the checksum stands for its arrays."""
+    return zlib.crc32(json.dumps(columns, default=repr).encode())
+
+
+def _is_whole(*row: Any) -> bool:
+    """Returns whether columns of a record are as stored: `_HEAD`, `head` and perhaps its arrays."""
+    *columns, head = row[:7]
+    return _head(*columns) == head and all(
+        isinstance(arrays, bytes) and zlib.crc32(arrays) == columns[-1] for arrays in row[7:]
     )
-
-
-def _is_whole(arrays: Any, checksum: Any) -> bool:
-    """Returns whether packed arrays have their checksum."""
-    return isinstance(arrays, bytes) and zlib.crc32(arrays) == checksum

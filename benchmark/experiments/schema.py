@@ -113,9 +113,8 @@ class Reporting(Table):
     margins: Margins = Margins()
     fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
     contrasts: tuple[tuple[str, str], ...] = ()  # x against y, with verdicts
-    effects: tuple[
-        tuple[str, str, str], ...
-    ] = ()  # x minus y, and what differs: exploratory, without verdicts
+    # x minus y, and what differs: exploratory, without verdicts
+    effects: tuple[tuple[str, str, str], ...] = ()
 
 
 class Experiment(Table):
@@ -153,23 +152,20 @@ class Experiment(Table):
         return self
 
     @model_validator(mode="after")
-    def _start_is_evaluated(self) -> Self:
+    def _is_consistent(self) -> Self:
         if "start" not in self.evaluated_from:
             raise ValueError(f'evaluated_from = {list(self.evaluated_from)}: accepted: "start" among them')
-        return self
-
-    @model_validator(mode="after")
-    def _maps_are_evaluated(self) -> Self:
-        for name in ("", *self.algorithms):
-            where = f'algorithms."{name}": ' if name else ""
-            evaluation_every, map_every = (
-                self.schedule(name) if name else (self.evaluation_every, self.map_every)
-            )
+        schedules = {"": (self.evaluation_every, self.map_every)}
+        schedules |= {f'algorithms."{name}": ': self.schedule(name) for name in self.algorithms}
+        for where, (evaluation_every, map_every) in schedules.items():
             if map_every % evaluation_every:
                 raise ValueError(
                     f"{where}map_every = {map_every}: accepted: a multiple of evaluation_every = "
                     f"{evaluation_every}"
                 )
+        n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
+        if n_conditions > MOST_CONDITIONS:
+            raise ValueError(f"readings with sweep: accepted: at most {MOST_CONDITIONS:,} conditions")
         return self
 
     @model_validator(mode="after")
@@ -178,23 +174,12 @@ class Experiment(Table):
         for axis, conditions in self.sweep.items():
             if not conditions:
                 raise ValueError(f"sweep.{axis}: accepted: a table with at least one condition")
-            keys = {
-                f"{table}.{key}"
-                for condition in conditions.values()
-                for table in ("scenario", "settings")
-                for key in getattr(condition, table)
-            }
-            for key in sorted(keys):
-                other = axis_of_key.setdefault(key, axis)
-                if other != axis:
-                    raise ValueError(f"sweep.{axis} and sweep.{other} both change {key}")
-        return self
-
-    @model_validator(mode="after")
-    def _conditions_are_few(self) -> Self:
-        n_conditions = len(self.readings) * math.prod(len(conditions) for conditions in self.sweep.values())
-        if n_conditions > MOST_CONDITIONS:
-            raise ValueError(f"readings with sweep: accepted: at most {MOST_CONDITIONS:,} conditions")
+            for condition in conditions.values():
+                keys = [f"scenario.{key}" for key in condition.scenario]
+                for key in (*keys, *(f"settings.{key}" for key in condition.settings)):
+                    other = axis_of_key.setdefault(key, axis)
+                    if other != axis:
+                        raise ValueError(f"sweep.{axis} and sweep.{other} both change {key}")
         return self
 
     @property
@@ -276,10 +261,7 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
         raise InputError(
             f"{path}: results are named after the file; accepted: any name but {', '.join(_RESERVED)}."
         )
-    data = _with_checks(_read(path), str(path))
-    if isinstance(data.get("report"), str):
-        data["report"] = {"kind": data["report"]}
-    read = parse(Experiment, data, str(path), name=path.stem)
+    read = parse(Experiment, _with_checks(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     return read, path
@@ -307,14 +289,16 @@ def _path(experiment: str | Path) -> Path:
 def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Reads an experiment's tables; those of an extension are those of its base with changes."""
     data = read_toml(path)
-    if "extends" not in data:
-        return data
-    extension = parse(_Extension, data, str(path))
-    base = _path(extension.extends)
-    if base in (path, *extended_by):
-        raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
-    changes = {"description": extension.description} | extension.changes
-    return override(_read(base, (path, *extended_by)), changes, str(path))
+    if "extends" in data:
+        extension = parse(_Extension, data, str(path))
+        base = _path(extension.extends)
+        if base in (path, *extended_by):
+            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
+        changes = {"description": extension.description} | extension.changes
+        data = override(_read(base, (path, *extended_by)), changes, str(path))
+    if isinstance(data.get("report"), str):
+        data["report"] = {"kind": data["report"]}
+    return data
 
 
 def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
@@ -325,33 +309,24 @@ def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
         that the arm has not.
     """
     arms = data.get("algorithms")
-    if not isinstance(arms, dict) or not all(
-        is_name(name) and isinstance(arm, dict) for name, arm in arms.items()
-    ):
+    if not isinstance(arms, dict) or not all(is_name(name) and isinstance(arms[name], dict) for name in arms):
         return data  # is refused with the other tables
+    checkable = [name for name in arms if not arms[name].get("check_of")]
     resolved = dict(arms)
-    for name, arm in arms.items():
-        if not arm.get("check_of"):
-            continue
-        where, checked = f"{source}: algorithms.{name}", arm["check_of"]
-        checkable = [other for other in arms if not arms[other].get("check_of")]
+    for name in [name for name in arms if name not in checkable]:
+        where, checked = f"{source}: algorithms.{name}", arms[name]["check_of"]
         if checked not in checkable:
             unknown_name(f"{where}: check_of", "arm", str(checked), checkable)
         for key in ("group", "settings", "policy"):
-            if key in arm:
+            if key in arms[name]:
                 raise InputError(f"{where}.{key}: a check takes it from {checked}; remove it.")
-        taken = {
-            key: arms[checked][key]
-            for key in ("observations", "group", "settings", "policy")
-            if key in arms[checked]
-        }
-        own, accepted = arm.get("observations"), taken.get("observations")
-        if isinstance(own, list) and isinstance(accepted, list):
-            for observation in own:
-                if observation not in accepted:
-                    raise InputError(
-                        f"{where}.observations: {checked} does not learn from {observation}; accepted: "
-                        f"{', '.join(map(str, accepted))}."
-                    )
-        resolved[name] = taken | arm
+        keys = arms[checked].keys() & {"observations", "group", "settings", "policy"}
+        resolved[name] = {key: arms[checked][key] for key in keys} | arms[name]
+        own, accepted = resolved[name].get("observations"), arms[checked].get("observations")
+        for observation in own if isinstance(own, list) and isinstance(accepted, list) else ():
+            if observation not in accepted:
+                raise InputError(
+                    f"{where}.observations: {checked} does not learn from {observation}; accepted: "
+                    f"{', '.join(map(str, accepted))}."
+                )
     return data | {"algorithms": resolved}

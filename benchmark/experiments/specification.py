@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import chain, zip_longest
@@ -12,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from agents import LearnerSettings, Schedule, dynamic_programming, load_algorithm
-from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, read_experiment
+from benchmark.experiments.schema import DEFAULT_CONDITION, Arm, Experiment, read_experiment
 from envs import ACTIONS, InputError, Scenario, load_scenario, model
 from envs.inputs import in_either_case, override, parse, unknown_name
 from envs.observations import check_one_hot
@@ -62,11 +63,8 @@ class RunSpecification:
 
     def with_seed(self, seed: int) -> "RunSpecification":
         """Returns another run of the same population."""
-        run = object.__new__(
-            RunSpecification
-        )  # an experiment may have 100,000 runs: nothing is checked again
-        population = self.population
-        run.__dict__.update(self.__dict__, seed=seed, population=population)
+        run = object.__new__(RunSpecification)  # nothing is checked again: there may be 100,000 runs
+        run.__dict__.update(self.__dict__, seed=seed, population=self.population)
         run.__dict__.pop("digest", None)
         return run
 
@@ -96,8 +94,10 @@ class RunSpecification:
 
     @property
     def record_size(self) -> int:
-        """About how many bytes are recorded, see `record_size`."""
-        return record_size(self.settings.budget, self.evaluation_every, self.map_every, self.scenario)
+        """About how many bytes are recorded before compression: greedy actions, and values of all actions."""
+        budget = self.settings.budget
+        n_evaluations, n_maps = (-(-budget // every) + 1 for every in (self.evaluation_every, self.map_every))
+        return self.scenario.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
 
     @property
     def evaluation_steps(self) -> list[int]:
@@ -165,10 +165,8 @@ def load_experiment(experiment: str | Path) -> Experiment:
                 unknown_name(where, f"observation for {arm.algorithm}", observation, accepted)
         for condition in loaded.conditions:
             _settings(loaded, name, condition, str(path))
-    try:
+    with _refused_in(str(path)):
         names = [load_scenario(scenario).name for scenario in loaded.scenarios]
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: scenarios: {name} is named twice.")
@@ -176,75 +174,51 @@ def load_experiment(experiment: str | Path) -> Experiment:
         raise InputError(
             f"{path}: scenarios: {' and '.join(pair)}: accepted: names that differ in more than case."
         )
-    scenarios = _conditions_of_scenarios(loaded, names, path)
-    for (condition, _), scenario in scenarios.items():
-        for name in loaded.algorithms:
-            try:
-                _check_size(loaded, name, condition, scenario)
-            except InputError as error:
-                raise InputError(f"{path}: algorithms.{name}: {error}") from error
-    return loaded
-
-
-def _conditions_of_scenarios(
-    loaded: Experiment, names: list[str], path: Path
-) -> dict[tuple[str, str], Scenario]:
-    """Returns the scenarios under each condition.
-
-    Raises:
-      InputError: A condition names another scenario, or changes one to something that is none.
-    """
-    scenarios = {}
     for condition, changes in loaded.conditions.items():
         for table, change in changes.items():
             for name in change.scenarios or ():
                 if name not in names:
                     unknown_name(f"{path}: {table}.scenarios", "scenario", name, names)
         tables = [f"{table}.scenario" for table, change in changes.items() if change.scenario]
-        for scenario in loaded.scenarios:
-            try:
-                scenarios[condition, scenario] = _scenario(loaded, condition, scenario)
-            except InputError as error:
-                raise InputError(f"{path}: {' with '.join(tables)}: {error}") from error
-    return scenarios
+        for declared in loaded.scenarios:
+            with _refused_in(f"{path}: {' with '.join(tables)}"):
+                scenario = _scenario(loaded, condition, declared)
+            for name, arm in loaded.algorithms.items():
+                with _refused_in(f"{path}: algorithms.{name}"):
+                    _check_size(_run(loaded, condition, scenario, name, arm.observations[0]), arm)
+    return loaded
 
 
-def _check_size(loaded: Experiment, arm: str, condition: str, scenario: Scenario) -> None:
+@contextmanager
+def _refused_in(where: str) -> Iterator[None]:
+    """Names the place in front of what is refused."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def _check_size(run: RunSpecification, arm: Arm) -> None:
     """Checks that observations, and what is recorded of a run, fit into memory.
 
     Raises:
       InputError: They do not.
     """
-    if "one_hot" in loaded.algorithms[arm].observations:
+    scenario, every = run.scenario, f"evaluation_every = {run.evaluation_every}"
+    if "one_hot" in arm.observations:
         check_one_hot(scenario.n_observations, scenario.n_features)
-    budget = _settings(loaded, arm, condition, loaded.name).budget
-    evaluation_every, map_every = loaded.schedule(arm)
-    n_evaluations = -(-budget // evaluation_every) + 1
+    n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1
     if n_evaluations > MOST_EVALUATIONS:
         raise InputError(
-            f"evaluation_every = {evaluation_every} with budget = {budget}: {n_evaluations:,} evaluations; "
+            f"{every} with budget = {run.settings.budget}: {n_evaluations:,} evaluations; "
             f"accepted: at most {MOST_EVALUATIONS:,}."
         )
-    size = record_size(budget, evaluation_every, map_every, scenario)
-    if size > LARGEST_RECORD:
+    if run.record_size > LARGEST_RECORD:
         raise InputError(
-            f"evaluation_every = {evaluation_every} and map_every = {map_every} with budget = {budget} and "
-            f"{scenario.n_observations:,} observations in {scenario.name}: records of {size / 1e6:,.0f} MB; "
-            f"accepted: at most {LARGEST_RECORD / 1e6:,.0f} MB."
+            f"{every} and map_every = {run.map_every} with budget = {run.settings.budget} and "
+            f"{scenario.n_observations:,} observations in {scenario.name}: records of "
+            f"{run.record_size / 1e6:,.0f} MB; accepted: at most {LARGEST_RECORD / 1e6:,.0f} MB."
         )
-
-
-def record_size(budget: int, evaluation_every: int, map_every: int, scenario: Scenario) -> int:
-    """Returns about how many bytes are recorded of a run, before compression.
-
-    Args:
-      budget: What it may train.
-      evaluation_every: After how much of it the greedy actions are recorded.
-      map_every: And the values of all actions.
-      scenario: Where it trains.
-    """
-    n_evaluations, n_maps = (-(-budget // every) + 1 for every in (evaluation_every, map_every))
-    return scenario.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
 
 
 def specifications(
@@ -265,47 +239,38 @@ def specifications(
       observation: One of the arm's.
       seeds: Other seeds than the declared ones.
     """
-    return _population(
-        experiment, condition, _scenario(experiment, condition, scenario), arm, observation, seeds
-    )
+    first = _run(experiment, condition, _scenario(experiment, condition, scenario), arm, observation)
+    return [
+        first.with_seed(seed)
+        for seed in (experiment.declared_seeds(arm, condition) if seeds is None else seeds)
+    ]
 
 
-def _population(
-    experiment: Experiment,
-    condition: str,
-    scenario: Scenario,
-    arm: str,
-    observation: str,
-    seeds: Sequence[int] | None,
-) -> list[RunSpecification]:
-    """Lists the runs of one population in a scenario that is loaded."""
+def _run(
+    experiment: Experiment, condition: str, scenario: Scenario, arm: str, observation: str
+) -> RunSpecification:
+    """Returns the first run of a population, in a scenario as it is under the condition."""
     declared = experiment.algorithms[arm]
-    algorithm = load_algorithm(declared.algorithm)
-    settings = _settings(experiment, arm, condition, experiment.name)
     evaluation_every, map_every = experiment.schedule(arm)
-    versions = {
-        "algorithm": algorithm.version,
-        "evaluation": dynamic_programming.VERSION,
-        "model": model.VERSION,
-    }
-    if seeds is None:
-        seeds = experiment.declared_seeds(arm, condition)
-    first = RunSpecification(
+    return RunSpecification(
         stream=experiment.stream or experiment.name,
         condition=condition,
         scenario=scenario,
         arm=arm,
         algorithm=declared.algorithm,
-        versions=versions,
+        versions={
+            "algorithm": load_algorithm(declared.algorithm).version,
+            "evaluation": dynamic_programming.VERSION,
+            "model": model.VERSION,
+        },
         observation=observation,
-        settings=settings,
+        settings=_settings(experiment, arm, condition, experiment.name),
         horizon=experiment.horizon,
         evaluation_every=evaluation_every,
         map_every=map_every,
         evaluated_from=experiment.evaluated_from,
-        seed=seeds[0],
+        seed=experiment.declared_seeds(arm, condition)[0],
     )
-    return [first.with_seed(seed) for seed in seeds]
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
@@ -325,16 +290,13 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     if n_runs > MOST_RUNS:
         raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
     conditions = sorted(experiment.conditions, key=lambda name: name.split("/")[0] != DEFAULT_CONDITION)
-    scenarios = {
-        (condition, scenario): _scenario(experiment, condition, scenario)
-        for condition in conditions
-        for scenario in experiment.scenarios
-    }
-    populations = [
-        _population(experiment, condition, scenarios[condition, scenario], arm, observation, seeds)
-        for condition in conditions
-        for scenario, arm, observation in experiment.populations
-    ]
+    populations = []
+    for condition in conditions:
+        scenarios = {name: _scenario(experiment, condition, name) for name in experiment.scenarios}
+        for name, arm, observation in experiment.populations:
+            first = _run(experiment, condition, scenarios[name], arm, observation)
+            chosen = experiment.declared_seeds(arm, condition) if seeds is None else seeds
+            populations.append([first.with_seed(seed) for seed in chosen])
     runs: dict[str, RunSpecification] = {}
     for run in chain.from_iterable(zip_longest(*populations)):
         if run is not None:

@@ -27,7 +27,6 @@ from benchmark.execution.store import Store
 from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
-    Reporting,
     RunSpecification,
     all_specifications,
     specifications,
@@ -89,23 +88,44 @@ def draw(
         with _workers(jobs) as pool:
             check_scores(every)
             data = report.load(experiment, store, seeds, partial)
-            frames = tables_of(items, data)
             manifest = _manifest(experiment, runs, provenance, seeds, data)
             manifest["looks"] = _looks(directory / MANIFEST, manifest)
-            (aside / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-            for name, frame in frames.items():
-                tables.write_csv(frame, aside / f"{name}.csv")
-            _draw_figures(pool, jobs, experiment, frames, data, aside)
-            for item in items:
-                if item.write is not None:
-                    item.write(data, aside)
-        document.write(aside)
+            publish(items, data, aside, manifest, pool, jobs)
         compared = sameness.compare(aside, experiment.name, measured) if is_as_declared else None
         if compared is not None and compared.is_identical and not compared.measured:
             published = sameness.published_file(experiment.name, MANIFEST)
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
         sameness.write_stamp(aside / STAMP, inputs, list(aside.iterdir()))
     return Made(is_new=True, certificate=compared)
+
+
+def publish(
+    items: Sequence[Item],
+    data: Data,
+    directory: Path,
+    manifest: Mapping[str, Any],
+    pool: ProcessPoolExecutor | None = None,
+    jobs: int = 1,
+) -> None:
+    """Writes a folder's manifest, tables, figures and other files, and README, which is made of these.
+
+    Args:
+      items: Of the report that the manifest names.
+      data: What they are computed from.
+      directory: Exists, and is empty.
+      manifest: What made the data.
+      pool: Processes that draw together with this one.
+      jobs: How many draw in all.
+    """
+    frames = tables_of(items, data)
+    (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    for name, frame in frames.items():
+        tables.write_csv(frame, directory / f"{name}.csv")
+    _draw_figures(pool, jobs, manifest["report"], frames, data, directory)
+    for item in items:
+        if item.write is not None:
+            item.write(data, directory)
+    document.write(directory)
 
 
 def export(
@@ -213,14 +233,13 @@ def _workers(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
 def _draw_figures(
     pool: ProcessPoolExecutor | None,
     jobs: int,
-    experiment: Experiment,
+    declared: Mapping[str, Any],
     frames: Frames,
     data: Data,
     directory: Path,
 ) -> None:
-    """Draws all figures, each worker its share."""
-    assert experiment.report is not None
-    shared = experiment.report, frames, data.context, directory, data.is_incomplete
+    """Draws all figures of a declared report, each worker its share."""
+    shared = declared, frames, data.context, directory, data.is_incomplete
     drawn: list[Future[None]] = []
     if pool is not None:
         with interrupts_blocked(), suppress(BrokenProcessPool):
@@ -234,10 +253,16 @@ def _draw_figures(
 
 
 def _draw_share(
-    share: int, jobs: int, declared: Reporting, frames: Frames, context: Any, directory: Path, partial: bool
+    share: int,
+    jobs: int,
+    declared: Mapping[str, Any],
+    frames: Frames,
+    context: Any,
+    directory: Path,
+    partial: bool,
 ) -> None:
     """Draws every so many-th figure of a report, which may be in another process."""
-    items = load_items(load_report(declared.kind), declared.model_dump())
+    items = load_items(load_report(declared["kind"]), declared)
     for item in [each for each in items if each.draw is not None][share::jobs]:
         draw_figure(item, frames, context, directory / f"{item.name}.png", is_partial=partial)
 

@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -11,49 +10,39 @@ import gymnasium
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import PolyCollection, QuadMesh
 from numpy.typing import NDArray
-from PIL import Image
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
-from benchmark.assessment import Act, assess, standing_of
-from envs import EVENTS, InputError, compile_scenario, load_scenario
+from benchmark.assessment import Act, assess, draw_map, standing_of
+from envs import EVENTS, InputError, Scenario, compile_scenario, load_scenario
 from envs.model import PING
 from envs.observations import observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
-DOWN, RIGHT = 1, 3
+DOWN = 1
+TWO_PLACES = load_scenario("S1", {"issuer.position": [[6, 8], [3, 8]], "observe": ["agent", "issuer"]})
 
 
 def optimal(scenario: str) -> Act:
-    """An optimal policy over the numbers of observations: where nothing that matters is hidden."""
+    """An optimal policy over the numbers of observations, if nothing that matters is hidden."""
     model = compile_scenario(load_scenario(scenario))
     best = solve(model, 1.0, 200, issuer_rewards=False).q.argmax(axis=1)
     action = dict(zip(model.observation[model.fresh_state].tolist(), best[model.fresh_state], strict=True))
     return lambda o: action.get(o, 0)
 
 
-def approach(o: NDArray[np.float32]) -> int:
-    """Reads its cell and the issuer's, of 10 rows and 12 columns; PINGs at Chebyshev distance 2."""
-    down, right = np.rint((o[2:4] - o[:2]) * (9, 11)).astype(int)
-    if max(abs(down), abs(right)) == 2:
-        return PING
-    if abs(down) > abs(right):
-        return DOWN if down > 0 else 0
-    return RIGHT if right > 0 else 2
-
-
 # Exact numbers
 
 
-@pytest.mark.parametrize("scenario", ["S1", "S2", "S3"])
+@pytest.mark.parametrize("scenario", ["S1", "S3"])
 def test_optimal_policy_scores_one_and_ranks_first(scenario: str) -> None:
     assessment = assess(optimal(scenario), scenario=scenario, observation="index")
     # Row 4, column 6 is the nearest cell of the target region: ten moves and a PING.
     assert assessment.score == 1
     assert assessment.success == pytest.approx(1)
-    assert assessment.steps == pytest.approx(11)
-    assert (assessment.wrong_pings, assessment.uncomfortable_steps) == (0, 0)
+    assert float(assessment.evaluation.steps) == pytest.approx(11)
     assert assessment.standing is not None
     learners = assessment.standing.learners
     perfect = learners[learners["score"] == 1]
@@ -61,18 +50,9 @@ def test_optimal_policy_scores_one_and_ranks_first(scenario: str) -> None:
     assert (perfect["equal"] == 1).all()
     assert set(learners["lower"] + learners["equal"]) == {1}
     assert (learners["higher"] == 0).all()
-    folder = Path(__file__).parents[2] / "results" / "compare_deep"
-    published = pd.read_csv(folder / "scores.csv").query("scenario == @scenario")
-    algorithms = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["algorithms"]
-    names = {
-        f"{arm}, {observation}"
-        for arm, observation in zip(published["algorithm"], published["observation"], strict=True)
-        if not algorithms[arm]["check_of"]
-    }
-    assert set(learners[learners["experiment"] == "compare_deep"]["learner"]) == names
 
 
-@pytest.mark.parametrize("scenario", ["S2", "Moody", "Egg"])
+@pytest.mark.parametrize("scenario", ["S2", "Moody"])
 def test_random_policy_scores_zero(scenario: str) -> None:
     assessment = assess(lambda _: np.full(5, 0.2, dtype=np.float32), scenario=scenario, observation="one_hot")
     model = compile_scenario(load_scenario(scenario))
@@ -83,7 +63,7 @@ def test_random_policy_scores_zero(scenario: str) -> None:
 
 def test_an_agent_that_never_pings_by_hand() -> None:
     assessment = assess(lambda _: 0, scenario="S1", observation="index")
-    assert (assessment.success, assessment.steps, assessment.score) == (0, 200, 0)
+    assert (assessment.success, float(assessment.evaluation.steps), assessment.score) == (0, 200, 0)
     # 200 steps cost 20; the optimum pays 0; the random policy's return is what gives it a score of 0.
     random = float(evaluate(S1, uniform_policy(S1), 200).grid_return)
     assert assessment.unbounded_score == pytest.approx((-20 - random) / -random)
@@ -98,7 +78,7 @@ def test_episodes_of_the_environment_agree() -> None:
     assessment = assess(act, scenario="Moody", observation="coordinates")
     env = gymnasium.make("envs:Proxemic/Moody-v0", observation="coordinates")
     rng = np.random.default_rng(0)
-    n, successes, steps = 1500, 0, 0
+    n, successes, steps = 800, 0, 0
     for episode in range(n):
         observation, _ = env.reset(seed=episode)
         ended = False
@@ -109,35 +89,7 @@ def test_episodes_of_the_environment_agree() -> None:
         successes += EVENTS[info["event"]] == "target_ping"
     assert 0.1 < assessment.success < 0.9
     assert successes / n == pytest.approx(assessment.success, abs=4 * 0.5 / math.sqrt(n))
-    assert steps / n == pytest.approx(assessment.steps, rel=0.05)
-
-
-# Several parts
-
-
-def test_issuer_anywhere_is_found_by_hand() -> None:
-    assessment = assess(approach, scenario="Anywhere", observation="coordinates")
-    assert assessment.score == pytest.approx(1)
-    assert assessment.success == pytest.approx(1)
-    assert assessment.region_overlap == 1  # over all places of the issuer
-
-
-def test_moods_are_seen_and_overlap_is_over_all_of_them() -> None:
-    radius = (2, 3, 1)  # of the target region when calm, tense and cheerful
-
-    def act(o: int) -> int:
-        phase, cell = divmod(o, 120)
-        row, column = divmod(cell, 12)
-        return PING if max(abs(row - 6), abs(column - 8)) == radius[phase] else DOWN
-
-    assessment = assess(act, scenario="Moody", observation="index")
-    assert assessment.region_overlap == 1
-    always_calm = assess(lambda o: act(o % 120), scenario="Moody", observation="index")
-    # Rings of 16, 24 and 8 cells, of which the last column lies outside the tense ring's 7 x 7 square; the
-    # ring of 16 is marked in each of three moods.
-    tense = sum(max(abs(r - 6), abs(c - 8)) == 3 for r in range(10) for c in range(12))
-    assert tense == 24
-    assert always_calm.region_overlap == pytest.approx(16 / (3 * 16 + 24 + 8))
+    assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.08)
 
 
 def test_overlap_by_hand() -> None:
@@ -150,15 +102,7 @@ def test_overlap_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    "answer",
-    [
-        4,
-        np.int64(4),
-        np.array(4),
-        [0, 0, 0, 0, 1],
-        np.array([0, 0, 0, 0, 1], dtype=np.float32),
-        (0, 0, 0, 0, 1),
-    ],
+    "answer", [4, np.int64(4), np.array(4), (0, 0, 0, 0, 1), np.eye(5, dtype=np.float32)[4]]
 )
 def test_answers_that_mean_ping(answer: object) -> None:
     policy = assess(lambda _: answer, scenario="S1", observation="index").policy
@@ -175,22 +119,16 @@ def test_answers_that_mean_ping(answer: object) -> None:
 def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
     with pytest.raises(InputError) as refused:
         assess(lambda o: answer if o == 14 else 0, scenario="S1", observation="index")
-    message = str(refused.value)
-    assert message.startswith(f"act: returned {' '.join(repr(answer).split())} for observation 14 ")
-    assert "(row 1, column 2); accepted: an action" in message
-    assert "\n" not in message
+    assert str(refused.value).startswith(
+        f"act: returned {' '.join(repr(answer).split())} for observation 14 "
+    )
 
 
 def test_observations_are_named_by_their_parts() -> None:
-    message = r"observation 385 \(row 2, column 1, wrong_pings 3\)"
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=r"observation 385 \(row 2, column 1, wrong_pings 3\)"):
         assess(lambda o: None if o == 385 else 0, scenario="Counted", observation="index")
-
-
-def test_a_function_that_fails_is_reported() -> None:
-    with pytest.raises(InputError, match=r"act: failed for observation 0 .*: IndexError: ") as refused:
+    with pytest.raises(InputError, match=r"observation 0 \(row 0, column 0\): IndexError: "):
         assess(lambda o: o[9], scenario="S1", observation="coordinates")
-    assert isinstance(refused.value.__cause__, IndexError)
 
 
 @pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
@@ -218,46 +156,23 @@ def test_a_function_may_change_what_it_is_given() -> None:
     assert (policy[:, PING] == np.repeat([0, 1], 60)).all()
 
 
-def counting() -> Act:
-    calls = count()
-    return lambda _: next(calls) % 5
-
-
-def drawing() -> Act:
-    rng = np.random.default_rng(0)
-    return lambda _: rng.integers(5)
-
-
-def drifting() -> Act:
-    calls = count()
-    return lambda _: [1 - (p := next(calls) / 1000), p, 0, 0, 0]
-
-
-@pytest.mark.parametrize("make", [counting, drawing, drifting])
-def test_functions_with_memory_are_refused(make: Callable[[], Act]) -> None:
-    with pytest.raises(
-        InputError, match=r"returned .* and, asked again, .*without memory; an agent that draws"
-    ):
-        assess(make(), scenario="S1", observation="index")
+def test_functions_with_memory_are_refused() -> None:
+    calls, rng = count(), np.random.default_rng(0)
+    drifting: Act = lambda _: [1 - (p := next(calls) / 1000), p, 0, 0, 0]  # noqa: E731
+    for act in (lambda _: next(calls) % 5, lambda _: rng.integers(5), drifting):
+        with pytest.raises(InputError, match=r"another answer, asked again"):
+            assess(act, scenario="S1", observation="index")
 
 
 @pytest.mark.parametrize(
     ("agent", "options", "expected"),
     [
-        (3, {}, "agent = 3: accepted: a function of the observation, or the path of a saved model."),
-        ("model.zip", {}, "model.zip: the algorithm is missing; accepted: module:class"),
-        (
-            lambda _: 0,
-            {"algorithm": "stable_baselines3:PPO"},
-            "algorithm, stochastic: accepted only together",
-        ),
-        (lambda _: 0, {"stochastic": True}, "algorithm, stochastic: accepted only together"),
-        (
-            lambda _: 0,
-            {"observation": "cell"},
-            "observation: unknown form cell; accepted: coordinates, index",
-        ),
-        (lambda _: 0, {"scenario": "S4"}, "scenarios: unknown scenario S4; accepted: AnyStart"),
+        (3, {}, "agent = 3"),
+        ("model.zip", {}, "model.zip"),
+        (lambda _: 0, {"algorithm": "stable_baselines3:PPO"}, "algorithm"),
+        (lambda _: 0, {"stochastic": True}, "stochastic"),
+        (lambda _: 0, {"observation": "cell"}, "cell"),
+        (lambda _: 0, {"scenario": "S4"}, "S4"),
     ],
 )
 def test_mistakes_get_one_sentence(agent: Any, options: dict[str, Any], expected: str) -> None:
@@ -275,9 +190,9 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     sb3 = pytest.importorskip("stable_baselines3")
     env = gymnasium.make("envs:Proxemic/Moody-v0", observation="one_hot")
     folder = tmp_path_factory.mktemp("saved")
-    for name, settings in (("PPO", {"n_steps": 256}), ("DQN", {"learning_starts": 50, "buffer_size": 500})):
+    for name, settings in (("PPO", {"n_steps": 64}), ("DQN", {"learning_starts": 20, "buffer_size": 100})):
         model = getattr(sb3, name)("MlpPolicy", env, seed=0, device="cpu", **settings)
-        model.learn(512).save(folder / name)
+        model.learn(64).save(folder / name)
     return {name: folder / f"{name}.zip" for name in ("PPO", "DQN")}
 
 
@@ -293,11 +208,7 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
     actions, _ = agent.predict(observation_table(model, "one_hot"), deterministic=True)
     by_hand = evaluate(model, np.eye(5)[actions], 200)
     assert from_file.success == float(by_hand.success)
-    assert from_file.steps == float(by_hand.steps)
-    function = assess(
-        lambda o: agent.predict(o, deterministic=True)[0], scenario="Moody", observation="one_hot"
-    )
-    assert (function.policy == from_file.policy).all()
+    assert (from_file.policy == np.eye(5)[actions]).all()
 
 
 def test_saved_actor_draws_its_actions_on_request(saved: dict[str, Path]) -> None:
@@ -306,13 +217,8 @@ def test_saved_actor_draws_its_actions_on_request(saved: dict[str, Path]) -> Non
 
     agent = stable_baselines3.PPO.load(saved["PPO"], device="cpu")
     model = compile_scenario(load_scenario("Moody"))
-    drawn = assess(
-        str(saved["PPO"]),
-        algorithm="stable_baselines3:PPO",
-        scenario="Moody",
-        observation="one_hot",
-        stochastic=True,
-    )
+    options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot", "stochastic": True}
+    drawn = assess(str(saved["PPO"]), algorithm="stable_baselines3:PPO", **options)
     with torch.no_grad():
         latent = agent.policy.mlp_extractor.forward_actor(
             torch.as_tensor(observation_table(model, "one_hot"))
@@ -320,16 +226,8 @@ def test_saved_actor_draws_its_actions_on_request(saved: dict[str, Path]) -> Non
         logits = agent.policy.action_net(latent).double().numpy()
     weights = np.exp(logits)
     assert drawn.policy == pytest.approx(weights / weights.sum(axis=1, keepdims=True), abs=1e-6)
-    with pytest.raises(
-        InputError, match=r"stochastic = True: accepted if action probabilities are learned; .* learns values"
-    ):
-        assess(
-            saved["DQN"],
-            algorithm="stable_baselines3:DQN",
-            scenario="Moody",
-            observation="one_hot",
-            stochastic=True,
-        )
+    with pytest.raises(InputError, match="stochastic"):
+        assess(saved["DQN"], algorithm="stable_baselines3:DQN", **options)
 
 
 # Rank
@@ -352,9 +250,7 @@ def test_standing_by_hand() -> None:
     assert learners["lower"].tolist() == pytest.approx([0, 1 / 3, 0.5, 1])
     assert learners["equal"].tolist() == [0, 0, 0, 0]
     assert learners["higher"].tolist() == pytest.approx([1, 2 / 3, 0.5, 0])
-
-
-def test_scores_within_the_rounding_of_files_are_equal() -> None:
+    # Scores within the rounding of files are equal.
     third = 0.978097834
     standing = standing_of(third, runs(a=[float(f"{third:.6g}")], b=[0.97809], c=[0.97811]))
     assert (standing.rank, standing.tied) == (2, 1)
@@ -387,7 +283,7 @@ S2,table,index,1.0
 
 
 def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> None:
-    def standing(scenario: str | Path = "S1") -> Any:
+    def standing(scenario: str = "S1") -> Any:
         return assess(lambda _: 0, scenario=scenario, observation="index", results=tmp_path).standing
 
     assert standing() is None
@@ -406,45 +302,28 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
     assert set(standing().learners["experiment"]) == {"some", "another"}
     assert standing("S2") is None
-    other = tmp_path / "S1.toml"  # another scenario of the same name
-    shipped = Path(__file__).parents[2] / "envs" / "scenarios" / "S1.toml"
-    other.write_text(shipped.read_text(encoding="utf-8").replace("other = -0.1", "other = -0.15"))
-    assert standing(other) is None
-
-
-def test_damaged_results_are_reported(tmp_path: Path) -> None:
-    publish(tmp_path / "some", "algorithm,score\ntable,1.0\n")
-    with pytest.raises(InputError, match="damaged, or made by another version"):
-        assess(lambda _: 0, scenario="S1", observation="index", results=tmp_path).standing  # noqa: B018
+    publish(tmp_path / "damaged", "algorithm,score\ntable,1.0\n")
+    with pytest.raises(InputError, match="damaged"):
+        standing()
 
 
 def test_text_has_the_numbers_and_claims_no_more(tmp_path: Path) -> None:
     publish(tmp_path / "some", SCORES)
     text = str(assess(optimal("S1"), scenario="S1", observation="index", results=tmp_path))
-    assert "ranks 1 of 4 by score: 3 published learners by their mean scores, from 4 runs," in text
-    assert "a single policy: its score says nothing about other runs" in text
+    assert "ranks 1 of 4 by score" in text
+    assert "from 4 runs" in text
     assert "better" not in text
-    text = str(assess(approach, scenario="Anywhere", observation="coordinates", results=tmp_path))
-    assert f"no rank: {tmp_path} has no complete published results for this scenario" in text
-    assert "ranks" not in text
+    assert "ranks" not in str(assess(lambda _: 0, scenario="S2", observation="index", results=tmp_path))
 
 
 # Map
 
 
-@pytest.mark.parametrize("scenario", ["S1", "Moody", "Anywhere", "Counted", "Walls", "AnyStart"])
-def test_map_is_drawn_of_every_kind_of_scenario(tmp_path: Path, scenario: str) -> None:
-    path = tmp_path / "map.PNG"
-    assess(lambda o: PING if o % 7 else 0, scenario=scenario, observation="index").draw(path)
-    with Image.open(path) as image:
-        assert min(image.size) > 500
-
-
 def test_equal_maps_give_equal_bytes(tmp_path: Path) -> None:
     assessment = assess(lambda _: PING, scenario="S1", observation="index")
-    for name in ("one", "other"):
-        assessment.draw(tmp_path / f"{name}.svg")
-    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+    for name in ("one.svg", "other.SVG"):
+        assessment.draw(tmp_path / name)
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.SVG").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -452,28 +331,24 @@ def test_equal_maps_give_equal_bytes(tmp_path: Path) -> None:
     [
         ("Walls", []),
         ("MoodyHidden", ["the issuer in row 6, column 8; phase: calm"]),
-        ("Moody", ["the issuer in row 6, column 8; phase: calm"]),
+        (TWO_PLACES, ["the issuer in row 6, column 8, the first of 2 places"]),
         ("Counted", ["the issuer in row 6, column 8; no wrong PING yet"]),
     ],
 )
-def test_a_map_says_which_observations_it_shows_unless_it_shows_all(scenario: str, shown: list[str]) -> None:
-    from benchmark import assessment as module
-
-    figure = module._map(assess(lambda _: PING, scenario=scenario, observation="index"))
+def test_a_map_says_which_observations_it_shows_unless_it_shows_all(
+    scenario: str | Scenario, shown: list[str]
+) -> None:
+    figure = draw_map(assess(lambda _: PING, scenario=scenario, observation="index"))
     _, *rest = figure.axes[0].get_title().split("\n")
     assert rest == shown
 
 
 def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
-    from matplotlib.collections import PolyCollection, QuadMesh
-
-    from benchmark import assessment as module
-
     def act(o: NDArray[np.float32]) -> list[float]:
         row = round(float(o[0]) * 9)
         return [0, 0.3, 0, 0.3, 0.4] if row == 6 else [0, 0.5, 0, 0.5, 0]
 
-    figure = module._map(assess(act, scenario="S1", observation="coordinates"))
+    figure = draw_map(assess(act, scenario="S1", observation="coordinates"))
     axis = figure.axes[0]
     (mesh,) = [each for each in axis.collections if isinstance(each, QuadMesh)]
     shown = np.ma.filled(np.ma.asarray(mesh.get_array()).astype(float), np.nan).reshape(10, 12)
@@ -490,10 +365,7 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
 
 def test_a_map_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     assessment = assess(lambda _: 0, scenario="S1", observation="index")
-    with pytest.raises(InputError, match=r"map\.pdf: accepted: a name that ends in \.png or \.svg\."):
-        assessment.draw(tmp_path / "map.pdf")
-    with pytest.raises(InputError, match="there is no folder"):
-        assessment.draw(tmp_path / "nowhere" / "map.png")
-    (tmp_path / "map.png").mkdir()
-    with pytest.raises(InputError, match=r"map\.png: cannot be written: "):
-        assessment.draw(tmp_path / "map.png")
+    (tmp_path / "folder.png").mkdir()
+    for name in ("map.pdf", "nowhere/map.png", "folder.png"):
+        with pytest.raises(InputError, match=name):
+            assessment.draw(tmp_path / name)

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 from numpy.typing import NDArray
 
-from envs import OBSERVATIONS, ZONES, InputError, ProxemicVectorEnv, load_scenario, scenario_names
+from envs import OBSERVATIONS, InputError, ProxemicVectorEnv, load_scenario, scenario_names
 
-SCENARIOS = ("S1", "S2", "S3")
 MODES = tuple(AutoresetMode)
 PING = 4
 
@@ -55,11 +53,13 @@ def assert_same(ours: Any, theirs: Any, place: str = "") -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_batch_equals_gymnasiums(name: str, observation: str, mode: AutoresetMode) -> None:
+@pytest.mark.parametrize("name", scenario_names())
+def test_batch_equals_gymnasiums(name: str, mode: AutoresetMode) -> None:
     n, limit = 5, 12
-    ours = ProxemicVectorEnv(n, name, observation, max_episode_steps=limit, autoreset_mode=mode)
+    observation = OBSERVATIONS[(scenario_names().index(name) + MODES.index(mode)) % 3]
+    options: dict[str, Any] = {"max_episode_steps": limit, "autoreset_mode": mode}
+    ours = gymnasium.make_vec(f"envs:Proxemic/{name}-v0", num_envs=n, observation=observation, **options)
+    assert isinstance(ours, ProxemicVectorEnv)
     theirs = sync_env(n, name, observation, limit, mode)
     assert ours.single_observation_space == theirs.single_observation_space
     assert ours.observation_space == theirs.observation_space
@@ -70,7 +70,7 @@ def test_batch_equals_gymnasiums(name: str, observation: str, mode: AutoresetMod
     assert ours.np_random_seed == theirs.np_random_seed == (7, 8, 9, 10, 11)
     rng = np.random.default_rng(1)
     n_ends = n_resets = 0
-    for _ in range(300):
+    for _ in range(150):
         actions = rng.choice(5, size=n, p=[0.15, 0.15, 0.15, 0.15, 0.4])
         mine, its = ours.step(actions), theirs.step(actions)
         assert_same(mine, its)
@@ -89,33 +89,8 @@ def test_batch_equals_gymnasiums(name: str, observation: str, mode: AutoresetMod
             n_resets += 1
         elif rng.random() < 0.05:
             assert_same(ours.reset(), theirs.reset())
-    assert n_ends > 50
-    assert n_resets > 50
-
-
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", sorted(set(scenario_names()) - set(SCENARIOS)))
-def test_batch_of_every_scene_equals_gymnasiums(name: str, mode: AutoresetMode) -> None:
-    n, limit = 3, 15
-    observation = OBSERVATIONS[scenario_names().index(name) % 3]
-    ours = gymnasium.make_vec(
-        f"envs:Proxemic/{name}-v0",
-        num_envs=n,
-        observation=observation,
-        max_episode_steps=limit,
-        autoreset_mode=mode,
-    )
-    theirs = sync_env(n, name, observation, limit, mode)
-    assert ours.observation_space == theirs.observation_space
-    assert_same(ours.reset(seed=3), theirs.reset(seed=3))
-    rng = np.random.default_rng(2)
-    for _ in range(60):
-        actions = rng.choice(5, size=n, p=[0.1, 0.25, 0.1, 0.25, 0.3])
-        mine, its = ours.step(actions), theirs.step(actions)
-        assert_same(mine, its)
-        if mode is AutoresetMode.DISABLED and (its[2] | its[3]).any():
-            mask = {"reset_mask": its[2] | its[3]}
-            assert_same(ours.reset(options=dict(mask)), theirs.reset(options=dict(mask)))
+    assert n_ends > 30
+    assert n_resets > 30
 
 
 def test_noise_equals_gymnasiums_over_many_blocks_of_draws() -> None:
@@ -147,39 +122,6 @@ def test_envs_without_a_seed_draw_apart() -> None:
     assert len(np.unique([first, second])) == 100
 
 
-def test_random_feedback_is_uniform_and_none_on_reset() -> None:
-    env = ProxemicVectorEnv(500, "S2")
-    env.reset(seed=0)
-    pings = np.full(500, PING)
-    rewards = np.array([env.step(pings)[4]["issuer_reward"] for _ in range(6)])
-    assert (abs(rewards[:5]) < 1).all()
-    assert len(np.unique(rewards[:5])) == 2500
-    assert abs(rewards[:5].mean()) < 4.5 / np.sqrt(3 * 2500)
-    assert not rewards[5].any()  # after the fifth PING the sixth step resets
-
-
-def test_final_info_holds_for_the_envs_that_ended_alone() -> None:
-    env = ProxemicVectorEnv(3, max_episode_steps=5, autoreset_mode="SameStep")
-    env.reset()
-    for _ in range(4):
-        assert "final_info" not in env.step(np.array([PING, 1, 3]))[4]
-    env.reset(options={"reset_mask": np.array([False, False, True])})
-    *_, info = env.step(np.array([PING, 1, 3]))
-    assert info["final_obs"].tolist() == [0, 60, None]  # row 5, column 0 is cell 60
-    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == [True, True, False]
-    assert info["final_info"]["wrong_pings"].tolist() == [5, 0, 0]
-    assert info["final_info"]["_wrong_pings"].tolist() == [True, True, False]
-    assert info["wrong_pings"].tolist() == [0, 0, 0]
-
-
-def test_list_of_infos_has_final_info_of_the_envs_that_ended_alone() -> None:
-    env = DictInfoToList(ProxemicVectorEnv(2, autoreset_mode="SameStep"))
-    env.reset()
-    for _ in range(5):
-        *_, infos = env.step(np.array([PING, 0]))
-    assert ["final_info" in info for info in infos] == [True, False]
-
-
 def test_disabled_autoreset_waits_for_a_reset() -> None:
     env = ProxemicVectorEnv(3, max_episode_steps=2, autoreset_mode=AutoresetMode.DISABLED)
     env.reset()
@@ -193,40 +135,6 @@ def test_disabled_autoreset_waits_for_a_reset() -> None:
     env.reset(options={"reset_mask": np.array([False, True, True])})
     observation, *_ = env.step(down)
     assert observation.tolist() == [12, 12, 12]
-
-
-def test_partial_reset_works_below_a_wrapper() -> None:
-    env = RecordEpisodeStatistics(ProxemicVectorEnv(2, max_episode_steps=3, autoreset_mode="Disabled"))
-    env.reset()
-    for _ in range(2):
-        env.step(np.array([1, 1]))
-    observation, _ = env.reset(options={"reset_mask": np.array([True, False])})
-    assert observation.tolist() == [0, 24]
-    *_, truncated, info = env.step(np.array([1, 1]))
-    assert truncated.tolist() == [False, True]
-    assert info["episode"]["l"].tolist() == [0, 3]
-
-
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_info_is_numbers_for_wrappers_that_convert_arrays(name: str) -> None:
-    torch = pytest.importorskip("torch")
-    env = ProxemicVectorEnv(4, name, max_episode_steps=3)
-    for info in (env.reset()[1], *(env.step(np.array([0, 1, 3, PING]))[4] for _ in range(4))):
-        for values in info.values():
-            assert torch.from_numpy(values).shape == (4,)
-    assert ZONES[env.reset()[1]["zone"][0]] == "outside"
-
-
-def test_reset_forgets_which_episodes_were_over() -> None:
-    env = ProxemicVectorEnv(2)
-    env.reset()
-    for _ in range(5):
-        _, _, terminated, *_ = env.step(np.array([PING, 1]))
-    assert terminated.tolist() == [True, False]
-    env.reset()
-    observation, reward, *_ = env.step(np.array([1, 1]))
-    assert observation.tolist() == [12, 12]  # a step down, and no second reset in its place
-    assert reward.tolist() == [-0.1, -0.1]
 
 
 def test_batch_returns_copies() -> None:
@@ -271,12 +179,6 @@ def test_registered_time_limit_and_how_to_lift_it(mode: str) -> None:
         assert (truncated.index(True) + 1 if any(truncated) else None) == first_truncated
 
 
-def test_make_vec_makes_the_native_env_by_default() -> None:
-    env = gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=3, observation="one_hot")
-    assert isinstance(env.unwrapped, ProxemicVectorEnv)
-    assert env.reset(seed=0)[0].shape == (3, 120)
-
-
 def test_spec_of_a_batch_is_json_and_makes_it_again() -> None:
     env = gymnasium.make_vec(
         "envs:Proxemic/S1-v0",
@@ -303,12 +205,12 @@ def test_spec_of_a_batch_is_json_and_makes_it_again() -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ({"num_envs": 0}, "num_envs = 0; accepted: a whole number, at least 1"),
+        ({"num_envs": 0}, "num_envs = 0"),
         ({"num_envs": 2.0}, r"num_envs = 2\.0"),
-        ({"max_episode_steps": 0}, "max_episode_steps = 0; accepted: at least 1, or None or -1"),
+        ({"max_episode_steps": 0}, "max_episode_steps = 0"),
         ({"max_episode_steps": -2}, "max_episode_steps = -2"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes; accepted: NextStep, SameStep, Disabled"),
-        ({"render_mode": "human"}, "a batch cannot be rendered"),
+        ({"render_mode": "human"}, "human"),
     ],
 )
 def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:
@@ -316,30 +218,24 @@ def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: 
         ProxemicVectorEnv(**arguments)
 
 
-@pytest.mark.parametrize("actions", [np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int)])
-def test_actions_of_the_wrong_shape_or_type_are_refused(actions: NDArray[Any]) -> None:
+@pytest.mark.parametrize(
+    "actions", [np.zeros(3, int), np.zeros(2), np.zeros((2, 1), int), np.array([0, -1]), np.array([0, 5])]
+)
+def test_wrong_actions_are_refused(actions: NDArray[Any]) -> None:
     batch = ProxemicVectorEnv(2)
     batch.reset()
-    with pytest.raises(InputError, match=r"accepted: \(2,\) integers"):
+    with pytest.raises(InputError, match=r"^actions: "):
         batch.step(actions)
-
-
-@pytest.mark.parametrize("action", [-1, 5])
-def test_unknown_actions_are_refused(action: int) -> None:
-    batch = ProxemicVectorEnv(2)
-    batch.reset()
-    with pytest.raises(InputError, match="accepted: 0 to 4"):
-        batch.step(np.array([0, action]))
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ({"seed": [1, 2, 3]}, "seed: 3 seeds; accepted: 2, one per env"),
-        ({"options": {"reset_mask": [True, False]}}, "reset_mask: list; accepted: a bool array"),
+        ({"seed": [1, 2, 3]}, "seed: 3 seeds"),
+        ({"options": {"reset_mask": [True, False]}}, "reset_mask: list"),
         ({"options": {"reset_mask": np.array([1, 0])}}, r"reset_mask: int64 \(2,\)"),
         ({"options": {"reset_mask": np.ones(3, dtype=bool)}}, r"reset_mask: bool \(3,\)"),
-        ({"options": {"reset_mask": np.zeros(2, dtype=bool)}}, "no env is selected"),
+        ({"options": {"reset_mask": np.zeros(2, dtype=bool)}}, "reset_mask: no env"),
     ],
 )
 def test_wrong_resets_are_refused(arguments: dict[str, Any], expected: str) -> None:

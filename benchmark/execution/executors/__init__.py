@@ -51,8 +51,6 @@ def load_executor(name: str, source: str = "executors") -> ExecutorFactory:
         unknown_name(source, "executor", name, [*EXECUTORS, "module:attribute"])
     factory = imported(EXECUTORS.get(name, name), source, "executor")
     if not callable(factory):
-        raise InputError(
-            f"{source}: {name} is not an executor; accepted: a class or function that takes the number of "
-            "jobs."
-        )
+        accepted = "a class or function that takes the number of jobs"
+        raise InputError(f"{source}: {name} is not an executor; accepted: {accepted}.")
     return factory

@@ -42,7 +42,12 @@ class Cluster:
         Raises:
           InputError: There is no scheduler or no worker, or results of a worker might be others than here.
         """
-        self._address = _checked(address)
+        self._address, is_address = address, False
+        with suppress(ValueError):
+            parts = urlsplit(address)
+            is_address = parts.scheme == "tcp" and bool(parts.hostname and parts.port)
+        if not is_address:
+            raise InputError(f"--cluster {address}: accepted: tcp://HOST:PORT, that of a Dask scheduler.")
         self._jobs: set[Future[list[Record]]] = set()
         here = {name: environment(name) for name in algorithms}
         for name in ("distributed", "distributed.client"):  # whatever they log is an exception, too
@@ -50,17 +55,13 @@ class Cluster:
         try:
             self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
         except OSError as error:
-            raise InputError(
-                f"--cluster {address}: no Dask scheduler answered within {_ANSWER_S} s; "
-                "'dask scheduler' starts one."
-            ) from error
+            reason = f"no Dask scheduler answered within {_ANSWER_S} s; 'dask scheduler' starts one"
+            raise InputError(f"--cluster {address}: {reason}.") from error
         try:
             answers = self._answers(here)
             for worker, answer in answers.items():
                 if isinstance(answer, Exception):
-                    raise InputError(
-                        f"--cluster: worker {worker} does not have this project's code: {answer}."
-                    )
+                    answer = f"worker {worker} does not have this project's code: {answer}."
                 if answer is not None:
                     raise InputError(f"--cluster: {answer}")
         except BaseException as error:
@@ -86,29 +87,22 @@ class Cluster:
         with suppress(TimeoutError):
             self._client.close(_ANSWER_S)
 
-    def _wait_for_a_worker(self) -> None:
-        if not self._client.scheduler_info()["workers"]:
-            print(f"waiting up to {_WORKER_S} s for a worker at {self._address}", file=sys.stderr)
-        try:
-            self._client.wait_for_workers(1, _WORKER_S)
-        except TimeoutError:
-            raise InputError(
-                f"--cluster {self._address}: there is no worker; dask worker {self._address} --nthreads 1 "
-                "starts one."
-            ) from None
-
     def _answers(self, here: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
         """Returns what `refusal` says on each worker, or the exception that it raises there."""
+        where = f"--cluster {self._address}"
         for _ in range(_ATTEMPTS):
-            self._wait_for_a_worker()
+            if not self._client.scheduler_info()["workers"]:
+                print(f"waiting up to {_WORKER_S} s for a worker at {self._address}", file=sys.stderr)
+            try:
+                self._client.wait_for_workers(1, _WORKER_S)
+            except TimeoutError:
+                advice = f"dask worker {self._address} --nthreads 1 starts one"
+                raise InputError(f"{where}: there is no worker; {advice}.") from None
             answers = self._client.run(refusal, here, on_error="return")
             # A worker whose connection breaks has died meanwhile.
             if alive := {worker: each for worker, each in answers.items() if not isinstance(each, OSError)}:
                 return alive
-        raise InputError(
-            f"--cluster {self._address}: its workers do not answer, or die when they are asked; their "
-            "output may say why."
-        )
+        raise InputError(f"{where}: its workers die when they are asked; their output may say why.")
 
     async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
         name = job[0].algorithm
@@ -121,17 +115,14 @@ class Cluster:
         except (FutureCancelledError, ClosedClientError, OSError) as error:
             raise ConnectionError(f"the scheduler {self._address} is gone, or has dropped the job") from error
         except (ImportError, AttributeError) as error:
-            raise InputError(
-                f"a worker that has joined does not have this project's code: {error}"
-            ) from error
+            raise InputError(f"a new worker does not have this project's code: {error}") from error
         if isinstance(found, str):
             raise InputError(found)
-        records: list[Record] = found
-        return records
+        return list(found)
 
 
 class _Call:
-    """Becomes what `execute` returns when it is unpickled."""
+    """A placeholder for records: unpickling it calls `execute`."""
 
     def __init__(self, *arguments: object) -> None:
         self._arguments = arguments
@@ -171,16 +162,6 @@ def refusal(expected: Mapping[str, Mapping[str, str]], dask_worker: Worker) -> s
         except InputError as error:
             return f"{worker}: {error}"
         for key, value in values.items():
-            if found.get(key) != value:
-                difference = f"has {key} {found.get(key)}, but here it is {value}"
-                return f"{worker} {difference}; install the same and restart it."
+            if (there := found.get(key)) != value:
+                return f"{worker} has {key} {there}, but here it is {value}; install the same and restart it."
     return None
-
-
-def _checked(address: str) -> str:
-    """Returns the address of a scheduler if it is one."""
-    with suppress(ValueError):
-        parts = urlsplit(address)
-        if parts.scheme == "tcp" and parts.hostname and parts.port:
-            return address
-    raise InputError(f"--cluster {address}: accepted: tcp://HOST:PORT, the address of a Dask scheduler.")

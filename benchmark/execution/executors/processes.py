@@ -52,17 +52,12 @@ class Processes:
         self._pool.shutdown(cancel_futures=True)
 
     def _execute(self, job: Job, logs: Path | None) -> list[Record]:
-        """Has this thread's worker execute a job.
-
-        Raises:
-          WorkerDiedError: It died.
-          CancelledError: It was killed by `cancel`, or would have been.
-        """
+        """Has this thread's worker execute a job, unless it dies or is killed by `cancel`."""
         if getattr(self._worker, "connection", None) is None:
             self._start()
         try:
             self._worker.connection.send((job, logs))
-            records: list[Record] = self._worker.connection.recv()
+            return list(self._worker.connection.recv())
         except (EOFError, OSError):
             if self._is_cancelled:
                 raise CancelledError from None
@@ -71,7 +66,6 @@ class Processes:
             code = self._worker.process.exitcode
             reason = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
             raise WorkerDiedError(f"its process {reason}") from None
-        return records
 
     def _start(self) -> None:
         """Starts this thread's worker."""

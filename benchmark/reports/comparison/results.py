@@ -28,6 +28,7 @@ from benchmark.reports.comparison.verdicts import (
 )
 from benchmark.reports.item import Estimate, Finding, Frames, item
 from envs import ACTIONS, ZONES
+from envs.words import listed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,13 +123,11 @@ def headline(folder: "Folder") -> Finding | None:
     for key in OUTCOMES:
         if names := by_outcome.get(key):
             rows = table[table["scenario"].isin(names)]
-            parts.append(
-                f"{_OUTCOMES[key]} {link(str(len(names)), 'contrasts', rows)} ({words.listed(names)})"
-            )
+            parts.append(f"{_OUTCOMES[key]} {link(str(len(names)), 'contrasts', rows)} ({listed(names)})")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
-    deep = words.listed([f"`{learner}`" for learner in declared.decisive])
+    deep = listed([f"`{learner}`" for learner in declared.decisive])
     rule = (
         f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there than "
         f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
@@ -143,7 +142,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: st
     found = outcome(declared, table)
     means = " (means)" * (len(folder.manifest["scenarios"]) > 1)
     margin = declared.reporting.margins.success
-    winners = words.listed([f"`{x}`" for x in rows.loc[rows["success_verdict"] == BETTER, "x"]])
+    winners = listed([f"`{x}`" for x in rows.loc[rows["success_verdict"] == BETTER, "x"]])
     subject = "the deep learner" if len(rows) == 1 else f"each of the {len(rows)} deep learners compared"
     text = {
         "earns": f"deep RL earns its keep over a table: {winners} succeeds more often than `{baseline}`",
@@ -252,7 +251,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
             first = rows.iloc[0]
             yield (
                 f"Exploratory, {name}: the difference in success, {first['x']} minus {first['y']}, is "
-                f"{words.listed(parts)} (95 % intervals, not adjusted)."
+                f"{listed(parts)} (95 % intervals, not adjusted)."
             )
 
 
@@ -633,7 +632,7 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
 
 @scenarios.figure("The scenarios.")
 def _(tables: Frames, context: Context) -> "Figure | None":
-    from benchmark.drawing.gallery import gallery
+    from benchmark.drawing.maps import gallery
 
     return gallery(list(context.models.values())) if "scenarios" in tables else None
 

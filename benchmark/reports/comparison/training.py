@@ -17,6 +17,7 @@ from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.item import Frames, drawing, item, writing
+from envs.words import listed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -164,7 +165,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
     for kind, text in kinds.items():
         if found := winners.get(kind):
             count = link(str(len(found)), "steps", *(rows for _, rows in found))
-            parts.append(f"{text} in {count} ({words.listed([name for name, _ in found])})")
+            parts.append(f"{text} in {count} ({listed([name for name, _ in found])})")
     if len(table["scenario"].unique()) > 1:
         yield f"The first learner whose mean success stays at or above {ENOUGH:g} is {'; '.join(parts)}."
 
@@ -250,7 +251,7 @@ def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
         found[side].append(f"{scenario} ({times} times {ends}: `{names[1]}` against `{names[0]}`)")
     for side, other in (("net", "table"), ("table", "net")):
         if found[side]:
-            where = words.listed(found[side])
+            where = listed(found[side])
             yield (
                 f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
                 f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over "
@@ -353,7 +354,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> str:
         f"`{words.name_of(row)}` {link(words.duration(row['cpu_time_s']), 'cost', row)}"
         for _, row in shown.iterrows()
     ]
-    text = f"CPU time of a run, median: {words.listed(parts)}."
+    text = f"CPU time of a run, median: {listed(parts)}."
     is_plain = [
         algorithms[name]["family"] == "tabular" and not algorithms[name]["packages"]
         for name in shown["algorithm"]
@@ -369,7 +370,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> str:
         )
         for _, row in deep.iterrows()
     ]
-    return f"{text} As long as a table in plain Python: {words.listed(ratios)}."
+    return f"{text} As long as a table in plain Python: {listed(ratios)}."
 
 
 @writing(

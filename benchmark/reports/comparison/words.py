@@ -1,7 +1,5 @@
 """Words and numbers in the sentences of a comparison."""
 
-from collections.abc import Sequence
-
 import pandas as pd
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, WORSE
@@ -9,6 +7,7 @@ from benchmark.drawing.tables import link
 from benchmark.reports.comparison.declared import Declared, Learner
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
+from envs.words import listed
 
 _IN_WORDS = {
     BETTER: "is better than `{}` in success",
@@ -85,15 +84,6 @@ def compared(table: pd.DataFrame, folder: Folder, *, with_checks: bool = False) 
 def name_of(row: pd.Series) -> str:
     """Returns the learner of a row as readers see it."""
     return str(Learner(row["algorithm"], row["observation"]))
-
-
-def listed(names: Sequence[str]) -> str:
-    """Returns names in a list with "and" before the last.
-
-    >>> listed(["a", "b", "c"]), listed(["a"]), listed([])
-    ('a, b and c', 'a', '')
-    """
-    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
 def signed(value: float, decimals: int = 2) -> str:

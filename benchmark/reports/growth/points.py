@@ -1,20 +1,21 @@
 """What is measured at the points of the curves.
 
-Every point has a fresh process, so its peak memory is its own: `command` runs a real command, and `fresh`
-calls one of the functions that follow it in a process of its own.
+Every point has a process of its own, so its peak memory is its own: `command` runs a real command there, and
+`fresh` one of the functions that follow it.
 """
 
+import json
 import math
-import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import wait
-from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,12 +27,12 @@ from agents.policy import uniform_policy
 from agents.tabular import learner
 from benchmark.execution import driver
 from benchmark.execution.executors import Executor
-from benchmark.execution.executors.processes import Processes, end_with_the_driver, interrupts_blocked
+from benchmark.execution.executors.processes import Processes
 from benchmark.execution.executors.threads import Threads
-from benchmark.execution.plan import Job, plan
+from benchmark.execution.plan import plan
 from benchmark.execution.provenance import peak_memory_mb
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import Experiment, RunSpecification, all_specifications
+from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
 from envs import InputError, Model, compile_scenario, load_scenario
 
 # What a point took: `seconds`, most often `peak_memory_mb` (NaN where the system does not say), and more.
@@ -40,27 +41,49 @@ Values = dict[str, float]
 HORIZON: Final = 200  # steps of an exact evaluation in a grid
 STEPS: Final = 1_000_000  # of a table in a grid
 _CALLS: Final = 3  # of what is computed for a grid; the fastest counts
-# A command that says its peak memory in its last line of output.
+# Programs whose last line of output is JSON.
 _COMMAND: Final = """
 import sys
 from benchmark.__main__ import main
 if __name__ == "__main__":
     code = main(sys.argv[1:])
     from benchmark.execution.provenance import peak_memory_mb
-    print(peak_memory_mb() or "nan")
+    print('{"peak_memory_mb": %s}' % (peak_memory_mb() or "NaN"))
     sys.exit(code)
+"""
+_FUNCTION: Final = """
+import json, sys
+from importlib import import_module
+if __name__ == "__main__":
+    module, name, arguments = sys.argv[1:]
+    print(json.dumps(getattr(import_module(module), name)(*json.loads(arguments))))
 """
 
 
-def command(*arguments: str) -> Values:
+def command(*arguments: str | Path) -> Values:
     """Runs a command of this project, and measures it from the start of its process to the end.
 
     Raises:
       InputError: It failed.
     """
+    return _run(f"the command {arguments[0]}", _COMMAND, *map(str, arguments))
+
+
+def fresh(function: Callable[..., Values], *arguments: object) -> Values:
+    """Calls a function of a module in a fresh process, with arguments that JSON has, and paths as texts.
+
+    Raises:
+      InputError: It raised an exception, or its process died.
+    """
+    name, texts = function.__name__, json.dumps(arguments, default=str)
+    return _run(name, _FUNCTION, function.__module__, name, texts)
+
+
+def _run(name: str, program: str, *arguments: str) -> Values:
+    """Runs a program of Python; returns what it says in the end, and else how long its process took."""
     started = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-c", _COMMAND, *arguments],
+        [sys.executable, "-c", program, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -75,191 +98,139 @@ def command(*arguments: str) -> Values:
     seconds = time.perf_counter() - started
     if process.returncode:
         reason = errors.splitlines()[-1].removeprefix("error: ") if errors else "it printed no error"
-        raise InputError(f"growth: the command {arguments[0]} failed: {reason}")
-    return {"seconds": seconds, "peak_memory_mb": float(output.splitlines()[-1])}
+        raise InputError(f"growth: {name} failed with exit code {process.returncode}: {reason}")
+    values: Values = json.loads(output.splitlines()[-1])
+    return {"seconds": seconds} | values
 
 
-def fresh(function: Callable[..., Values], *arguments: object) -> Values:
-    """Calls a function in a fresh process.
-
-    Raises:
-      InputError: It raised an exception, or its process died.
-    """
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(theirs, function, arguments))
-    with interrupts_blocked():
-        process.start()
-    theirs.close()
-    try:
-        values: Values = ours.recv()
-    except EOFError:
-        process.join()
-        raise InputError(
-            f"growth: {function.__name__} failed: its process ended with exit code {process.exitcode}."
-        ) from None
-    finally:
-        process.kill()
-        process.join()
-    return values
+def tables(experiment: str, results: str) -> Values:
+    """Trains and stores all runs of an experiment, one job at a time in a thread; listing them counts."""
+    return _one_at_a_time(load_experiment(experiment), results)
 
 
-def _answer(connection: Connection, function: Callable[..., Values], arguments: Sequence[object]) -> None:
-    """Sends what a function returns, unless the driver ends before."""
-    end_with_the_driver()
-    connection.send(function(*arguments))
+def nets(size: int, budget: int, results: str) -> Values:
+    """Does the same with so many nets of `compare_deep`: DQN from one-hot observations in S1."""
+    declared = load_experiment("compare_deep")
+    arm = declared.algorithms["dqn"].model_copy(update={"observations": ("one_hot",), "seeds": size})
+    changes = {"settings": declared.settings | {"budget": budget}, "scenarios": ("S1",)}
+    experiment = declared.model_copy(update=changes | {"algorithms": {"dqn": arm}})
+    return _one_at_a_time(experiment, results)
 
 
-def agents(experiment: Experiment, results: Path) -> Values:
-    """Trains and stores all runs of an experiment by the real runner, one job at a time.
-
-    Compiling and importing come before.
-    """
-    executor, peaks = Threads(1), [_peak()]
-    _warm(executor, all_specifications(experiment, [0]), 1)
-
-    def start(_: Job) -> None:
-        peaks.append(_peak())  # a job begins by measuring the peak anew
-
+def _one_at_a_time(experiment: Experiment, results: str) -> Values:
+    """Trains and stores all runs of an experiment in an empty store."""
+    before = all_specifications(experiment, [0])
     started = time.perf_counter()
-    _run(all_specifications(experiment), results, 1, executor, on_start=start)
-    seconds = time.perf_counter() - started
-    return {"seconds": seconds, "peak_memory_mb": max(*peaks, _peak())}
+    runs = all_specifications(experiment)
+    listing = time.perf_counter() - started
+    values = _train(Threads(1), 1, runs, results, before)
+    return values | {"seconds": listing + values["seconds"]}
 
 
-def compiling(rows: int, columns: int) -> Values:
-    """Reads, checks and compiles a grid."""
+def workers(kind: str, n: int, n_populations: int, n_seeds: int, results: str) -> Values:
+    """Trains nets of `compare_deep_smoke` in several workers.
 
-    def work() -> None:
-        compile_scenario.cache_clear()
-        _grid(rows, columns)
-
-    return _fastest(work)
-
-
-def solving(rows: int, columns: int) -> Values:
-    """Computes the optimal values of a grid, with the paper's discount."""
-    return _in_grid(rows, columns, lambda model: solve(model, learner.Settings(budget=1).discount))
-
-
-def evaluating(rows: int, columns: int) -> Values:
-    """Evaluates the random policy in a grid exactly."""
-    return _in_grid(rows, columns, lambda model: evaluate(model, uniform_policy(model), HORIZON))
-
-
-def training(rows: int, columns: int) -> Values:
-    """Trains one table in a grid, with the paper's constants."""
-    settings = learner.Settings(budget=STEPS, record_every=STEPS)
-
-    def train(model: Model) -> object:
-        return learner.train(model, settings, [SeedSequence(0)], Schedule(STEPS), threads=1)
-
-    return _in_grid(rows, columns, train)
-
-
-def processes(n_workers: int, runs: Sequence[RunSpecification], results: Path) -> Values:
-    """Trains runs in worker processes of this machine."""
-    return _work(Processes(n_workers), n_workers, n_workers, runs, results)
-
-
-def dask(n_workers: int, runs: Sequence[RunSpecification], results: Path) -> Values:
-    """Trains runs in the workers of a Dask cluster on this machine, as `run --cluster` does."""
-    with _cluster(n_workers, runs, results) as executor:
-        return _work(executor, n_workers, 2 * n_workers, runs, results)
-
-
-def overhead(experiment: Experiment, results: Path) -> Values:
-    """Trains an experiment's nets in one thread.
-
-    Returns:
-      Beside the seconds, the number of jobs and the seconds of the jobs themselves.
+    Args:
+      kind: "processes" of this machine, or "dask": a cluster on this machine, as `run --cluster` has it.
+      n: The number of workers.
+      n_populations: Of nets; each is one job.
+      n_seeds: Of each population.
+      results: The folder of the store, which is made anew.
     """
-    runs, executor = all_specifications(experiment), Threads(1)
-    _warm(executor, runs[:1], 1)
-    own: list[float] = []
-
-    def end(records: list[Record]) -> None:
-        own.extend(record.provenance["wall_time_s"] for record in records)
-
-    started = time.perf_counter()
-    _run(runs, results, 1, executor, end)
-    seconds = time.perf_counter() - started
-    return {"seconds": seconds, "jobs": len(plan(runs)), "own_seconds": sum(own)}
-
-
-def _work(
-    executor: Executor, n_workers: int, jobs: int, runs: Sequence[RunSpecification], results: Path
-) -> Values:
-    """Trains runs in workers that have trained some, with so many jobs under way."""
-    first = {run.population: run for run in runs}
-    _warm(executor, list(first.values()), n_workers)
-    started = time.perf_counter()
-    _run(runs, results, jobs, executor)
-    return {"seconds": time.perf_counter() - started, "jobs": len(plan(runs))}
-
-
-def _warm(executor: Executor, runs: Sequence[RunSpecification], times: int) -> None:
-    """Executes each of some runs several times, so that workers have imported and compiled what they need."""
-    wait([executor.submit([run]) for run in runs for _ in range(times)])
-
-
-def _run(
-    runs: Sequence[RunSpecification],
-    results: Path,
-    jobs: int,
-    executor: Executor,
-    on_progress: Callable[[list[Record]], None] = lambda _: None,
-    on_start: Callable[[Job], None] = lambda _: None,
-) -> None:
-    """Trains and stores runs by the real runner, and releases the executor.
-
-    Raises:
-      RuntimeError: A run failed.
-    """
-    with Store(results / "runs.db") as store:
-        errors = driver.run(runs, store, jobs, on_progress, on_start, executor=lambda _: executor)
-    if errors:
-        raise RuntimeError(errors[0])
-
-
-@contextmanager
-def _cluster(n_workers: int, runs: Sequence[RunSpecification], results: Path) -> Iterator[Executor]:
-    """Starts a Dask cluster on this machine, which ends with this process."""
+    runs = all_specifications(load_experiment("compare_deep_smoke"), range(n_seeds))
+    runs = [run for run in runs if run.algorithm.startswith("compiled_")]
+    first = dict(list({run.population: run for run in runs}.items())[:n_populations])
+    runs = [run for run in runs if run.population in first]
+    before = [run for run in first.values() for _ in range(n)]
+    if kind == "processes":
+        return _train(Processes(n), n, runs, results, before)
     from distributed import LocalCluster
 
     from benchmark.execution.executors.cluster import Cluster
 
-    address = "127.0.0.1"
-    with LocalCluster(
-        n_workers=n_workers,
-        threads_per_worker=1,
-        host=address,
-        dashboard_address=f"{address}:0",
-        local_directory=str(results),
-    ) as local:
-        local.wait_for_workers(n_workers)
-        yield Cluster(local.scheduler_address, {run.algorithm for run in runs})
+    address, folder = "127.0.0.1", f"{results}_dask"
+    options: dict[str, Any] = {
+        "host": address,
+        "dashboard_address": f"{address}:0",
+        "local_directory": folder,
+    }
+    with LocalCluster(n_workers=n, threads_per_worker=1, **options) as local:
+        local.wait_for_workers(n)
+        cluster = Cluster(local.scheduler_address, {run.algorithm for run in runs})
+        return _train(cluster, 2 * n, runs, results, before)
 
 
-def _grid(rows: int, columns: int) -> Model:
-    """Compiles S1 with another grid, in which the first wrong PING ends the episode."""
+def _train(
+    executor: Executor,
+    jobs: int,
+    runs: Sequence[RunSpecification],
+    results: str,
+    before: Sequence[RunSpecification],
+) -> Values:
+    """Trains and stores runs by the real runner, with so many jobs under way, and releases the executor.
+
+    Args:
+      executor: Runs the jobs.
+      jobs: How many are under way.
+      runs: To be trained.
+      results: The folder of the store, which is made anew.
+      before: Executed first and not measured, so that workers have imported and compiled what they need.
+
+    Returns:
+      The seconds, the number of jobs, the seconds of the jobs themselves, and this process's peak memory.
+
+    Raises:
+      RuntimeError: A run failed.
+    """
+    shutil.rmtree(results, ignore_errors=True)
+    peaks, own = [_peak()], [0.0]
+
+    def progress(records: list[Record]) -> None:
+        own.extend(record.provenance["wall_time_s"] for record in records)
+
+    wait([executor.submit([run]) for run in before])
+    started = time.perf_counter()
+    with Store(Path(results) / "runs.db") as store:
+        # A job begins by measuring the peak anew.
+        errors = driver.run(
+            runs, store, jobs, progress, lambda _: peaks.append(_peak()), executor=lambda _: executor
+        )
+    seconds = time.perf_counter() - started
+    if errors:
+        raise RuntimeError(errors[0])
+    peak = max(*peaks, _peak())
+    return {"seconds": seconds, "jobs": len(plan(runs)), "own_seconds": sum(own), "peak_memory_mb": peak}
+
+
+def grid(work: str, rows: int, columns: int) -> Values:
+    """Measures the fastest of several calls in a grid, after one that loads compiled code.
+
+    The grid is S1 of another size, in which the first wrong PING ends the episode.
+
+    Args:
+      work: "compile", or "solve" with the paper's discount, "evaluate" the random policy, "train" a table.
+      rows: Of the grid.
+      columns: Of the grid.
+    """
+    settings = learner.Settings(budget=STEPS, record_every=STEPS)
     changes = {"grid.rows": rows, "grid.columns": columns, "ping_limit": 1}
-    return compile_scenario(load_scenario("S1", changes))
 
+    def compiled() -> Model:
+        compile_scenario.cache_clear()
+        return compile_scenario(load_scenario("S1", changes))
 
-def _in_grid(rows: int, columns: int, work: Callable[[Model], Any]) -> Values:
-    """Measures what is computed for a grid; compiling comes before."""
-    model = _grid(rows, columns)
-    return _fastest(lambda: work(model))
-
-
-def _fastest(work: Callable[[], Any]) -> Values:
-    """Measures the fastest of several calls, after one that loads compiled code."""
-    work()
+    calls: dict[str, Callable[[Model], Any]] = {
+        "solve": lambda model: solve(model, settings.discount),
+        "evaluate": lambda model: evaluate(model, uniform_policy(model), HORIZON),
+        "train": lambda model: learner.train(model, settings, [SeedSequence(0)], Schedule(STEPS)),
+    }
+    # Compiling does not hold a model meanwhile.
+    call = compiled if work == "compile" else partial(calls[work], compiled())
+    call()
     seconds = []
     for _ in range(_CALLS):
         started = time.perf_counter()
-        work()
+        call()
         seconds.append(time.perf_counter() - started)
     return {"seconds": min(seconds), "peak_memory_mb": _peak()}
 

@@ -1,42 +1,58 @@
-"""Measures growth, and writes what was measured: tables, exponents, a figure and a README.
+"""Growth: time and memory of this project against the numbers of agents, cells and stored runs.
 
 All points take turns, in several rounds, and the fastest round of each counts. An exponent is the slope of a
 straight line through the logarithms, by least squares.
 """
 
 import math
-import os
-import platform
-import shutil
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.drawing import tables
-from benchmark.drawing.style import write_figure
 from benchmark.execution.provenance import check_packages
-from benchmark.experiments import Experiment, all_specifications, load_experiment
-from benchmark.reports import files
-from benchmark.reports.growth import figures, points
+from benchmark.reports.folder import Folder
+from benchmark.reports.growth import points
 from benchmark.reports.growth.points import Values, command, fresh
+from benchmark.reports.item import Estimate, Frames, entry, item
+from benchmark.reports.measured import Measured, Measuring
 from envs.inputs import missing_package
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # What the points of a curve took, by curve and size: a round each.
 Turns = dict[tuple[str, int], list[Values]]
 
-_DECADE: Final = 10.0
+# What is counted to the curves against it, and what these are called.
+PANELS: Final[Mapping[str, Mapping[str, str]]] = {
+    "agents": {"agents_tables": "tables", "agents_nets": "nets"},
+    "cells": {
+        "cells_compile": "compile",
+        "cells_solve": "solve",
+        "cells_evaluate": "evaluate",
+        "cells_train": "train one table",
+    },
+    "stored runs": {"runs_list": "list", "runs_resume": "resume", "runs_report": "report"},
+}
 _FEWEST: Final = 3  # points, so that a line leaves something for an interval
 _BUDGET: Final = 1000  # steps of a table
 _NET_BUDGET: Final = 400  # steps of a net, but for the overhead
+FACTS: Final = {
+    "budget": _BUDGET,
+    "net_budget": _NET_BUDGET,
+    "grid_horizon": points.HORIZON,
+    "grid_steps": points.STEPS,
+}
 # The replication in S1 alone, with fewer steps. Its report shows 100 agents, and counts successes of all.
 _TABLES: Final = """
 extends = "reproduce"
@@ -48,254 +64,137 @@ map_every = {budget}
 "algorithms.q_learning.settings.budget" = {budget}
 readings = {{ default = {{ question = "How is the paper read?", answer = "as by default", seeds = {size} }} }}
 """
+# How much is measured; to try the code, the first of each. Commands are run on the stores of tables.
+_N_TABLES: Final = [100, 300, 1000, 3000, 10_000, 30_000, 100_000]
+_N_NETS: Final = [1, 3, 10, 30, 100, 300, 1000]
+_GRIDS: Final = [(10, 12), (15, 20), (25, 40), (50, 60), (100, 100), (150, 200), (250, 400)]  # rows, columns
 
 
-class Sizes(NamedTuple):
-    """How much is measured."""
-
-    agents: Sequence[int]  # tables, on whose stores the commands are run
-    nets: Sequence[int]
-    grids: Sequence[tuple[int, int]]  # rows and columns
-    workers: Sequence[int]
-    populations: int  # of `compare_deep_smoke`, for the workers; each is one job
-    seeds: int  # of each population
-    overhead: int  # agents of which the overhead is measured
-    overhead_budget: int  # their steps
-    rounds: int
+# What is published
 
 
-_FULL: Final = Sizes(
-    agents=(100, 300, 1000, 3000, 10_000, 30_000, 100_000),
-    nets=(1, 3, 10, 30, 100, 300, 1000),
-    grids=((10, 12), (15, 20), (25, 40), (50, 60), (100, 100), (150, 200), (250, 400)),
-    workers=(1, 2),
-    populations=18,
-    seeds=25,
-    overhead=25,
-    overhead_budget=10_000,
-    rounds=2,
+@item(
+    "growth",
+    "time and peak memory of every point (shown: the largest of each curve)",
+    {
+        "curve": "",
+        "size": "",
+        "unit": "of",
+        "seconds": "",
+        "slowest_seconds": "seconds of the slowest round",
+        "peak_memory_mb": "peak memory in MB",
+    },
+    where=lambda frame: frame.drop_duplicates("curve", keep="last"),  # sizes ascend
+    is_measured=True,
 )
-_SMOKE: Final = Sizes(
-    agents=(100,),
-    nets=(1,),
-    grids=((10, 12),),
-    workers=(1,),
-    populations=1,
-    seeds=1,
-    overhead=2,
-    overhead_budget=200,
-    rounds=1,
-)
-
-
-class _Point(NamedTuple):
-    """What is measured in a turn."""
-
-    curve: str
-    size: int
-    expected_s: float  # about how long it takes on two slow cores, for the time that is left
-    measure: Callable[[], Values]
-
-
-def measure(directory: Path, *, smoke: bool) -> None:
-    """Measures every point, and writes tables, a figure and a README.
-
-    Args:
-      directory: Where to write.
-      smoke: Whether to do very little, to try the code; the numbers then mean nothing.
-
-    Raises:
-      InputError: A package is missing, the folder cannot be written, or something that is measured fails.
-    """
-    check_packages(["q_learning", "compiled_dqn", "compiled_ppo"])
-    if find_spec("distributed") is None:
-        raise missing_package("benchmark growth", "distributed")
-    sizes = _SMOKE if smoke else _FULL
-    # Other reports wait meanwhile: they would disturb what is measured.
-    with files.alone(directory.parent), files.scratch(directory.parent) as scratch:
-        turns = _take_turns(list(_points(sizes, scratch)), sizes.rounds)
-        with files.replaced(directory, lambda _: False) as aside:
-            write(turns, aside)
-    print(f"written to {directory}")
-
-
-def _points(sizes: Sizes, scratch: Path) -> Iterator[_Point]:
-    """Yields all points; those of stored runs come after those that store them."""
-    for n in sizes.agents:
-        yield _Point("agents_tables", n, 3 + 9e-4 * n, partial(_tables, scratch, n))
-    for n in sizes.agents:
-        path, results = _experiment(scratch, n), _folder(scratch, n)
-        at = ("--results", str(results))
-        yield _Point("runs_list", n, 2 + 2e-6 * n, partial(command, "list", *at))
-        yield _Point("runs_resume", n, 2.5 + 6e-5 * n, partial(command, "run", str(path), *at))
-        yield _Point("runs_report", n, 11 + 5e-4 * n, partial(_report, path, results))
-    for n in sizes.nets:
-        changed = _nets(n, _NET_BUDGET)
-        yield _Point("agents_nets", n, 7 + 0.045 * n, partial(_in_new_store, scratch, points.agents, changed))
-    for rows, columns in sizes.grids:
-        for name, function in (
-            ("compile", points.compiling),
-            ("solve", points.solving),
-            ("evaluate", points.evaluating),
-            ("train", points.training),
-        ):
-            n = rows * columns
-            yield _Point(f"cells_{name}", n, 2 + 1e-5 * n, partial(fresh, function, rows, columns))
-    small = load_experiment("compare_deep_smoke")
-    runs = all_specifications(small, range(sizes.seeds))
-    runs = [run for run in runs if run.algorithm.startswith("compiled_")]
-    populations = list(dict.fromkeys(run.population for run in runs))[: sizes.populations]
-    nets = [run for run in runs if run.population in populations]
-    for n in sizes.workers:
-        for kind in (points.processes, points.dask):
-            once = partial(_in_new_store, scratch, kind, n, nets)
-            yield _Point(f"workers_{kind.__name__}", n, 7 + 0.6 * sizes.seeds / n, once)
-    changed = _nets(sizes.overhead, sizes.overhead_budget)
-    once = partial(_in_new_store, scratch, points.overhead, changed)
-    yield _Point("overhead", sizes.overhead, 8 + 4e-5 * sizes.overhead * sizes.overhead_budget, once)
-
-
-def _folder(scratch: Path, size: int) -> Path:
-    """Returns where so many runs of tables are stored."""
-    return scratch / f"tables_{size}"
-
-
-def _experiment(scratch: Path, size: int) -> Path:
-    """Writes the experiment of so many tables; returns its file."""
-    path = scratch / f"tables_{size}.toml"
-    path.write_text(_TABLES.format(budget=_BUDGET, size=size), encoding="utf-8")
-    return path
-
-
-def _tables(scratch: Path, size: int) -> Values:
-    """Measures how tables are trained and stored; their store stays until the next round."""
-    results = _folder(scratch, size)
-    shutil.rmtree(results, ignore_errors=True)
-    return fresh(points.agents, load_experiment(_experiment(scratch, size)), results)
-
-
-def _report(experiment: Path, results: Path) -> Values:
-    """Measures how a report is drawn, from the first file to the last."""
-    shutil.rmtree(results / experiment.stem, ignore_errors=True)
-    return command("report", str(experiment), "--results", str(results))
-
-
-def _nets(size: int, budget: int) -> Experiment:
-    """Returns so many nets of `compare_deep`: DQN from one-hot observations in S1."""
-    declared = load_experiment("compare_deep")
-    arm = declared.algorithms["dqn"].model_copy(update={"observations": ("one_hot",), "seeds": size})
-    changes = {"settings": declared.settings | {"budget": budget}, "scenarios": ("S1",)}
-    return declared.model_copy(update=changes | {"algorithms": {"dqn": arm}})
-
-
-def _in_new_store(scratch: Path, function: Callable[..., Values], *arguments: object) -> Values:
-    """Calls a function in a fresh process, with the folder of an empty store as its last argument."""
-    results = scratch / "store"
-    shutil.rmtree(results, ignore_errors=True)
-    return fresh(function, *arguments, results)
-
-
-def _take_turns(turns: Sequence[_Point], rounds: int) -> Turns:
-    """Measures all points in turns; says what each took, and how long the others will take."""
-    taken: Turns = {(point.curve, point.size): [] for point in turns}
-    started, expected = time.monotonic(), rounds * sum(point.expected_s for point in turns)
-    done = 0.0
-    print(f"growth: about {expected / 60:.0f} minutes on two slow cores", file=sys.stderr)
-    for i in range(rounds):
-        for point in turns:
-            values = point.measure()
-            taken[point.curve, point.size].append(values)
-            done += point.expected_s
-            left = (time.monotonic() - started) * (expected - done) / done
-            peak = values.get("peak_memory_mb", math.nan)
-            print(
-                f"growth: round {i + 1} of {rounds}: {point.curve}, {point.size:,}: "
-                f"{values['seconds']:.3g} s{'' if math.isnan(peak) else f', {peak:.0f} MB'}; "
-                f"about {left:,.0f} s left",
-                file=sys.stderr,
-            )
-    return taken
-
-
-def write(turns: Turns, directory: Path) -> None:
-    """Writes what was measured: tables, a figure and a README.
-
-    Args:
-      turns: What every point took.
-      directory: Where to write; it exists.
-    """
-    growth = _growth(turns)
-    tables.write_csv(growth, directory / "growth.csv")
-    fitted = exponents(growth)
-    names = ["time_exponent", "memory_exponent"]
-    shown = tables.with_intervals(fitted, names)
-    bounds = [f"{name}_{end}" for name in names for end in ("low", "high")]
-    tables.write_table(fitted, directory / "exponents", shown.drop(columns=bounds))
-    workers, overhead = _workers(turns), _overhead(turns)
-    tables.write_table(workers, directory / "workers")
-    tables.write_table(overhead, directory / "overhead")
-    write_figure(figures.growth(growth), directory / "growth")
-    rounds = len(next(iter(turns.values())))
-    text = _readme(growth, shown.drop(columns=bounds), workers, overhead, rounds)
-    (directory / "README.md").write_text(text, encoding="utf-8")
-
-
-def _growth(turns: Turns) -> pd.DataFrame:
-    """Returns a row per point of the curves: its fastest and its slowest round, and its lowest peak.
+def growth(data: Measured) -> Iterator[dict[str, Any]]:
+    """Tabulates the points of the curves: the fastest and the slowest round, and the lowest peak.
 
     What else a system or a first round has to do, such as compiling, only adds to either.
     """
-    rows = [
-        {
-            "curve": curve,
-            "size": size,
-            "unit": unit,
-            "seconds": min(values["seconds"] for values in taken),
-            "slowest_seconds": max(values["seconds"] for values in taken),
-            "peak_memory_mb": min(values["peak_memory_mb"] for values in taken),
-            "rounds": len(taken),
-        }
-        for unit, curves in figures.PANELS.items()
-        for curve in curves
-        for (name, size), taken in sorted(turns.items())
-        if name == curve
-    ]
-    return pd.DataFrame(rows)
+    turns: Turns = data.taken
+    for unit, curves in PANELS.items():
+        for curve in curves:
+            for size in sorted(size for name, size in turns if name == curve):
+                taken = turns[curve, size]
+                seconds = [values["seconds"] for values in taken]
+                yield {
+                    "curve": curve,
+                    "size": size,
+                    "unit": unit,
+                    "seconds": min(seconds),
+                    "slowest_seconds": max(seconds),
+                    "peak_memory_mb": min(values["peak_memory_mb"] for values in taken),
+                    "rounds": len(taken),
+                }
 
 
-def exponents(growth: pd.DataFrame) -> pd.DataFrame:
-    """Fits power laws to curves: to all their sizes, and to those of the largest decade.
+@growth.sentence
+def _(table: pd.DataFrame, _: Folder) -> str:
+    last = table.drop_duplicates("curve", keep="last")
+    stored = last[last["unit"] == "stored runs"]
+    seconds = (
+        f"`{row['curve'].removeprefix('runs_')}` takes {entry(row, 'seconds', 'growth')} s"
+        for _, row in stored.iterrows()
+    )
+    return f"With {stored['size'].max():,} stored runs, {', '.join(seconds)} (target: `list` below 2 s)."
 
-    Args:
-      growth: A row per point: curve, size, unit, seconds, peak_memory_mb.
 
-    Returns:
-      A row per fit, with the exponents of time and of memory and their 95 % intervals, see `exponent`.
-    """
-    rows = []
-    for curve, found in growth.groupby("curve", sort=False):
+@growth.figure("Time and peak memory against the numbers of agents, cells and stored runs.")
+def _(frames: Frames, _: object) -> "Figure":
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    from benchmark.drawing.style import figure_of, variant_style
+
+    frame = frames["growth"]
+    with figure_of(2, len(PANELS), (10.5, 6.0)) as (figure, axes):
+        for column, (unit, curves) in zip(axes.T, PANELS.items(), strict=True):
+            for place, (name, label) in enumerate(curves.items()):
+                # Where points coincide, the first is the largest.
+                points = frame[frame["curve"] == name]
+                style = variant_style(place) | {"markersize": 7 - place}
+                sizes, seconds = points["size"], points["seconds"]
+                column[0].plot(sizes, seconds, **style, lw=1.3, label=label)
+                column[0].vlines(sizes, seconds, points["slowest_seconds"], color=style["color"], lw=1)
+                column[1].plot(sizes, points["peak_memory_mb"], **style, lw=1.3)
+            for axis in column:
+                axis.set(xscale="log", yscale="log")
+                axis.yaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
+                axis.yaxis.set_minor_formatter(NullFormatter())
+            column[1].set_xlabel(unit)
+        axes[0, 0].set_ylabel("time in s")
+        axes[1, 0].set_ylabel("peak memory in MB")
+        for row in axes:  # whose axes share a scale
+            lowest, highest = zip(*(axis.get_ylim() for axis in row), strict=True)
+            for axis in row:
+                axis.set_ylim(min(lowest), max(highest))
+                _lines(axis, "linear growth" if axis is axes[0, 0] else None)
+        for axis in axes[0]:
+            axis.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=2, frameon=False)
+        for axis in axes[1]:  # one power of ten needs more numbers
+            axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    return figure
+
+
+def _lines(axis: "Axes", label: str | None) -> None:
+    """Draws the slope of linear growth behind the curves, a line for each power of ten."""
+    (left, right), (bottom, top) = axis.get_xlim(), axis.get_ylim()
+    powers = np.arange(np.floor(np.log10(bottom / right)), np.ceil(np.log10(top / left)) + 1)
+    ends = np.array([left, right])
+    for power in powers:
+        (line,) = axis.plot(ends, ends * 10**power, color="0.85", lw=0.8, zorder=0)
+    line.set_label(label)
+    axis.set(xlim=(left, right), ylim=(bottom, top))
+
+
+@item(
+    "exponents",
+    "power laws fitted to the curves",
+    dict.fromkeys(("curve", "sizes", "n", "smallest", "largest", "time_exponent", "memory_exponent"), ""),
+    is_measured=True,
+)
+def exponents(data: Measured) -> Iterator[dict[str, Any]]:
+    """Tabulates the fits to each curve: to all its sizes, and to those of the largest decade."""
+    frame = growth.table(data)
+    assert frame is not None
+    for curve, found in frame.groupby("curve", sort=False):
         largest = found["size"].max()
-        for sizes, part in (
-            ("all", found),
-            ("largest decade", found[found["size"] * _DECADE >= largest]),
-        ):
-            row: dict[str, object] = {
+        decade = found[found["size"] * 10 >= largest]
+        for sizes, part in (("all", found), ("largest decade", decade)):
+            n = part["size"].to_numpy(float)
+            yield {
                 "curve": curve,
                 "unit": part["unit"].iloc[0],
                 "sizes": sizes,
                 "n": len(part),
                 "smallest": part["size"].min(),
                 "largest": largest,
+                "time_exponent": exponent(n, part["seconds"].to_numpy(float)),
+                "memory_exponent": exponent(n, part["peak_memory_mb"].to_numpy(float)),
             }
-            for name, column in (("time", "seconds"), ("memory", "peak_memory_mb")):
-                ends = exponent(part["size"].to_numpy(float), part[column].to_numpy(float))
-                keys = ("exponent", "exponent_low", "exponent_high")
-                row |= {f"{name}_{key}": value for key, value in zip(keys, ends, strict=True)}
-            rows.append(row)
-    return pd.DataFrame(rows)
 
 
-def exponent(sizes: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float, float]:
+def exponent(sizes: NDArray[np.float64], values: NDArray[np.float64]) -> Estimate:
     """Fits `values = factor * sizes ** exponent` by least squares on the logarithms.
 
     Args:
@@ -308,107 +207,103 @@ def exponent(sizes: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[f
     """
     n = len(sizes)
     if n < _FEWEST - 1:
-        return math.nan, math.nan, math.nan
+        return Estimate(math.nan, math.nan, math.nan)
     fit = stats.linregress(np.log(sizes), np.log(values))
     half = stats.t.ppf(0.975, n - 2) * fit.stderr if n >= _FEWEST else math.nan
-    return float(fit.slope), float(fit.slope - half), float(fit.slope + half)
+    return Estimate(float(fit.slope), float(fit.slope - half), float(fit.slope + half))
 
 
-def _workers(turns: Turns) -> pd.DataFrame:
-    """Returns a row per number of workers, with how much faster they are than one of them."""
-    rows = []
-    for name in ("processes", "dask"):
+@item("workers", "several workers against one", is_measured=True)
+def workers(data: Measured) -> Iterator[dict[str, Any]]:
+    """Tabulates how much faster several workers are than one of them."""
+    turns: Turns = data.taken
+    for kind in ("processes", "dask"):
         best = {
             n: min(taken, key=lambda values: values["seconds"])
             for (curve, n), taken in turns.items()
-            if curve == f"workers_{name}"
+            if curve == f"workers_{kind}"
         }
-        rows += [
-            {
-                "workers": f"{n} {name}",
+        for n, values in best.items():
+            yield {
+                "workers": f"{n} {kind}",
                 "jobs": round(values["jobs"]),
                 "seconds": values["seconds"],
                 "ratio_to_one": best[1]["seconds"] / values["seconds"],
             }
-            for n, values in best.items()
-        ]
-    return pd.DataFrame(rows)
 
 
-def _overhead(turns: Turns) -> pd.DataFrame:
-    """Returns what a job costs on top of training and evaluation: a row per round."""
-    rows = []
-    for (curve, n_agents), taken in turns.items():
+@item(
+    "overhead",
+    "what a job costs on top of training and evaluation, a row per round",
+    dict.fromkeys(("jobs", "agents", "seconds_per_job", "own_seconds_per_job", "share"), ""),
+    is_measured=True,
+)
+def overhead(data: Measured) -> Iterator[dict[str, Any]]:
+    """Tabulates the time of a job, and of it that which the job itself measures."""
+    for (curve, n_agents), taken in data.taken.items():
         for values in taken if curve == "overhead" else ():
-            jobs = values["jobs"]
-            rows.append(
-                {
-                    "jobs": round(jobs),
-                    "agents": n_agents,
-                    "seconds_per_job": values["seconds"] / jobs,
-                    "own_seconds_per_job": values["own_seconds"] / jobs,
-                    "share": 1 - values["own_seconds"] / values["seconds"],
-                }
+            yield {
+                "jobs": round(values["jobs"]),
+                "agents": n_agents,
+                "seconds_per_job": values["seconds"] / values["jobs"],
+                "own_seconds_per_job": values["own_seconds"] / values["jobs"],
+                "share": 1 - values["own_seconds"] / values["seconds"],
+            }
+
+
+# What is measured
+
+
+def _measure(scratch: Path, smoke: bool) -> Measured:
+    """Measures all points in turns; says what each took."""
+    check_packages(["q_learning", "compiled_dqn", "compiled_ppo"])
+    if find_spec("distributed") is None:
+        raise missing_package("benchmark growth", "distributed")
+    taken: Turns = defaultdict(list)
+    rounds, turns = 1 if smoke else 2, list(_points(smoke, scratch))
+    for i in range(rounds):
+        for place, (curve, size, call) in enumerate(turns):
+            values = call()
+            taken[curve, size].append(values)
+            print(
+                f"growth: round {i + 1} of {rounds}, point {place + 1} of {len(turns)}: {curve}, {size:,}: "
+                f"{values['seconds']:.3g} s",
+                file=sys.stderr,
             )
-    return pd.DataFrame(rows)
+    return Measured(taken, FACTS)
 
 
-def _readme(
-    growth: pd.DataFrame, fitted: pd.DataFrame, workers: pd.DataFrame, overhead: pd.DataFrame, rounds: int
-) -> str:
-    """Returns the README of the folder."""
-    last = growth.drop_duplicates("curve", keep="last").set_index("curve")  # sizes ascend
-    stored = ", ".join(
-        f"`{name.removeprefix('runs_')}` with {last['size'][name]:,} runs takes "
-        f"{tables.show(last['seconds'][name])} s"
-        for name in figures.PANELS["stored runs"]
-    )
-    return f"""# growth
+def _points(smoke: bool, scratch: Path) -> Iterator[tuple[str, int, Callable[[], Values]]]:
+    """Yields curve, size and measurement of all points; each round trains and stores tables first."""
+    some, store = slice(1 if smoke else None), scratch / "store"
+    tables = {n: scratch / f"tables_{n}.toml" for n in _N_TABLES[some]}
+    for n, path in tables.items():
+        path.write_text(_TABLES.format(budget=_BUDGET, size=n), encoding="utf-8")
+        yield "agents_tables", n, partial(fresh, points.tables, path, path.with_suffix(""))
+    for n, path in tables.items():
+        at = "--results", path.with_suffix("")
+        yield "runs_list", n, partial(command, "list", *at)
+        yield "runs_resume", n, partial(command, "run", path, *at)
+        yield "runs_report", n, partial(command, "report", path, *at)
+    for n in _N_NETS[some]:
+        yield "agents_nets", n, partial(fresh, points.nets, n, _NET_BUDGET, store)
+    for rows, columns in _GRIDS[some]:
+        for work in ("compile", "solve", "evaluate", "train"):
+            yield f"cells_{work}", rows * columns, partial(fresh, points.grid, work, rows, columns)
+    amount = (1, 1) if smoke else (18, 25)  # populations and their seeds
+    for n in range(1, 2 if smoke else 3):
+        for kind in ("processes", "dask"):
+            yield f"workers_{kind}", n, partial(fresh, points.workers, kind, n, *amount, store)
+    size, budget = (2, 200) if smoke else (25, 10_000)
+    yield "overhead", size, partial(fresh, points.nets, size, budget, store)
 
-Made by `make growth`, on a machine with {os.cpu_count()} cores ({platform.machine()}): time and peak memory
-against the numbers of agents, cells and stored runs; several workers against one; and the overhead of
-running and storing on top of training.
 
-![Time and peak memory against the numbers of agents, cells and stored runs](growth.png)
-
-Every point is measured in a process of its own, in turns with all others; rounds: {rounds}. Its time
-is that of the fastest round (in the figure a thin line leads to the slowest), its memory the lowest peak.
-[growth.csv](growth.csv) has all numbers.
-
-- **Agents.** The real runner trains, evaluates and stores runs in S1 in an empty store, one job at a time.
-  *Tables*: the paper's Q-learning, but with {_BUDGET:,} steps. *Nets*: `dqn` of `compare_deep` from
-  one-hot observations, but with {_NET_BUDGET} steps. Compiling and importing come before and are not
-  counted.
-- **Cells.** S1 on larger grids, in which the first wrong PING ends the episode, so that there are as many
-  states as cells: read, check and *compile* the scenario; *solve* it with the paper's discount (larger grids
-  take more sweeps of value iteration, until the discount bounds their number); *evaluate* the random policy
-  exactly over {points.HORIZON} steps; *train one table* for {points.STEPS:,} steps. The fastest of three
-  calls counts. Memory includes compiling.
-- **Stored runs.** The stores are those of the tables, made by the real runner, of one experiment each. The
-  commands are real ones, from the start of their processes to the end: `list`; *resume*, a `run` that finds
-  everything done and verifies every checksum; `report`, that of a replication in S1. It draws figures in
-  further processes, whose memory is not counted. {stored} (target: `list` below 2 s).
-
-## Exponents
-
-A straight line is fitted to the logarithms of size and of time (or memory) by least squares: an exponent of 1
-is linear growth, one of 0 is none. Brackets are 95 % intervals from the residuals, by Student's t with n − 2
-degrees of freedom. They say how well the points lie on a line, not what another machine would do. Fixed
-costs, such as starting Python, make small sizes look flatter, so fits to the largest decade are shown, too.
-
-{tables.to_markdown(fitted)}
-## Workers
-
-The nets of `compare_deep_smoke`, in workers that have trained some of each before; *dask* is a cluster on
-this machine, with its scheduler in the driver. `ratio_to_one` is the speed-up over one worker of the same
-kind (target for two of Dask: 1.8).
-
-{tables.to_markdown(workers)}
-## Overhead
-
-DQN in S1 with the settings of `compare_deep`, in one thread of a process that has trained before; a row
-per round. `own_seconds_per_job` is the time that jobs measure themselves: training, evaluating, and rounding
-what is recorded. `share` is the rest of the time (target: below 0.03): planning, compressing and
-storing, as far as it delays the next job.
-
-{tables.to_markdown(overhead)}"""
+REPORT: Final = Measuring(
+    name="growth",
+    question="How do time and memory grow?",
+    description="Time and peak memory against the numbers of agents, cells and stored runs, several workers "
+    "against one, and the overhead of running and storing.",
+    items=(growth, exponents, workers, overhead),
+    document=Path(__file__).with_name("document.md.jinja"),
+    measure=_measure,
+)

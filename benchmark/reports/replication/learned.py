@@ -20,9 +20,9 @@ from benchmark.drawing.tables import link, show
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, entry, item
 from benchmark.reports.replication.data import Data
-from benchmark.reports.replication.verdicts import listed
 from envs import ACTIONS, Model
 from envs.scene import scene_of
+from envs.words import listed
 
 _DASHES = ("-", "--", ":")
 

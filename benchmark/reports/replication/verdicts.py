@@ -1,6 +1,6 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, Frames, entry, item
 from benchmark.reports.replication.claims import CLAIMS, STATES, VERDICTS, agreement, judge, weakest
 from benchmark.reports.replication.data import Data
+from envs.words import listed
 
 _SIGNS = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _SIGNED = {verdict: f"{sign} {verdict}" for verdict, sign in _SIGNS.items()}
@@ -237,12 +238,6 @@ def _(frames: Frames, _: object) -> Figure | None:
             title="number: the value of the claim's weakest part; in brackets: where all parts must lie",
         )  # fmt: skip
     return figure
-
-
-def listed(texts: Iterable[str]) -> str:
-    """Joins texts as a sentence does."""
-    *first, last = [*texts] or [""]
-    return " and ".join(filter(None, [", ".join(first), last]))
 
 
 def _sizes(frame: pd.DataFrame) -> list[int]:

@@ -20,14 +20,14 @@ def everywhere(mask: int) -> NDArray[np.uint8]:
     return np.full(S1.n_observations, mask, dtype=np.uint8)
 
 
-@pytest.mark.parametrize("scenario", ["S1", "S2", "S3"])
+@pytest.mark.parametrize("scenario", ["S1", "S2"])
 def test_walks_of_deterministic_policies_are_as_long_as_exact_evaluation_says(scenario: str) -> None:
     model = compile_scenario(load_scenario(scenario))
     rng = np.random.default_rng(0)
     best = greedy_masks(solve(model, 0.9).q[model.fresh_state])
     optimal = (1 << np.argmax(contains(best), axis=1)).astype(np.uint8)
     endings = set()
-    for share in np.repeat([0.0, 0.05, 0.2, 1.0], 50):
+    for share in np.repeat([0.0, 0.05, 0.2, 1.0], 25):
         noise = (1 << rng.integers(5, size=len(optimal))).astype(np.uint8)
         greedy = np.where(rng.random(len(optimal)) < share, noise, optimal)
         walked = walk(model, greedy, 200)
@@ -59,16 +59,6 @@ def test_circles_end_where_they_close() -> None:
     walked = walk(S1, greedy, 200)
     assert walked.ending == CIRCLE
     assert walked.cells == (0, 1, 13, 12, 0)
-
-
-def test_a_step_that_leads_nowhere_is_a_circle() -> None:
-    assert walk(S1, everywhere(UP), 200).cells == (0, 0)
-
-
-def test_a_wrong_ping_is_no_circle() -> None:
-    walked = walk(S1, everywhere(PING), 200)
-    assert walked.ending == "last_wrong_ping"
-    assert len(walked.actions) == S1.scenario.ping_limit
 
 
 def test_with_a_choice_the_walk_goes_on_to_the_horizon() -> None:

@@ -1,4 +1,4 @@
-"""Maps drawn by matplotlib, against the scene."""
+"""Maps and the gallery drawn by matplotlib, against scenes and scenarios."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -12,13 +12,13 @@ from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import PathPatch, Polygon
 from matplotlib.quiver import Quiver
 
-from benchmark.drawing.maps import actions, heat, region_legend, triangles
-from envs import compile_scenario, load_scenario
+from benchmark.drawing.maps import actions, gallery, heat, region_legend, triangles
+from envs import compile_scenario, load_scenario, scenario_names
 from envs.regions import outlines
-from envs.scene import Outline, scene_of
+from envs.scene import COLOURS, Outline, scene_of
 
 
 def drawn(artists: Iterable[Artist], kind: type[Artist]) -> list[Any]:
@@ -39,15 +39,12 @@ def test_heat_has_a_value_per_cell_and_the_scene_on_top() -> None:
     # Cell (row, column) is centred at x = column, y = row.
     assert mesh.get_coordinates()[0, 0].tolist() == [-0.5, -0.5]
     assert mesh.get_coordinates()[-1, -1].tolist() == [11.5, 9.5]
-    corners = [patch.get_xy().tolist() for patch in drawn(axis.patches, Polygon)]
-    assert corners == [  # squares of 5 and 3 cells around the issuer, closed
+    corners = [patch.get_path().vertices.tolist() for patch in drawn(axis.patches, PathPatch)]
+    assert [vertices[:5] for vertices in corners] == [  # squares of 5 and 3 cells around the issuer, closed
         [[5.5, 3.5], [10.5, 3.5], [10.5, 8.5], [5.5, 8.5], [5.5, 3.5]],
         [[6.5, 4.5], [9.5, 4.5], [9.5, 7.5], [6.5, 7.5], [6.5, 4.5]],
     ]
-    assert [line.get_xydata().tolist() for line in drawn(axis.lines, Line2D)] == [
-        [[8, 6]],
-        [[0, 0]],
-    ]  # issuer, start
+    assert [line.get_xydata().tolist() for line in drawn(axis.lines, Line2D)] == [[[8, 6]], [[0, 0]]]
 
 
 def test_borders_have_any_shape() -> None:
@@ -56,17 +53,15 @@ def test_borders_have_any_shape() -> None:
     border = Outline("target", "", is_dashed=False, loops=outlines(ring))
     axis = Figure().subplots()
     heat(axis, replace(SCENE, outlines=(border,)), np.zeros(120), NORM)
-    corners = [{(x, y) for x, y in patch.get_xy()} for patch in drawn(axis.patches, Polygon)]
-    assert corners == [
-        {(-0.5, -0.5), (2.5, -0.5), (2.5, 2.5), (-0.5, 2.5)},
-        {(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)},
-    ]
+    (patch,) = drawn(axis.patches, PathPatch)
+    outer = {(-0.5, -0.5), (2.5, -0.5), (2.5, 2.5), (-0.5, 2.5)}
+    hole = {(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)}
+    assert {(x, y) for x, y in patch.get_path().vertices} == outer | hole
 
 
 def test_triangles_are_on_the_side_to_which_the_moves_lead() -> None:
-    frame = pd.DataFrame(
-        {"row": 3, "column": 5, "action": ["UP", "DOWN", "LEFT", "RIGHT"], "value": [1.0, 2.0, 3.0, 4.0]}
-    )
+    moves = ["UP", "DOWN", "LEFT", "RIGHT"]
+    frame = pd.DataFrame({"row": 3, "column": 5, "action": moves, "value": [1.0, 2.0, 3.0, 4.0]})
     axis = Figure().subplots()
     triangles(axis, SCENE, frame, NORM, "value")
     (polygons,) = drawn(axis.collections, PolyCollection)
@@ -78,11 +73,9 @@ def test_triangles_are_on_the_side_to_which_the_moves_lead() -> None:
 
 
 def test_actions_are_drawn_where_something_can_be_done() -> None:
-    chosen = pd.DataFrame(
-        {"row": [6, 6, 2, 2], "column": [8, 8, 1, 4], "action": ["UP", "PING", "LEFT", "PING"]}
-    )
+    names = ["UP", "PING", "LEFT", "PING"]
     axis = Figure().subplots()
-    actions(axis, SCENE, chosen)
+    actions(axis, SCENE, pd.DataFrame({"row": [6, 6, 2, 2], "column": [8, 8, 1, 4], "action": names}))
     (arrows,) = drawn(axis.collections, Quiver)
     assert arrows.XY.tolist() == [[1, 2]]
     assert (arrows.U.tolist(), arrows.V.tolist()) == ([-1], [0])
@@ -96,21 +89,45 @@ def test_legend_names_the_borders_of_the_scene() -> None:
     assert labels == ["issuer", *(outline.label for outline in SCENE.outlines), "start"]
 
 
-def test_walls_and_noses_are_drawn() -> None:
-    walls = scene_of(compile_scenario(load_scenario("Walls")))
-    axis = Figure().subplots()
-    heat(axis, walls, np.zeros(120), NORM)
-    squares = [patch.get_xy() for patch in drawn(axis.patches, Rectangle)]
-    assert [(row + 0.5) * 12 + column + 0.5 for column, row in squares] == np.flatnonzero(
-        walls.is_wall
-    ).tolist()
-    egg = scene_of(compile_scenario(load_scenario("Egg")))
+def test_noses_and_all_people_are_drawn() -> None:
+    egg, two = (scene_of(compile_scenario(load_scenario(name))) for name in ("Egg", "TwoPeople"))
     axis = Figure().subplots()
     heat(axis, egg, np.zeros(182), NORM)
-    nose = drawn(axis.patches, Polygon)[-1].get_xy()
-    assert nose[0] == pytest.approx([7, 6 - 0.75])  # the person in row 6, column 7 looks up
-    two = scene_of(compile_scenario(load_scenario("TwoPeople")))
+    (nose,) = drawn(axis.patches, Polygon)
+    assert nose.get_xy()[0] == pytest.approx([7, 6 - 1])  # the person in row 6, column 7 looks up
     axis = Figure().subplots()
     heat(axis, two, np.zeros(120), NORM)
-    stars = [line.get_xydata().tolist() for line in drawn(axis.lines, Line2D)]
-    assert stars == [[[8, 6]], [[10, 2]], [[0, 0]]]  # both people, start
+    glyphs = [line.get_xydata().tolist() for line in drawn(axis.lines, Line2D)]
+    assert glyphs == [[[8, 6]], [[10, 2]], [[0, 0]]]  # both people, start
+
+
+def test_gallery_names_every_scenario_with_what_is_hidden() -> None:
+    figure = gallery([compile_scenario(load_scenario(name)) for name in scenario_names()])
+    assert figure.get_figwidth() * 160 == pytest.approx(1400, abs=20)  # pixels, as figures are written
+    titles = [name for axis in figure.axes for name in axis.get_title("left").split(", ") if name]
+    assert sorted(titles) == scenario_names()
+    texts = [text.get_text() for axis in figure.axes for text in axis.texts]
+    assert "480 cells, no feedback\n480 observations\nhidden: wrong PINGs" in texts
+    lines = "\n".join(texts).splitlines()
+    assert "MoodyHidden: 120 observations; hidden: phase, wrong PINGs" in lines
+    assert any(line.startswith("Counted: 600 observations") for line in lines)
+    for phase in ("calm", "tense", "cheerful", "looks down", "phase 6 of 16", "place 38 of 111"):
+        assert lines.count(phase) == 1
+
+
+def test_gallery_shows_zones_walls_people_starts_and_the_way() -> None:
+    names = "Walking", "Egg", "AnyStart", "Walls"
+    models = [compile_scenario(load_scenario(name)) for name in names]
+    shown = [axis for axis in gallery(models).axes if axis.axison]
+    assert len(shown) == 6  # three of 16 phases of the walk
+    for axis, (row, column) in zip(shown, [(3, 4), (4, 8), (7, 6)], strict=False):
+        way, person, start = [np.asarray(line.get_xydata()).tolist() for line in axis.lines]
+        assert (person, start, len(way)) == ([[column, row]], [[0, 0]], 17)  # the cells of the walk, and back
+    assert [len(drawn(axis.patches, Polygon)) for axis in shown] == [0, 0, 0, 1, 0, 0]  # noses
+    (mesh,) = drawn(shown[3].collections, QuadMesh)
+    expected = [COLOURS[zone] for zone in scene_of(models[1]).zone]
+    assert np.asarray(mesh.get_array()).reshape(-1, 3) * 255 == pytest.approx(np.array(expected))
+    assert [len(np.asarray(line.get_xydata())) for line in shown[4].lines] == [95, 1]
+    path = drawn(shown[5].patches, PathPatch)[0].get_path()
+    inside = [path.contains_point((column, row)) for row, column in scene_of(models[3]).position]
+    assert inside == load_scenario("Walls").grid.is_wall.tolist()

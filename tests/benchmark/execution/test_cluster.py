@@ -1,7 +1,6 @@
 """A Dask cluster: a real scheduler and real workers, all on this machine's loopback interface."""
 
 import json
-import re
 import shutil
 import signal
 import subprocess
@@ -23,14 +22,13 @@ from benchmark.execution.executors import cluster
 from benchmark.execution.executors.cluster import Cluster
 from benchmark.execution.job import execute_job
 from benchmark.execution.plan import plan
-from benchmark.execution.provenance import digest_of_code
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
-from tests.support import ROOT, command
+from tests.benchmark.execution.test_processes import arrays_of
+from tests.support import ROOT
 
 PATIENCE_S = 180  # on a loaded machine; nothing waits that long elsewhere
-RUNS = 14
 MIXED = """
 description = "Tables, compiled nets, and nets of Stable-Baselines3."
 scenarios = ["S1"]
@@ -41,10 +39,10 @@ settings = { budget = 400, time_limit = 200 }
 
 [algorithms]
 q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 8 }
-dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 2 }
-dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 2 }
-ppo_sb3 = { algorithm = "ppo", observations = ["coordinates"], seeds = 2, settings.n_steps = 200 }
+dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 1 }
+dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
 """
+RUNS = 10
 SLOW = """
 description = "Tables in plain Python: eight jobs of half a second."
 scenarios = ["S1"]
@@ -172,7 +170,7 @@ def until(is_true: Callable[[], Any]) -> None:
 
 @pytest.fixture
 def alone(tmp_path: Path) -> Iterator[Machines]:
-    """A scheduler without workers."""
+    """A scheduler without workers yet."""
     with begun(tmp_path) as machines:
         yield machines
 
@@ -195,10 +193,10 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
-def slow(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def slow(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The path of that experiment."""
-    path = tmp_path / "slow.toml"
+    path = tmp_path_factory.mktemp("slow") / "slow.toml"
     path.write_text(SLOW, encoding="utf-8")
     return path
 
@@ -207,7 +205,6 @@ def slow(tmp_path: Path) -> Path:
 def expected(mixed: Path) -> list[Record]:
     """All its records, each job executed in this process."""
     jobs = plan(all_specifications(load_experiment(mixed)))
-    assert len(jobs) == 7
     return [record for job in jobs for record in execute_job(job)]
 
 
@@ -217,11 +214,7 @@ def check(results: Path, expected: list[Record]) -> None:
         assert len(store.statuses()) == len(expected)
         for stored, record in zip(store.get([each.digest for each in expected]), expected, strict=True):
             assert stored.status == record.status == "done"
-            assert stored.specification == record.specification
-            assert stored.arrays.keys() == record.arrays.keys()
-            for name, values in record.arrays.items():
-                assert stored.arrays[name].dtype == values.dtype
-                assert stored.arrays[name].tobytes() == values.tobytes(), name
+            assert arrays_of([stored]) == arrays_of([record])
             assert stored.provenance["machine"].startswith("Elsewhere")
             assert stored.provenance["versions"] == record.provenance["versions"]
             assert stored.provenance["commit"] == record.provenance["commit"]
@@ -275,37 +268,28 @@ def test_workers_that_differ_are_refused(
     ]  # fmt: skip
     try:
         address = pair.addresses("a", "b", "package", "threads", "code")
-        refusals = {
-            f"worker {address['package']} has numpy 0.1, but here it is {version('numpy')}; "
-            "install the same and restart it.",
-            f"worker {address['threads']} has 2 threads; accepted: 1, as with --nthreads 1.",
+        starts = {
+            f"worker {address['package']} has numpy 0.1, but here it is {version('numpy')}",
+            f"worker {address['threads']} has 2 threads",
+            f"worker {address['code']} has project code ",
         }
-        code = re.compile(
-            rf"worker {address['code']} has project code [0-9a-f]{{12}}, but here it is "
-            rf"{digest_of_code()[:12]}; install the same and restart it\."
-        )
         # They joined later, so it is their jobs that fail.
         seen: set[str] = set()
 
         def all_have_had_jobs() -> bool:
             for future in [executor.submit(job) for _ in range(5)]:
-                error = future.exception(PATIENCE_S)
-                if error is None:
-                    assert [record.status for record in future.result()] == ["done"] * len(job)
-                else:
+                if error := future.exception(PATIENCE_S):
                     assert isinstance(error, InputError)
                     seen.add(str(error))
+                else:
+                    assert [record.status for record in future.result()] == ["done"] * len(job)
             return len(seen) == 3
 
         until(all_have_had_jobs)
-        (other,) = seen - refusals
-        assert code.fullmatch(other)
+        assert all(any(error.startswith(start) for error in seen) for start in starts)
         # Now they are there at the start.
         assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1
-        assert len(error) <= 300
-        assert error.removeprefix("error: --cluster: ").rstrip() in seen
+        assert capsys.readouterr().err.removeprefix("error: --cluster: ").rstrip() in seen
     finally:
         executor.cancel()
         for process in others:
@@ -325,7 +309,33 @@ def test_interrupt_cancels_what_is_on_the_cluster(pair: Machines, slow: Path, tm
         assert 1 <= len(store.ended()) == len(store.statuses()) < 8
 
 
-def test_killed_scheduler_ends_the_run(alone: Machines, slow: Path, tmp_path: Path) -> None:
+def test_worker_that_dies_while_it_is_asked_is_left_out(pair: Machines) -> None:
+    pair.add("dying", preload=DIES_WHEN_ASKED)
+    pair.addresses("a", "b", "dying")
+    executor = Cluster(pair.address, {"q_learning"})
+    executor.cancel()
+    assert executor.workers == 2
+
+
+def test_scheduler_without_workers_is_refused_and_its_death_ends_the_run(
+    alone: Machines,
+    slow: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = ["run", str(slow), "--results", str(tmp_path)]
+    with monkeypatch.context() as patch:
+        patch.setattr(cluster, "_WORKER_S", 0.5)
+        assert main([*run, "--cluster", alone.address]) == 2
+    waiting, error = capsys.readouterr().err.splitlines()
+    assert waiting == f"waiting up to 0.5 s for a worker at {alone.address}"
+    assert error.startswith(f"error: --cluster {alone.address}: there is no worker")
+    with monkeypatch.context() as patch:
+        patch.setattr(cluster, "_ATTEMPTS", 1)
+        alone.add("dying", preload=DIES_WHEN_ASKED)
+        with pytest.raises(InputError, match=r"workers die"):
+            Cluster(alone.address, {"q_learning"})
     alone.add("a")
     alone.addresses("a")
     driver = alone.drive(slow, tmp_path)
@@ -336,57 +346,21 @@ def test_killed_scheduler_ends_the_run(alone: Machines, slow: Path, tmp_path: Pa
         done = len(store.ended())
         assert 1 <= done < len(store.statuses()) == 8
     last = alone.driver_says().splitlines()[-1]
-    assert last.startswith(f"error: {8 - done} runs failed; the same command tries them again. First error: ")
-    assert last.endswith(f"the scheduler {alone.address} is gone, or has dropped the job")
-    again = command("run", slow, "--results", tmp_path)
-    assert again.returncode == 0, again.stderr
-    assert f"{8 - done} runs done, {done} were done already" in again.stdout
-
-
-def test_clusters_without_workers_are_refused(
-    alone: Machines,
-    slow: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(cluster, "_WORKER_S", 0.5)
-    assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", alone.address]) == 2
-    waiting, error = capsys.readouterr().err.splitlines()
-    assert waiting == f"waiting up to 0.5 s for a worker at {alone.address}"
-    assert error.startswith(f"error: --cluster {alone.address}: there is no worker; dask worker tcp://")
-
-
-def test_worker_that_dies_while_it_is_asked_is_left_out(pair: Machines) -> None:
-    pair.add("dying", preload=DIES_WHEN_ASKED)
-    pair.addresses("a", "b", "dying")
-    executor = Cluster(pair.address, {"q_learning"})
-    executor.cancel()
-    assert executor.workers == 2
-
-
-def test_workers_that_all_die_while_they_are_asked_are_refused(
-    alone: Machines, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cluster, "_ATTEMPTS", 1)
-    alone.add("dying", preload=DIES_WHEN_ASKED)
-    with pytest.raises(InputError, match="its workers do not answer, or die when they are asked"):
-        Cluster(alone.address, {"q_learning"})
+    assert last.startswith(f"error: {8 - done} runs failed")
+    assert f"the scheduler {alone.address} is gone" in last
+    assert main(run) == 0
+    assert f"{8 - done} runs done, {done} were done already" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("address", "message"),
+    "address",
     [
-        ("tcp://127.0.0.1:1", "no Dask scheduler answered within 0.5 s; 'dask scheduler' starts one."),
-        *(
-            (address, "accepted: tcp://HOST:PORT, the address of a Dask scheduler.")
-            for address in (
-                "localhost:8786",
-                "tcp://localhost",
-                "tcp://localhost:99999",
-                "http://localhost:1",
-            )
-        ),
+        "tcp://127.0.0.1:1",
+        "localhost:8786",
+        "tcp://localhost",
+        "tcp://localhost:99999",
+        "http://localhost:1",
+        "not installed",
     ],
 )
 def test_addresses_without_a_scheduler_are_refused(
@@ -395,22 +369,15 @@ def test_addresses_without_a_scheduler_are_refused(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     address: str,
-    message: str,
 ) -> None:
     monkeypatch.setattr(cluster, "_ANSWER_S", 0.5)
+    if address == "not installed":
+        monkeypatch.setattr(run_command, "find_spec", lambda _: None)
     assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", address]) == 2
-    assert capsys.readouterr().err == f"error: --cluster {address}: {message}\n"
-
-
-def test_missing_package_is_named(
-    slow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run_command, "find_spec", lambda _: None)
-    assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", "tcp://localhost:8786"]) == 2
-    assert capsys.readouterr().err == (
-        "error: --cluster needs the package distributed, which is not installed; pip install "
-        "'proxemic-benchmark[cluster]' installs it (in a checkout: make .venv/.cluster).\n"
-    )
+    error = capsys.readouterr().err
+    expected = "needs the package distributed" if address == "not installed" else f"{address}: "
+    assert error.startswith(f"error: --cluster {expected}")
+    assert error.count("\n") == 1
 
 
 def test_cluster_and_executor_exclude_each_other(slow: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,159 +7,114 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from benchmark.__main__ import main
 from benchmark.execution.driver import pending, run
 from benchmark.execution.executors.processes import Processes
 from benchmark.execution.job import execute_job
-from benchmark.execution.plan import plan
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import (
-    Experiment,
-    RunSpecification,
-    all_specifications,
-    load_experiment,
-    specifications,
-)
+from benchmark.experiments import RunSpecification, all_specifications, load_experiment, specifications
 from envs import InputError
-from tests.support import ROOT, command
-
-SMALL = load_experiment("compare_deep_smoke")
-
-
-def population(
-    arm: str, observation: str, seeds: list[int], experiment: Experiment = SMALL
-) -> list[RunSpecification]:
-    return specifications(experiment, "default", "S1", arm, observation, seeds)
-
-
-def test_runs_are_the_same_alone_in_a_pool_and_after_an_interrupt(tmp_path: Path) -> None:
-    runs = population("dqn_sb3", "one_hot", [0, 1, 2]) + population("ppo_sb3", "coordinates", [0, 1])
-    with Store(tmp_path / "runs.db") as store:
-
-        def interrupt(_: list[Record]) -> None:
-            raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            run(runs, store, 2, interrupt)
-        assert 1 <= len(store.statuses()) < len(runs)
-        assert multiprocessing.active_children() == []
-        assert run(runs, store, 2) == []
-        assert multiprocessing.active_children() == []
-        assert pending(runs, store) == []
-        pooled = store.get([run.digest for run in runs])
-    for i in (0, 3):
-        alone = execute_job([runs[i]])[0]
-        assert alone.arrays.keys() == pooled[i].arrays.keys()
-        for name, values in alone.arrays.items():
-            assert values.tobytes() == pooled[i].arrays[name].tobytes(), name
-    weights = {record.arrays["weights"].tobytes() for record in pooled}
-    assert len(weights) == len(runs)
-
-
-def test_workers_stay_for_the_next_job() -> None:
-    executor = Processes(1)
-    try:
-        pids = []
-        for seed in (0, 1):
-            (record,) = executor.submit(population("dqn_sb3", "one_hot", [seed])).result()
-            assert record.error is None
-            pids.append([process.pid for process in multiprocessing.active_children()])
-    finally:
-        executor.cancel()
-    assert len(pids[0]) == 1
-    assert pids[0] == pids[1]
-
-
-def test_killed_worker_costs_its_run_alone_and_is_tried_again(tmp_path: Path) -> None:
-    runs = population("dqn_sb3", "one_hot", [0, 1, 2, 3])
-
-    def kill() -> None:
-        deadline = time.monotonic() + 60
-        while not multiprocessing.active_children() and time.monotonic() < deadline:
-            time.sleep(0.01)
-        child = multiprocessing.active_children()[0]
-        assert child.pid is not None
-        os.kill(child.pid, signal.SIGKILL)
-
-    with Store(tmp_path / "runs.db") as store:
-        killer = threading.Thread(target=kill)
-        killer.start()
-        errors = run(runs, store, 2)
-        killer.join()
-        assert len(errors) == 1
-        assert "its process was killed by signal 9" in errors[0]
-        statuses = store.statuses()
-        assert sorted(statuses.values()) == ["done", "done", "done", "failed"]
-        (failed,) = (run for run in runs if statuses[run.digest] == "failed")
-        (record,) = store.get([failed.digest])
-        assert record.error == errors[0]
-        assert pending(runs, store) == [failed]
-        assert run(runs, store, 2) == []
-        assert set(store.statuses().values()) == {"done"}
-
-
-def test_error_in_a_worker_is_stored_and_returned(tmp_path: Path) -> None:
-    runs = population("dqn_sb3", "one_hot", [0, 1])
-    object.__setattr__(runs[1], "observation", "nonsense")
-    with Store(tmp_path / "runs.db") as store:
-        (error,) = run(runs, store, 1)
-        assert error.startswith("InputError: observation: unknown form nonsense")
-        assert store.statuses()[runs[0].digest] == "done"
-
-
-def test_more_seeds_use_the_runs_that_are_there(tmp_path: Path) -> None:
-    runs = population("dqn_linear_sb3", "one_hot", [0, 1])
-    with Store(tmp_path / "runs.db") as store:
-        assert run(runs, store, 2) == []
-        arm = SMALL.algorithms["dqn_linear_sb3"].model_copy(update={"seeds": 3})
-        more = SMALL.model_copy(update={"algorithms": {"dqn_linear_sb3": arm}})
-        wanted = specifications(more, "default", "S1", "dqn_linear_sb3", "one_hot")
-        assert pending(wanted, store) == [wanted[2]]
-
-
-# A driver that is killed or interrupted
-
+from tests.support import ROOT
 
 EXPERIMENT = """
-description = ""
-report = "comparison"
+description = "Tables in plain Python: eight jobs of a fifth of a second."
 scenarios = ["S1"]
-horizon = 200
-evaluation_every = 100
-map_every = 200
-settings = { budget = 400, time_limit = 200 }
-
-[algorithms]
-q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 8 }
-dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 2 }
-dqn_sb3 = { algorithm = "dqn", observations = ["one_hot"], seeds = 3 }
-ppo_sb3 = { algorithm = "ppo", observations = ["coordinates"], seeds = 3, settings.n_steps = 200 }
+horizon = 50
+evaluation_every = 60000
+map_every = 60000
+settings = { budget = 60000 }
+algorithms.plain = { algorithm = "q_learning_plain", observations = ["index"], seeds = 8 }
 """
 
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight tables, which are trained in this process, two compiled nets, and six single nets."""
+    """The path of that experiment."""
     path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
     path.write_text(EXPERIMENT, encoding="utf-8")
     return path
 
 
 @pytest.fixture(scope="module")
-def expected(experiment: Path) -> dict[str, dict[str, bytes]]:
-    """The arrays of all its runs by digest, each job executed in this process."""
-    jobs = plan(all_specifications(load_experiment(experiment)))
-    return arrays_of([record for job in jobs for record in execute_job(job)])
+def runs(experiment: Path) -> list[RunSpecification]:
+    """Its runs."""
+    return all_specifications(load_experiment(experiment))
 
 
-def arrays_of(records: list[Record]) -> dict[str, dict[str, bytes]]:
+@pytest.fixture(scope="module")
+def expected(runs: list[RunSpecification]) -> dict[str, dict[str, bytes]]:
+    """The arrays of all its runs by digest, each executed in this process."""
+    return arrays_of([record for each in runs for record in execute_job([each])])
+
+
+def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
     return {
         record.digest: {name: values.tobytes() for name, values in record.arrays.items()}
         for record in records
     }
+
+
+def test_nets_are_the_same_in_a_worker_which_stays_for_the_next_job() -> None:
+    smoke = load_experiment("compare_deep_smoke")
+    arms = (("dqn_sb3", "one_hot"), ("ppo_sb3", "coordinates"))
+    jobs = [specifications(smoke, "default", "S1", *arm, [1]) for arm in arms]
+    executor = Processes(1)
+    try:
+        records, pids = [], set()
+        for job in jobs:
+            records += executor.submit(job).result()
+            pids.add(tuple(process.pid for process in multiprocessing.active_children()))
+    finally:
+        executor.cancel()
+    assert len(pids) == 1
+    assert arrays_of(records) == arrays_of([record for job in jobs for record in execute_job(job)])
+
+
+def test_interrupt_ends_workers_and_keeps_finished_runs(
+    runs: list[RunSpecification], expected: dict[str, dict[str, bytes]], tmp_path: Path
+) -> None:
+    def interrupt(_: list[Record]) -> None:
+        raise KeyboardInterrupt
+
+    with Store(tmp_path / "runs.db") as store:
+        with pytest.raises(KeyboardInterrupt):
+            run(runs, store, 2, interrupt, executor=Processes)
+        assert 1 <= len(store.statuses()) < len(runs)
+        assert multiprocessing.active_children() == []
+        assert run(runs, store, 2, executor=Processes) == []
+        assert multiprocessing.active_children() == []
+        assert arrays_of(store.get(sorted(store.ended()))) == expected
+
+
+def test_killed_worker_costs_its_run_alone_and_is_tried_again(
+    runs: list[RunSpecification], tmp_path: Path
+) -> None:
+    def kill() -> None:
+        deadline = time.monotonic() + 60
+        while not multiprocessing.active_children() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        multiprocessing.active_children()[0].kill()
+
+    with Store(tmp_path / "runs.db") as store:
+        killer = threading.Thread(target=kill)
+        killer.start()
+        (error,) = run(runs, store, 2, executor=Processes)
+        killer.join()
+        assert "signal 9" in error
+        statuses = store.statuses()
+        (failed,) = (run for run in runs if statuses[run.digest] == "failed")
+        assert store.get([failed.digest])[0].error == error
+        assert pending(runs, store) == [failed]
+        assert run(runs, store, 2) == []
+        assert pending(runs, store) == []
+
+
+# A driver that is killed or interrupted
 
 
 def children(pid: int) -> list[int]:
@@ -167,10 +122,11 @@ def children(pid: int) -> list[int]:
     return [int(child) for task in tasks for child in task.read_text().split()]
 
 
-def start(experiment: Path, results: Path) -> tuple[subprocess.Popen[str], list[int]]:
-    """Starts an experiment, and waits until both workers are busy and some of their runs are stored."""
+def start(experiment: Path, results: Path) -> subprocess.Popen[str]:
+    """Starts an experiment, and waits until some of its runs are stored."""
+    arguments = ["run", str(experiment), "--results", str(results), "--jobs", "2", "--executor", "process"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "benchmark", "run", str(experiment), "--results", str(results), "--jobs", "2"],
+        [sys.executable, "-m", "benchmark", *arguments],
         cwd=ROOT,
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -180,14 +136,12 @@ def start(experiment: Path, results: Path) -> tuple[subprocess.Popen[str], list[
     deadline = time.monotonic() + 240
     while time.monotonic() < deadline:
         time.sleep(0.02)
-        if (results / "runs.db").exists():
-            try:
-                with Store(results / "runs.db", read_only=True) as store:
-                    stored = len(store.statuses())
-            except InputError:
-                continue  # not created yet
-            if stored > 9:  # eight tables, and then nets
-                return process, children(process.pid)
+        try:
+            with Store(results / "runs.db", read_only=True) as store:
+                if store.statuses():
+                    return process
+        except InputError:
+            continue  # not created yet
     process.kill()
     raise AssertionError("too slow")
 
@@ -204,29 +158,28 @@ def are_gone(pids: list[int], within_s: float = 20) -> bool:
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_stopped_driver_loses_only_the_runs_in_flight(
-    experiment: Path, expected: dict[str, dict[str, bytes]], tmp_path: Path, number: signal.Signals
+    experiment: Path,
+    expected: dict[str, dict[str, bytes]],
+    tmp_path: Path,
+    number: signal.Signals,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    process, workers = start(experiment, tmp_path)
+    process = start(experiment, tmp_path)
+    workers = children(process.pid)
     python = [pid for pid in workers if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()]
     assert len(python) == 2
     for pid in python:  # none of them hears the terminal's interrupt
         blocked = int(Path(f"/proc/{pid}/status").read_text().split("SigBlk:")[1].split()[0], 16)
         assert blocked >> (signal.SIGINT - 1) & 1
-    if number == signal.SIGINT:
-        os.killpg(process.pid, number)
-    else:
-        process.kill()
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.kill()
     _, stderr = process.communicate(timeout=60)
     assert are_gone(workers)
     assert process.returncode == (130 if number == signal.SIGINT else -number)
-    if number == signal.SIGINT:
-        assert "interrupted: finished runs are kept" in stderr
-        assert "Traceback" not in stderr
+    assert "Traceback" not in stderr
     with Store(tmp_path / "runs.db", read_only=True) as store:
         stored = len(store.ended())
-    assert 9 < stored < len(expected)
-    again = command("run", experiment, "--results", tmp_path, "--jobs", "1")
-    assert again.returncode == 0, again.stderr
-    assert f"{len(expected) - stored} runs done, {stored} were done already" in again.stdout
+    assert 1 <= stored < len(expected)
+    assert main(["run", str(experiment), "--results", str(tmp_path), "--jobs", "1"]) == 0
+    assert f"{len(expected) - stored} runs done, {stored} were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert arrays_of(store.get(sorted(store.statuses()))) == expected

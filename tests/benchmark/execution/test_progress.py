@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmark.execution.plan import Job, plan
+from benchmark.execution.plan import plan
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Record
 from benchmark.experiments import (
@@ -26,9 +26,9 @@ def ended(run: RunSpecification, status: str = "done") -> Record:
     return Record(run.digest, "{}", status, {}, arrays)
 
 
-def shown(display: Display, width: int = 110) -> list[str]:
+def shown(display: Display) -> list[str]:
     """The lines of the display."""
-    console = Console(width=width, color_system=None, file=io.StringIO())
+    console = Console(width=110, color_system=None, file=io.StringIO())
     with console.capture() as capture:
         console.print(display)
     return capture.get().splitlines()
@@ -36,26 +36,18 @@ def shown(display: Display, width: int = 110) -> list[str]:
 
 def table(experiment: Experiment) -> dict[str, list[str]]:
     """The rows of the display before the start."""
-    runs = all_specifications(experiment)
-    lines = shown(Display(experiment, None, set(), plan(runs)))[2:-2]
+    lines = shown(Display(experiment, None, set(), plan(all_specifications(experiment))))[2:-2]
     split = [line.rsplit(maxsplit=len(experiment.scenarios)) for line in lines]
     return {row: entries for row, *entries in split}
 
 
-def jobs_of(arm: str, observation: str, scenario: str) -> list[Job]:
-    return [
-        job
-        for job in plan(all_specifications(COMPARED))
-        if (job[0].arm, job[0].observation, job[0].scenario.name) == (arm, observation, scenario)
-    ]
-
-
-def test_table_shows_what_is_done_running_and_failed() -> None:
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_progress_is_shown_as_a_table_or_as_a_line(is_terminal: bool) -> None:
     runs = all_specifications(COMPARED)
-    screen = io.StringIO()
-    console = Console(file=screen, force_terminal=True, width=110)
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=is_terminal, width=110)
     display = Display(COMPARED, None, {runs[0].digest}, plan(runs[1:]), console)
-    (first,), (second,) = jobs_of("dqn_sb3", "one_hot", "S2")
+    first, second = (run for run in runs if (run.arm, run.scenario.name) == ("dqn_sb3", "S2"))
     with display:
         display.start([first])
         display.start([second])
@@ -68,20 +60,11 @@ def test_table_shows_what_is_done_running_and_failed() -> None:
     assert rows["q_learning, index"] == ["1/4", "0/4"]
     assert rows["dqn_sb3, one_hot"] == ["0/2", "1/2", "!1"]
     assert "2 of 76 runs" in lines[-1]
-    assert "dqn_sb3, one_hot" in screen.getvalue()
-
-
-def test_output_that_is_no_terminal_gets_a_line() -> None:
-    runs = all_specifications(COMPARED)
-    file = io.StringIO()
-    display = Display(COMPARED, None, {runs[0].digest}, plan(runs[1:]), Console(file=file, width=200))
-    job = plan(runs[1:])[0]
-    with display:
-        display.start(job)
-        display.advance([ended(run) for run in job])
-    assert file.getvalue().startswith(f"compare_deep_smoke: {1 + len(job)} of 76 runs, ")
-    assert "updates/s" in file.getvalue()
-    assert file.getvalue().count("\n") == 1
+    if is_terminal:
+        assert "dqn_sb3, one_hot" in file.getvalue()
+    else:
+        assert file.getvalue().startswith("compare_deep_smoke: 2 of 76 runs, 1 failed, ")
+        assert file.getvalue().count("\n") == 1
 
 
 def test_readings_are_the_rows_of_a_replication() -> None:
@@ -96,15 +79,10 @@ def test_readings_are_the_rows_of_a_replication() -> None:
 
 @pytest.mark.parametrize("arms", [1, 2])
 def test_rows_name_condition_and_learner_where_there_are_several(arms: int) -> None:
-    conditions = {"paper": Condition(), "low": Condition(settings={"budget": 200})}
     algorithms = dict(list(COMPARED.algorithms.items())[:arms])
-    changes = {"algorithms": algorithms, "sweep": {"budget": conditions}}
-    swept = COMPARED.model_copy(update=changes)
+    one = COMPARED.model_copy(update={"algorithms": algorithms})
+    assert list(table(one)) == [f"{name}, index" for name in algorithms]
+    conditions = {"paper": Condition(), "low": Condition(settings={"budget": 200})}
     learners = [f", {name}, index" for name in algorithms] if arms > 1 else [""]
     expected = [f"default/budget={name}{learner}" for name in conditions for learner in learners]
-    assert list(table(swept)) == expected
-
-
-def test_one_population_is_named_after_its_learner() -> None:
-    algorithms = {"q_learning": COMPARED.algorithms["q_learning"]}
-    assert list(table(COMPARED.model_copy(update={"algorithms": algorithms}))) == ["q_learning, index"]
+    assert list(table(one.model_copy(update={"sweep": {"budget": conditions}}))) == expected

@@ -17,11 +17,11 @@ from benchmark.experiments import (
     load_experiment,
     specifications,
 )
-from benchmark.page.build import PUBLISHED
 from benchmark.reports import load_report
 from envs import InputError
-from envs.inputs import override, parse, read_toml
+from envs.inputs import parse, read_toml
 from envs.scenario import SCENARIO_DIRECTORY
+from tests.support import ROOT
 
 SMALL = load_experiment("reproduce_smoke")
 COMPARED = load_experiment("compare_deep_smoke")
@@ -41,7 +41,8 @@ def extended(tmp_path: Path, name: str, **changes: Any) -> Experiment:
 @pytest.mark.parametrize("name", experiment_names())
 def test_shipped_experiments_are_sound(name: str) -> None:
     experiment = load_experiment(name)
-    load_report(experiment.report).check(experiment)
+    assert experiment.report is not None
+    load_report(experiment.report.kind).check(experiment)
     runs = all_specifications(experiment)
     assert len({run.digest for run in runs}) == len(runs)
 
@@ -76,13 +77,11 @@ def test_reproduce_declares_what_the_paper_says() -> None:
 
 
 def test_reading_may_have_seeds_of_its_own() -> None:
-    assert SMALL.declared_seeds("q_learning", "default") == range(12)
     assert SMALL.declared_seeds("q_learning", "ties") == range(6)
     runs = specifications(SMALL, "default", "S1", "q_learning", "index")
     assert [run.seed for run in runs] == list(range(12))
-    assert runs[:6] != specifications(SMALL, "ties", "S1", "q_learning", "index")
-    few = specifications(SMALL, "default", "S1", "q_learning", "index", [3])
-    assert few[0].digest == runs[3].digest  # the seeds asked for go before the declared ones
+    (one,) = specifications(SMALL, "default", "S1", "q_learning", "index", [3])
+    assert one.digest == runs[3].digest  # the seeds asked for go before the declared ones
 
 
 def test_runs_of_a_population_share_its_identity() -> None:
@@ -101,22 +100,17 @@ def test_comparison_declares_what_it_should() -> None:
     assert {name for name, arm in full.algorithms.items() if arm.policy == "stochastic"} == {
         "ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3",
     }  # fmt: skip
-    assert full.protocol is not None
-    assert len(full.protocol.contrasts) == 8
+    assert full.report is not None
+    assert len(full.report.contrasts) == 8
     runs = all_specifications(full)
     settings = [run.settings.model_dump() for run in runs]
     assert {values["budget"] for values in settings} == {10_000}
     assert {values["time_limit"] for values in settings} == {200}  # the same for every algorithm
-    assert {run.horizon for run in runs} == {200}
-    assert len(runs[0].evaluation_steps) == 51
     reproduce = load_experiment("reproduce").algorithms["q_learning"].settings
     paper = full.algorithms["q_learning"].settings
     for key in ("learning_rate", "discount", "epsilon"):  # the paper's constants
         assert paper[key] == reproduce[key]
-
-
-def test_defaults_are_those_of_sb3_except_where_the_budget_forces_another_value() -> None:
-    full = load_experiment("compare_deep")
+    # Defaults are those of SB3, except where the budget forces another value.
     assert full.algorithms["dqn_default"].settings == {}
     assert full.algorithms["ppo_default"].settings == {"n_steps": 2000}
 
@@ -130,30 +124,17 @@ def test_comparisons_have_miniatures_with_the_same_learners() -> None:
             # Of a check, the first observation does.
             assert arm.observations == (other.observations[:1] if arm.check_of else other.observations)
         assert len(all_specifications(small)) < 80
-    long = load_experiment("compare_deep_long")
-    assert long.settings["budget"] == 100_000
-    seeds = {name: arm.seeds for name, arm in long.algorithms.items() if not name.startswith("q_learning")}
-    assert {name: n for name, n in seeds.items() if n != 10} == {name: 3 for name in seeds if "_sb3" in name}
-
-
-def test_ablation_changes_two_settings_alone_and_together() -> None:
-    arms = load_experiment("ablation").algorithms
-    target, rate = arms["target"].settings, arms["rate"].settings
-    assert arms["default"].settings == {}
-    assert arms["target_and_rate"].settings == target | rate
-    assert (list(target), list(rate)) == (["target_update_interval"], ["learning_rate"])
-    dqn = load_experiment("compare_deep").algorithms["dqn"].settings  # where both values come from
-    assert {key: dqn[key] for key in (*target, *rate)} == target | rate
-    assert {arm.algorithm for arm in arms.values()} == {"compiled_dqn"}
 
 
 # Identity and random streams
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
+MANIFESTS = {name: ROOT / "results" / name / "manifest.json" for name in experiment_names()}
+
+
+@pytest.mark.parametrize("name", [name for name, path in MANIFESTS.items() if path.exists()])
 def test_published_runs_are_the_declared_ones(name: str) -> None:
-    manifest = EXPERIMENT_DIRECTORY.parents[1] / "results" / name / "manifest.json"
-    published = json.loads(manifest.read_text(encoding="utf-8"))
+    published = json.loads(MANIFESTS[name].read_text(encoding="utf-8"))
     runs = all_specifications(load_experiment(name))
     digest = hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
     assert (published["runs"], published["digest"]) == (len(runs), digest)
@@ -166,16 +147,12 @@ def test_identity_is_content_and_streams_have_names() -> None:
     assert set(again) < set(by_digest)  # fewer seeds are the same runs, and none is a position in a list
     states: dict[tuple[str, int], set[bytes]] = {}
     for run in runs:
-        words = run.seed_sequence.generate_state(4, np.uint64).tobytes()
-        states.setdefault((run.scenario.name, run.seed), set()).add(words)
+        state = run.seed_sequence.generate_state(4, np.uint64).tobytes()
+        states.setdefault((run.scenario.name, run.seed), set()).add(state)
     assert all(len(words) == 1 for words in states.values())  # readings share streams ...
     assert len(set.union(*states.values())) == len(states) == 36  # ... scenarios and seeds do not
-
-
-def test_learners_do_not_share_streams() -> None:
-    runs = all_specifications(COMPARED)
-    words = {run.seed_sequence.generate_state(4, np.uint64).tobytes() for run in runs}
-    assert len(words) == len(runs)
+    learners = all_specifications(COMPARED)
+    assert len({str(run.seed_sequence.entropy) for run in learners}) == len(learners)  # nor do learners
 
 
 def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
@@ -209,24 +186,67 @@ def test_equivalence_shares_its_runs_with_the_comparison() -> None:
     assert len(shared) == 2 * 2 * 2 * (100 + 10)
 
 
-def test_first_runs_are_of_all_populations() -> None:
+def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
     runs = all_specifications(COMPARED)
     first = runs[: len(COMPARED.populations)]
     assert {(run.scenario.name, run.arm, run.observation) for run in first} == set(COMPARED.populations)
     assert {run.seed for run in first} == {0}
-
-
-def test_every_run_has_a_folder_of_its_own() -> None:
-    runs = all_specifications(SMALL)
     assert len({run.folder for run in runs}) == len(runs)
-    assert runs[0].folder == "reproduce_smoke/S1/q_learning_index/seed_0"
+    assert first[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_0"
 
 
 # Mistakes
 
 
-def check_refused(experiment: str, tmp_path: Path, old: str, new: str, expected: str) -> None:
-    """Checks what is said of a shipped experiment with a mistake put into a copy of it."""
+SWEEP = "[readings.default]"  # where a sweep is put before
+OF_A_REPLICATION = [
+    ("seeds = 100 ", "seeds = 0 ", "algorithms.q_learning.seeds = 0: input should be greater than"),
+    ("seeds = 1000", "seeds = 1", "readings.default.seeds = 1: input should be greater than"),
+    ("seeds = 100 ", "sedes = 6 ", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
+    ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
+    ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
+    ('"S1", "S2"', '"S1", "S7"', "mine.toml: scenarios: unknown scenario S7"),
+    ('["index"]', '["indx"]', "unknown observation for q_learning indx (did you mean index?)"),
+    ('"q_learning"\nobs', '"q_lerning"\nobs', "unknown algorithm q_lerning (did you mean q_learning?)"),
+    ("[8, 6]", "[8, 60]", "mine.toml: readings.origin.scenario: "),
+    ('answer = "by the lowest index"', 'answer = ""', "readings.ties.answer"),
+    ("[readings.default]", "[readings.plain]", "the table readings.default is missing"),
+    ('scenarios = ["S1", "S2", "S3"]', "scenarios = []", "scenarios = []"),
+    ('["S1", "S2"]', '["S1", "S4"]', "readings.equal_pay.scenarios: unknown scenario S4"),
+    ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
+    ("evaluation_every = 250", "evaluation_every = 1e3", "evaluation_every = 1000.0"),
+    ("map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple of evaluation_every"),
+    ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
+    (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one condition"),
+    (SWEEP, f"[sweep.rate.low]\nsetting = {{}}\n{SWEEP}", "[sweep.rate.low]: unknown key setting"),
+    (SWEEP, f"[sweep]\nrate.low.settings.epsilon = 2.0\n{SWEEP}", "rate.low.settings: epsilon = 2.0"),
+    (SWEEP, f"[sweep]\npay.low.scenario.ping_limit = 0\n{SWEEP}", "mine.toml: sweep.pay.low.scenario: "),
+    (SWEEP, f"[sweep]\na.x.settings.epsilon = 0.1\nb.y.settings.epsilon = 0.2\n{SWEEP}", "settings.epsilon"),
+]
+LINEAR = 'check_of = "dqn_linear"'
+OF_A_COMPARISON = [
+    ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
+    ("[algorithms.ppo_sb3]", "[algorithms.PPO]", "algorithms: ppo and PPO: accepted: names that differ in"),
+    ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
+    ('check_of = "ppo"', 'check_of = "pqo"', "ppo_sb3: check_of: unknown arm pqo (did you mean ppo?)"),
+    ('check_of = "ppo"', 'check_of = "dqn_sb3"', "ppo_sb3: check_of: unknown arm dqn_sb3"),
+    ('check_of = "ppo"', 'check_of = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: a check takes it"),
+    ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
+    ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
+    (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
+    (f'{LINEAR}\nalgorithm = "dqn"', f'{LINEAR}\nalgorithm = "ppo"', "algorithms.dqn_linear_sb3.settings"),
+    ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
+    ('"every_cell"]', '"anywhere"]', "evaluated_from"),
+    ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limits"),
+]
+
+
+@pytest.mark.parametrize(
+    ("experiment", "old", "new", "expected"),
+    [("reproduce", *mistake) for mistake in OF_A_REPLICATION]
+    + [("compare_deep", *mistake) for mistake in OF_A_COMPARISON],
+)
+def test_mistakes_get_one_line(tmp_path: Path, experiment: str, old: str, new: str, expected: str) -> None:
     text = (EXPERIMENT_DIRECTORY / f"{experiment}.toml").read_text(encoding="utf-8")
     assert old in text
     path = tmp_path / "mine.toml"
@@ -237,107 +257,6 @@ def check_refused(experiment: str, tmp_path: Path, old: str, new: str, expected:
     assert "\n" not in str(caught.value)
 
 
-SWEEP = "[readings.default]"  # where a sweep is put before
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ("seeds = 100 ", "seeds = 0 ", "algorithms.q_learning.seeds = 0: input should be greater than"),
-        ("seeds = 1000", "seeds = 1", "readings.default.seeds = 1: input should be greater than"),
-        ("seeds = 100 ", "sedes = 6 ", "[algorithms.q_learning]: unknown key sedes (did you mean seeds?)"),
-        ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
-        ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
-        ('"S1", "S2"', '"S1", "S7"', "unknown scenario S7"),
-        ('["index"]', '["indx"]', "unknown observation for q_learning indx (did you mean index?)"),
-        ('"q_learning"\nobs', '"q_lerning"\nobs', "unknown algorithm q_lerning (did you mean q_learning?)"),
-        ("[8, 6]", "[8, 60]", "mine.toml: readings.origin.scenario: "),
-        ("[8, 6]", "[8, 60]", "issuer.position = [8, 60] is off the grid"),
-        ('"S1", "S2"', '"S1", "S7"', "mine.toml: scenarios: "),
-        ('answer = "by the lowest index"', 'answer = ""', "readings.ties.answer"),
-        ("[readings.default]", "[readings.plain]", "the table readings.default is missing"),
-        ("[readings.ties]", '[readings."a/b"]', "readings.a/b.[key]"),
-        ('scenarios = ["S1", "S2", "S3"]', "scenarios = []", "scenarios = []"),
-        ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
-        ('["S1", "S2"]', '["S1", "S4"]', "readings.equal_pay.scenarios: unknown scenario S4"),
-        ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
-        ("evaluation_every = 250", "evaluation_every = 1e3", "evaluation_every = 1000.0"),
-        (
-            "map_every = 1000",
-            "map_every = 600",
-            "map_every = 600: accepted: a multiple of evaluation_every = 250",
-        ),
-        ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
-        (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one condition"),
-        (
-            SWEEP,
-            f"[sweep.rate.low]\nsetting = {{}}\n{SWEEP}",
-            "[sweep.rate.low]: unknown key setting (did you mean settings?)",
-        ),
-        (
-            SWEEP,
-            f"[sweep.rate.low]\nsettings = {{ learning_rate = 0.0 }}\n{SWEEP}",
-            "algorithms.q_learning.settings with sweep.rate.low.settings: learning_rate = 0.0",
-        ),
-        (
-            SWEEP,
-            f'[sweep.pay.low]\nscenario = {{ "rewards.target_ping" = "x" }}\n{SWEEP}',
-            "mine.toml: sweep.pay.low.scenario: ",
-        ),
-        (
-            SWEEP,
-            f"[sweep.a.x]\nsettings.epsilon = 0.1\n[sweep.b.y]\nsettings.epsilon = 0.2\n{SWEEP}",
-            "sweep.b and sweep.a both change settings.epsilon",
-        ),
-    ],
-)
-def test_mistakes_in_a_replication_get_one_sentence(
-    tmp_path: Path, old: str, new: str, expected: str
-) -> None:
-    check_refused("reproduce", tmp_path, old, new, expected)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
-        ('algorithm = "ppo"', 'algorithm = "pqo"', "unknown algorithm pqo (did you mean ppo?); accepted"),
-        ('"coordinates"]', '"one_hat"]', "observation for compiled_dqn one_hat (did you mean one_hot?)"),
-        (
-            "[algorithms.ppo_sb3]",
-            "[algorithms.PPO]",
-            "algorithms: ppo and PPO: accepted: names that differ in",
-        ),
-        ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
-        ('check_of = "ppo"', 'check_of = "pqo"', "ppo_sb3: check_of: unknown arm pqo (did you mean ppo?)"),
-        ('check_of = "ppo"', 'check_of = "dqn_sb3"', "ppo_sb3: check_of: unknown arm dqn_sb3"),
-        ('check_of = "ppo"', 'check_of = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: a check takes it"),
-        ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
-        ("n_steps = 2000", "n_steps = 2048", "budget = 10000 is not a whole number of rollouts of 2048"),
-        ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
-        (
-            'check_of = "dqn_linear"',
-            'check_of = "dqn_linear"\nobservations = ["one_hot", "coordinates"]',
-            "dqn_linear_sb3.observations: dqn_linear does not learn from coordinates; accepted: one_hot.",
-        ),
-        (
-            'check_of = "dqn_linear"\nalgorithm = "dqn"',
-            'check_of = "dqn_linear"\nalgorithm = "ppo"',
-            "algorithms.dqn_linear_sb3.settings with [settings]: unknown key target_update_interval",
-        ),
-        ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
-        ('"every_cell"]', '"anywhere"]', "evaluated_from"),
-        (
-            "time_limit = 200",
-            "time_limits = 200",
-            "[settings], which q_learning shares: unknown key time_limits",
-        ),
-    ],
-)
-def test_mistakes_in_a_comparison_get_one_sentence(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    check_refused("compare_deep", tmp_path, old, new, expected)
-
-
 NOT_NAMES = [
     "", "_x", "-x", ".", "..", "a.b", "a b", "a/b", "../../x", "a=b", "=1+1", "a|b", "a&b", "$x$", "<b>",
     "a,b", "é", "x\n", "1", "007", "1e5", "nan", "NA", "Null", "inf", "true", "x" * 61,
@@ -345,23 +264,23 @@ NOT_NAMES = [
 
 
 @pytest.mark.parametrize("name", NOT_NAMES)
-@pytest.mark.parametrize("table", ["algorithms", "readings", "sweep", "sweep.axis"])
-def test_what_is_no_name_is_refused_in_a_sentence(name: str, table: str) -> None:
-    values: dict[str, Any] = {"algorithms": "q_learning", "readings": "default"}
-    tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
-    tables["sweep"] = {"axis": {"low": {}}}
-    named: dict[str, Any] = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
-    named[name] = named[values[table]] if table in values else {"low": {}} if table == "sweep" else {}
-    with pytest.raises(InputError) as caught:
-        parse(Experiment, tables, "mine.toml", name="mine")
-    message = str(caught.value)
-    assert message.startswith(f"mine.toml: {'the key ' if name.endswith(chr(10)) else ''}{table}.")
-    assert "accepted: " in message
-    assert "\n" not in message
-    assert len(message) <= 300
+def test_what_is_no_name_is_refused_in_a_sentence(name: str) -> None:
+    for table in ("algorithms", "readings", "sweep", "sweep.axis"):
+        tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
+        del tables["report"]
+        tables["sweep"] = {"axis": {"low": {}}}
+        named: dict[str, Any] = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
+        named[name] = next(iter(named.values()))
+        with pytest.raises(InputError) as caught:
+            parse(Experiment, tables, "mine.toml", name="mine")
+        message = str(caught.value)
+        assert message.startswith(f"mine.toml: {'the key ' if name.endswith(chr(10)) else ''}{table}.")
+        assert "accepted: " in message
+        assert "\n" not in message
+        assert len(message) <= 300
 
 
-@pytest.mark.parametrize("name", ["S1", "x" * 60, "9-x", "a-b_c", "v0", "a-v0", "NAN0", "1-2", "e5"])
+@pytest.mark.parametrize("name", ["x" * 60, "9-x", "a-b_c", "NAN0", "1-2", "e5"])
 def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: str) -> None:
     (tmp_path / f"{name}.toml").write_text(
         f"""
@@ -385,29 +304,14 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize(
-    ("stem", "expected"),
-    [
-        (".", "named after the file; accepted: a name of"),
-        ("..", "named after the file; accepted: a name of"),
-        ("a.b", "named after the file; accepted: a name of"),
-        ("a\nb", "named after the file; accepted: a name of"),
-        ("2024", "named after the file; accepted: a name of"),
-        ("speed", "accepted: any name but speed, speed_smoke, growth, growth_smoke, *_partial, *_seeds_*"),
-        ("SPEED", "accepted: any name but speed"),
-        ("Speed_smoke", "accepted: any name but speed"),
-        ("growth", "accepted: any name but speed"),
-        ("reproduce_Partial", "accepted: any name but speed"),
-        ("reproduce_seeds_0-9", "accepted: any name but speed"),
-        ("reproduce", "reproduce is a shipped one; rename it"),
-        ("Reproduce", "Reproduce is a shipped one; rename it"),
-    ],
+    "stem",
+    ["..", "a.b", "a\nb", "2024", "SPEED", "growth_smoke", "mine_Partial", "mine_seeds_0-9", "Reproduce"],
 )
-def test_results_have_no_folder_of_others(tmp_path: Path, stem: str, expected: str) -> None:
+def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     path = tmp_path / f"{stem}.toml"
     path.write_text('extends = "reproduce_smoke"\ndescription = ""\nchanges = {}\n', encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match="results are named after the") as caught:
         load_experiment(path)
-    assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -417,32 +321,19 @@ def test_files_of_two_scenarios_do_not_meet(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         (tmp_path / name / f"{name}.toml").write_text(text, encoding="utf-8")
     scenarios = [f"{tmp_path}/{name}/{name}.toml" for name in ("room", "Room")]
-    with pytest.raises(
-        InputError, match="scenarios: room and Room: accepted: names that differ in more than"
-    ):
+    with pytest.raises(InputError, match="scenarios: room and Room"):
         extended(tmp_path, "mine", scenarios=scenarios)
     with pytest.raises(InputError, match=r'stream = "\.\./x": accepted: a name of'):
         extended(tmp_path, "mine", stream="../x")
 
 
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("\x1b[31mred", '"\\u001b[31mred"'),
-        ("a\rb", '"a\\rb"'),
-        ("\x00", '"\\u0000"'),
-        ("\x9b1m", '"\\u009b1m"'),
-        ("a\u202eb", '"a\\u202eb"'),
-    ],
-)
 @pytest.mark.parametrize("key", ["note", "algorithms__q_learning__group", "readings__ties__answer"])
-def test_control_characters_are_refused_in_every_text(
-    tmp_path: Path, key: str, text: str, shown: str
-) -> None:
-    where = key.replace("__", ".")
-    with pytest.raises(InputError) as caught:
-        extended(tmp_path, "mine", **{key: text})
-    assert f"{where} = {shown}: accepted: text without control characters" in str(caught.value)
+def test_control_characters_are_refused_in_every_text(tmp_path: Path, key: str) -> None:
+    for text in ("\x1b[31mred", "a\rb", "\x00", "\x9b1m", "a\u202eb"):
+        with pytest.raises(InputError) as caught:
+            extended(tmp_path, "mine", **{key: text})
+        expected = f"{key.replace('__', '.')} = {json.dumps(text)}: accepted: text without control characters"
+        assert expected in str(caught.value)
     extended(tmp_path, "mine", note="two lines,\n\tthe second indented; and 日本 é ∆")
 
 
@@ -454,13 +345,9 @@ def test_experiments_that_extend_themselves_are_refused(tmp_path: Path) -> None:
         load_experiment(tmp_path / "first.toml")
 
 
-def test_reports_refuse_experiments_that_they_cannot_report_on() -> None:
-    tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
-    replication = parse(Experiment, tables, "test", name="test")
-    with pytest.raises(InputError, match="a comparison takes the default"):
-        load_report("comparison").check(replication)
-    swept = override(tables, {"sweep.rate.low.settings": {"learning_rate": 0.1}}, "test")
-    with pytest.raises(InputError, match="sweep"):
-        load_report("replication").check(parse(Experiment, swept, "test", name="test"))
+def test_reports_refuse_experiments_that_they_cannot_report_on(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="algorithms: a replication takes"):
         load_report("replication").check(COMPARED)
+    swept = extended(tmp_path, "mine", sweep__rate__low__settings__learning_rate=0.1)
+    with pytest.raises(InputError, match="sweep"):
+        load_report("replication").check(swept)
