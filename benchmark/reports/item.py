@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import pandas as pd
 
-from benchmark.drawing.tables import inert, link, show
+from benchmark.drawing.tables import link, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -199,7 +199,7 @@ def entry(row: pd.Series, key: str, table: str) -> str:
     """Returns an entry of a table as Markdown: a text, or a number with its interval and a link."""
     value = row[key]
     if isinstance(value, str):
-        return inert(value)
+        return " ".join(value.split())
     text = number(value)
     if text == _NO_NUMBER:
         return text

@@ -171,6 +171,11 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     }
 
 
+def _with_a_ratio(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the rows in which x or y learns; a column without any value is not in a file."""
+    return table[table["ratio"].notna()] if "ratio" in table else table.iloc[:0]
+
+
 @item(
     "speedups",
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
