@@ -151,16 +151,17 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
 
     Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
-    It is empty if neither learns.
+    It is empty if neither learns, or if one of them succeeds before the first step.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *x.scenario.encode()])
     (x_low, x_high), (y_low, y_high) = _medians(x, rng), _medians(y, rng)
     steps = float(x_high[0]), float(y_high[0])
-    if math.isinf(steps[0]) and math.isinf(steps[1]):
+    if min(steps) in (0, math.inf):
         return {}
     with np.errstate(divide="ignore", invalid="ignore"):
-        low = np.percentile((y_low / x_high)[1:], 2.5, method="lower")
-        high = np.percentile((y_high / x_low)[1:], 97.5, method="higher")
+        lows, highs = y_low / x_high, y_high / x_low
+    low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
+    high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
     ratio = min(steps[1], y.steps[-1]) / min(steps[0], x.steps[-1])
     return {
         "x_step": steps[0],
