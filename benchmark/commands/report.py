@@ -6,7 +6,7 @@ from benchmark.commands import parse_jobs, parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, load_items, load_report
+from benchmark.reports import document, draw, files, load_items, load_report, sameness
 from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
@@ -22,6 +22,9 @@ def main(options: argparse.Namespace) -> int:
             with files.alone(options.results):
                 for folder in folders:
                     document.write(folder)
+                if options.results.resolve() == sameness.REPOSITORY / "results":
+                    text = document.front(options.results)
+                    files.write_text(sameness.REPOSITORY / "README.md", text)
         print(f"the page is {page.write(options.results)}.")
         return 0
     if form and options.partial:
