@@ -136,7 +136,7 @@ def headline(folder: Folder) -> Finding | None:
         f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
         "is not worse. The familywise error rate over all scenarios is at most about 5 %."
     )
-    return Finding(f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
+    return Finding(f"{start} and {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
 
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
