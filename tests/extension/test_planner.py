@@ -79,7 +79,7 @@ def test_it_is_compared_like_any_other(tmp_path: Path) -> None:
     assert main(["run", str(file), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
     scores = pd.read_csv(tmp_path / "mine" / "scores.csv").query("algorithm == 'planner'")
     assert scores["score"].to_numpy() == pytest.approx(1)
-    (headline, *_) = pd.read_csv(tmp_path / "mine" / "findings.csv")["text"]
-    assert "deep RL earns its keep" in headline
-    assert "plain Python" not in headline  # nobody knows what a planner is written in
+    readme = (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
+    assert "deep RL earns its keep" in readme
+    assert "plain Python" not in readme  # nobody knows what a planner is written in
     assert (tmp_path / "mine" / "index.html").exists()
