@@ -2,7 +2,7 @@
 
 import argparse
 
-from benchmark.commands import parse_jobs, parse_seeds, seeds_text
+from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
@@ -33,22 +33,13 @@ def main(options: argparse.Namespace) -> int:
     draw.report_of(experiment)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
-    # With --cluster, --jobs says nothing about this machine.
-    jobs = None if getattr(options, "cluster", None) else getattr(options, "jobs", None)
     with Store(options.results / "runs.db", read_only=True) as store:
         if form:
             directory = directory.with_name(f"{directory.name}_{form}")
             draw.export(experiment, store, directory, seeds, form)
             print(f"{experiment.name}: written to {directory}.")
             return 0
-        made = draw.draw(
-            experiment,
-            store,
-            directory,
-            seeds,
-            partial=options.partial,
-            jobs=parse_jobs(jobs),
-        )
+        made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     is_published = made.certificate is not None and made.certificate.is_identical
     updated = page.update(options.results, directory.name, is_published=is_published)

@@ -5,14 +5,9 @@ What is up to date is not made again.
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
-from importlib import import_module
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -21,7 +16,7 @@ import pandas as pd
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
 from benchmark.drawing import tables
-from benchmark.execution.executors.processes import interrupts_blocked
+from benchmark.drawing.style import write_figure
 from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import (
@@ -55,7 +50,6 @@ def draw(
     seeds: Sequence[int] | None = None,
     *,
     partial: bool = False,
-    jobs: int = 1,
 ) -> Made:
     """Writes every table, figure and text of the experiment, unless they are up to date.
 
@@ -68,7 +62,6 @@ def draw(
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
       partial: Whether to report on the runs that are there if some are missing.
-      jobs: How many processes draw; no result depends on it.
 
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
@@ -85,12 +78,11 @@ def draw(
         compared = sameness.compare(directory, experiment.name, measured) if is_as_declared else None
         return Made(is_new=False, certificate=compared)
     with files.alone(directory.parent), files.replaced(directory, was_made(directory, items)) as aside:
-        with _workers(jobs) as pool:
-            check_scores(every)
-            data = report.load(experiment, store, seeds, partial)
-            manifest = _manifest(experiment, runs, provenance, seeds, data)
-            manifest["looks"] = _looks(directory / MANIFEST, manifest)
-            publish(items, data, aside, manifest, pool, jobs)
+        check_scores(every)
+        data = report.load(experiment, store, seeds, partial)
+        manifest = _manifest(experiment, runs, provenance, seeds, data)
+        manifest["looks"] = _looks(directory / MANIFEST, manifest)
+        publish(items, data, aside, manifest)
         compared = sameness.compare(aside, experiment.name, measured) if is_as_declared else None
         if compared is not None and compared.is_identical and not compared.measured:
             published = sameness.published_file(experiment.name, MANIFEST)
@@ -99,14 +91,7 @@ def draw(
     return Made(is_new=True, certificate=compared)
 
 
-def publish(
-    items: Sequence[Item],
-    data: Data,
-    directory: Path,
-    manifest: Mapping[str, Any],
-    pool: ProcessPoolExecutor | None = None,
-    jobs: int = 1,
-) -> None:
+def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, Any]) -> None:
     """Writes a folder's manifest, tables, figures and other files, and README, which is made of these.
 
     Args:
@@ -114,15 +99,13 @@ def publish(
       data: What they are computed from.
       directory: Exists, and is empty.
       manifest: What made the data.
-      pool: Processes that draw together with this one.
-      jobs: How many draw in all.
     """
     frames = tables_of(items, data)
     (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
     for name, frame in frames.items():
         tables.write_csv(frame, directory / f"{name}.csv")
-    _draw_figures(pool, jobs, manifest["report"], frames, data, directory)
     for item in items:
+        draw_figure(item, frames, data, directory / f"{item.name}.png")
         if item.write is not None:
             item.write(data, directory)
     document.write(directory)
@@ -147,7 +130,7 @@ def export(
         for item in items:
             path = aside / f"{item.name}.{form}"
             if form != "tex":
-                draw_figure(item, frames, data.context, path, is_partial=False)
+                draw_figure(item, frames, data, path)
             elif item.name in frames:
                 frame = item.display(frames[item.name]).map(tables.plain)
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
@@ -193,15 +176,11 @@ def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
     return {name: frame for name, frame in found.items() if frame is not None}
 
 
-def draw_figure(item: Item, frames: Frames, context: Any, path: Path, *, is_partial: bool) -> None:
+def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:
     """Draws an item's figure, if there is one; of a partial report it is marked."""
-    if item.draw is None:
-        return
-    from benchmark.drawing.style import write_figure
-
-    figure = item.draw(frames, context)
+    figure = None if item.draw is None else item.draw(frames, data.context)
     if figure is not None:
-        if is_partial:
+        if data.is_incomplete:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
         write_figure(figure, path)
 
@@ -209,62 +188,6 @@ def draw_figure(item: Item, frames: Frames, context: Any, path: Path, *, is_part
 def digest_of(digests: Sequence[str]) -> str:
     """Returns the identity of a set of runs."""
     return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()
-
-
-# Figures in several processes
-
-
-@contextmanager
-def _workers(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
-    """Starts worker processes, one fewer than there are jobs, which import while tables are computed."""
-    if jobs == 1:
-        yield None
-        return
-    with interrupts_blocked():
-        pool = ProcessPoolExecutor(jobs - 1, get_context("spawn"))
-        for _ in range(jobs - 1):
-            pool.submit(import_module, "benchmark.drawing.style")
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _draw_figures(
-    pool: ProcessPoolExecutor | None,
-    jobs: int,
-    declared: Mapping[str, Any],
-    frames: Frames,
-    data: Data,
-    directory: Path,
-) -> None:
-    """Draws all figures of a declared report, each worker its share."""
-    shared = declared, frames, data.context, directory, data.is_incomplete
-    drawn: list[Future[None]] = []
-    if pool is not None:
-        with interrupts_blocked(), suppress(BrokenProcessPool):
-            drawn += [pool.submit(_draw_share, share, jobs, *shared) for share in range(1, jobs)]
-    _draw_share(0, jobs, *shared)
-    for share in range(1, jobs):
-        try:
-            drawn[share - 1].result()
-        except (BrokenProcessPool, IndexError):  # a worker was killed, and with it the pool
-            _draw_share(share, jobs, *shared)
-
-
-def _draw_share(
-    share: int,
-    jobs: int,
-    declared: Mapping[str, Any],
-    frames: Frames,
-    context: Any,
-    directory: Path,
-    partial: bool,
-) -> None:
-    """Draws every so many-th figure of a report, which may be in another process."""
-    items = load_items(load_report(declared["kind"]), declared)
-    for item in [each for each in items if each.draw is not None][share::jobs]:
-        draw_figure(item, frames, context, directory / f"{item.name}.png", is_partial=partial)
 
 
 # What a folder is made of
