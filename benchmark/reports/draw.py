@@ -34,7 +34,7 @@ from benchmark.experiments import (
 )
 from benchmark.reports import document, files, load_items, load_report, sameness
 from benchmark.reports.folder import MANIFEST
-from benchmark.reports.item import Data, Frames, Item, Report
+from benchmark.reports.item import Data, Frames, Item, Report, as_written
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
@@ -129,7 +129,7 @@ def export(
             if form != "tex":
                 draw_figure(item, frames, data.context, path, is_partial=False)
             elif item.name in frames:
-                frame = item.display(frames[item.name]).map(tables.plain)
+                frame = item.display(frames[item.name]).map(as_written)
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 

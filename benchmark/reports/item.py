@@ -14,6 +14,7 @@
 The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 
+import html
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import pandas as pd
 
-from benchmark.drawing.tables import inert, link, show
+from benchmark.drawing.tables import inert, link, plain, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -201,6 +202,15 @@ def entry(row: pd.Series, key: str, table: str) -> str:
     low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
     ends = "" if low is None or high is None or math.isnan(low) else f" [{show(low)}, {show(high)}]"
     return link(text, table, row) + ends
+
+
+def as_written(entry: str) -> str:
+    """Returns an entry of a table, which is Markdown, without links and as its text was before it was escaped.
+
+    >>> as_written("a &#60;b>"), as_written("[0.63](summary.csv#row=13) [0.5, 0.7]")
+    ('a <b>', '0.63 [0.5, 0.7]')
+    """
+    return html.unescape(plain(entry))
 
 
 def number(value: Any) -> str:
