@@ -292,8 +292,10 @@ def _manifest(
       data: Of the report.
     """
     done = {run.digest for run in runs}
+    conditions = experiment.conditions
+    condition = DEFAULT_CONDITION if DEFAULT_CONDITION in conditions else next(iter(conditions))
     populations = (
-        specifications(experiment, DEFAULT_CONDITION, *population, seeds)
+        specifications(experiment, condition, *population, seeds)
         for population in experiment.populations
     )
     # One run of each population: the others differ by their seed alone.
