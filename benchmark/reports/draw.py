@@ -295,8 +295,7 @@ def _manifest(
     conditions = experiment.conditions
     condition = DEFAULT_CONDITION if DEFAULT_CONDITION in conditions else next(iter(conditions))
     populations = (
-        specifications(experiment, condition, *population, seeds)
-        for population in experiment.populations
+        specifications(experiment, condition, *population, seeds) for population in experiment.populations
     )
     # One run of each population: the others differ by their seed alone.
     first = (next((run for run in each if run.digest in done), None) for each in populations)

@@ -205,7 +205,7 @@ def entry(row: pd.Series, key: str, table: str) -> str:
 
 
 def as_written(entry: str) -> str:
-    """Returns an entry of a table, which is Markdown, without links and as its text was before it was escaped.
+    """Returns an entry of a table without links, and as its text was before it was escaped.
 
     >>> as_written("a &#60;b>"), as_written("[0.63](summary.csv#row=13) [0.5, 0.7]")
     ('a <b>', '0.63 [0.5, 0.7]')

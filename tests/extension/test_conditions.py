@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, specifications
-from tests.benchmark.reports.conftest import experiment_of, trained
+from tests.benchmark.reports.conftest import experiment_of
 
 UNSWEPT = """
 description = "A table in S1 and S3."
@@ -73,16 +72,3 @@ def test_sweep_keeps_the_runs_of_the_experiment_without_it(
     unchanged = [run for run in swept if run.condition == "default/learning_rate=paper/cost=paper"]
     assert [run.digest for run in unchanged] == [run.digest for run in plain]
     assert len({run.folder for run in swept}) == len(swept)
-
-
-def test_sweep_runs_to_records(experiments: tuple[Experiment, Experiment], tmp_path: Path) -> None:
-    plain, swept = (all_specifications(experiment) for experiment in experiments)
-    with Store(tmp_path / "runs.db") as store:
-        trained(experiments[0], store)
-        shared = {run.digest for run in plain}
-        assert len([run for run in swept if run.digest not in store.ended()]) == len(swept) - len(shared) == 30
-        trained(experiments[1], store)
-        records = store.get([run.digest for run in swept])
-    assert {record.status for record in records} == {"done"}
-    tables = {record.arrays["q"].tobytes() for record in records}
-    assert len(tables) == len(records)  # every condition learns something else

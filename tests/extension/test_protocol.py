@@ -31,7 +31,11 @@ effects = [["default/noise=high", "default/noise=low", "noise"]]
 
 [algorithms]
 curious = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { epsilon = 0.6 } }
-calm = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { epsilon = 0.1, learning_rate = 0.2 } }
+[algorithms.calm]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 30
+settings = { epsilon = 0.1, learning_rate = 0.2 }
 
 [sweep.noise]
 low = {}
@@ -63,7 +67,9 @@ def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Pa
     assert contrasts["success_difference"].tolist() == pytest.approx(expected, abs=1e-5)
     assert contrasts["success_verdict"][0] == "worse"  # about half of the curious agents succeed in S2
     effects = pd.read_csv(folder / "effects.csv")
-    by_scenario = [mean[name, high, s] - mean[name, low, s] for name in ("curious", "calm") for s in ("S1", "S2")]
+    by_scenario = [
+        mean[name, high, s] - mean[name, low, s] for name in ("curious", "calm") for s in ("S1", "S2")
+    ]
     assert sorted(effects["success_difference"]) == pytest.approx(sorted(by_scenario), abs=1e-5)
 
 

@@ -12,7 +12,7 @@ from benchmark.analysis.population import Population, load_population
 from benchmark.drawing.tables import link
 from benchmark.execution.store import Store
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
-from benchmark.reports import document, draw
+from benchmark.reports import document, draw, load_report
 from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Estimate, Finding, Report, item
@@ -73,7 +73,6 @@ def _headline(folder: Folder) -> Finding:
     return Finding(f"Success in {row['scenario']} is {link(f'{row.success:g}', 'successes', row)}.")
 
 
-
 REPORT = Report(
     name="successes",
     question="How often does it succeed?",
@@ -95,7 +94,7 @@ def drawn(tmp_path: Path, report: str) -> Path:
 
 def test_an_item_is_one_short_file_with_table_figure_and_sentence(tmp_path: Path) -> None:
     assert len(ITEM.read_text(encoding="utf-8").splitlines()) <= 25
-    names = json.dumps([each.name for each in draw.load_report("comparison").items if each.name != "summary"])
+    names = json.dumps([each.name for each in load_report("comparison").items if each.name != "summary"])
     folder = drawn(
         tmp_path, f'{{ kind = "comparison", omit = {names}, items = ["tests.extension.lost:lost"] }}'
     )
@@ -106,7 +105,7 @@ def test_an_item_is_one_short_file_with_table_figure_and_sentence(tmp_path: Path
     readme = (folder / "README.md").read_text(encoding="utf-8")
     assert "| lost.csv, .png" in readme  # in the list of files
     assert "![Share of runs without any success.](lost.png)" in readme
-    assert f"In {shares['share'].max():g} of runs all was lost." in readme
+    assert f"Mean share without any success: {shares['share'].mean():.3g}." in readme
     (tmp_path / "runs.db").unlink()  # texts can be made again from the files alone
     document.write(folder)
     assert (folder / "README.md").read_text(encoding="utf-8") == readme
@@ -126,7 +125,7 @@ def test_report_of_another_kind(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("report", "names"),
     [
-        ('"comparisson"', ["comparisson", "comparison"]),
+        ('"comparing"', ["comparing", "comparison"]),
         ('"nowhere.to:be_found"', ["nowhere.to:be_found"]),
         ('"envs:ACTIONS"', ["envs:ACTIONS"]),
         (f'{{ kind = "{KIND}", items = ["{__name__}:KIND"] }}', [f"{__name__}:KIND"]),

@@ -135,9 +135,10 @@ def headline(folder: "Folder") -> Finding | None:
     n = link(str(int(table["n"].min())), "contrasts", table)
     deep = words.listed([f"`{learner}`" for learner in declared.decisive])
     return Finding(
-        f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\nDeep RL earns its keep in a scenario if "
-        f"one of {deep} succeeds more often there than `{declared.baseline}` and than the random policy, with "
-        "a policy of the same class and a score that is not worse. The familywise error rate over all scenarios is at most about 5 %."
+        f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\nDeep RL earns its keep in a scenario "
+        f"if one of {deep} succeeds more often there than `{declared.baseline}` and than the random policy, "
+        "with a policy of the same class and a score that is not worse. The familywise error rate over all "
+        "scenarios is at most about 5 %."
     )
 
 
@@ -152,8 +153,8 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: st
     subject = "the deep learner" if len(rows) == 1 else f"each of the {len(rows)} deep learners compared"
     text = {
         "earns": f"deep RL earns its keep over a table: {more}",
-        "another class": f"{more}, but their policies are of other classes, a stochastic and a greedy one, so "
-        "it is not shown that the net makes the difference",
+        "another class": f"{more}, but their policies are of other classes, a stochastic and a greedy one, "
+        "so it is not shown that the net makes the difference",
         "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
         f"`{baseline}`, or equally often within {margin:g}",
         "neither learned": "no learner compared is shown to succeed more often than the random policy",

@@ -263,9 +263,9 @@ def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
     for side, other in (("net", "table"), ("table", "net")):
         if found[side]:
             yield (
-                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} needs "
-                f"more steps than the fastest {side} in {words.listed(found[side])}. Brackets hold 95 % "
-                "intervals over runs and evaluations, not adjusted."
+                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
+                f"needs more steps than the fastest {side} in {words.listed(found[side])}. Brackets hold "
+                "95 % intervals over runs and evaluations, not adjusted."
             )
 
 

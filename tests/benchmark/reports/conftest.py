@@ -31,7 +31,13 @@ effects = [["S3", "S1", "feedback"]]
 table = { algorithm = "q_learning", observations = ["index"], seeds = 12, settings = { epsilon = 0.3 } }
 sarsa = { algorithm = "sarsa", observations = ["index"], seeds = 12, tuning = { settings = 3 } }
 check = { check_of = "table", algorithm = "q_learning_plain", seeds = 2 }
-ppo = { algorithm = "compiled_ppo", observations = ["one_hot"], seeds = 2, policy = "stochastic", settings = { n_steps = 100, batch_size = 50, n_epochs = 1, policy_kwargs = { net_arch = [] } } }
+
+[algorithms.ppo]
+algorithm = "compiled_ppo"
+observations = ["one_hot"]
+seeds = 2
+policy = "stochastic"
+settings = { n_steps = 100, batch_size = 50, n_epochs = 1 }
 
 [algorithms.net]
 algorithm = "compiled_dqn"

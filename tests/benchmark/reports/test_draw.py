@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications, specifications
-from benchmark.reports import document, draw, load_items, load_report
+from benchmark.reports import document, draw, load_report
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import load
 from benchmark.reports.document import Document
@@ -83,7 +83,7 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
     check_verdicts(found)
     aggregate, scores = (pd.read_csv(found.folder.path / f"{name}.csv") for name in ("aggregate", "scores"))
     keys = ["algorithm", "observation"]
-    means = scores.groupby([*keys, "scenario"])[["success", "score"]].mean().groupby(keys).mean()
+    means: Any = scores.groupby([*keys, "scenario"])[["success", "score"]].mean().groupby(keys).mean()
     for row in aggregate.to_dict("records"):
         expected = means.loc[(row["algorithm"], row["observation"])]
         assert [row["success"], row["score"]] == pytest.approx(expected.tolist(), abs=1e-5)
@@ -107,27 +107,6 @@ def test_drawing_again_gives_the_same_bytes_however_many_processes_draw(drawn: D
     assert (tmp_path / "small" / "README.md").read_bytes() == (drawn.folder / "README.md").read_bytes()
 
 
-def test_measured_times_change_measured_files_alone(drawn: Drawn, tmp_path: Path) -> None:
-    """Halves the measured times of all records, as if other runs had given the same results."""
-    experiment = without(drawn.experiment, omit=("agents", "learning", "contrasts", "maps", "curves", "profile"))
-    with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
-        for record in store.get(sorted(store.statuses())):
-            seconds = [second / 2 for second in record.provenance["cpu_time_s"]]
-            provenance = {**record.provenance, "cpu_time_s": seconds, "peak_memory_mb": 123.0}
-            other.add([Record(record.digest, record.specification, record.status, provenance, record.arrays)])
-        draw.draw(experiment, other, tmp_path / "halved")
-        draw.draw(experiment, store, tmp_path / "measured")
-    changed = {
-        path.name
-        for path in (tmp_path / "halved").iterdir()
-        if path.read_bytes() != (tmp_path / "measured" / path.name).read_bytes()
-    }
-    _, items = draw.report_of(experiment)
-    assert "cost.csv" in changed
-    apart = (*draw.measured_files(items), "manifest.json", ".stamp")
-    assert not [name for name in changed if not any(map(Path(name).match, apart))]
-
-
 @pytest.mark.parametrize("name", ["curves", "summary", "contrasts", "aggregate"])
 def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, name: str) -> None:
     experiment = without(drawn.experiment, omit=(name,))
@@ -141,7 +120,9 @@ def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, name: str) ->
 
 
 def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) -> None:
-    omit = tuple(item.name for item in load_report("comparison").items if item.name not in ("contrasts", "ahead"))
+    omit = tuple(
+        item.name for item in load_report("comparison").items if item.name not in ("contrasts", "ahead")
+    )
     looks = []
     with Store(drawn.results / "runs.db", read_only=True) as store:
         for n in (4, 4, 12):
@@ -159,7 +140,9 @@ def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) 
 
 
 def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> None:
-    omit = tuple(item.name for item in load_report("comparison").items if item.name not in ("summary", "scores"))
+    omit = tuple(
+        item.name for item in load_report("comparison").items if item.name not in ("summary", "scores")
+    )
     small = without(drawn.experiment, "sarsa", omit=omit, contrasts=(("net, one_hot", "table, index"),))
     runs = all_specifications(small)
     failed = specifications(small, "default", "S1", "net", "one_hot", [1])[0]
@@ -168,7 +151,9 @@ def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> Non
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs if run.digest not in lost]))
         other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
-        with pytest.raises(InputError, match=f"3 of {len(runs)} runs are missing, 1 of them failed") as caught:
+        with pytest.raises(
+            InputError, match=f"3 of {len(runs)} runs are missing, 1 of them failed"
+        ) as caught:
             draw.draw(small, other, tmp_path / "whole")
         assert "net, one_hot in S1 has 11 of 12; ppo, one_hot in S3 has 0 of 2" in str(caught.value)
         assert not (tmp_path / "whole").exists()

@@ -90,14 +90,6 @@ def test_link_to_a_folder_stays_one_and_leftovers_where_it_leads_are_removed(
     assert [path.name for path in folder.parent.iterdir()] == ["mine"]
 
 
-def test_work_of_another_process_is_left_alone(folder: Path) -> None:
-    work = folder.parent / ".mine.making"
-    work.mkdir()
-    with pytest.raises(InputError, match="File exists"), files.replaced(folder, lambda _: False):
-        pass
-    assert work.exists()
-
-
 def test_leftovers_are_removed_and_a_folder_in_between_comes_back(folder: Path) -> None:
     (folder.parent / ".mine.making").mkdir()
     (folder.parent / ".mine.making" / "a.csv").write_text("half")

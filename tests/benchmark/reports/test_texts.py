@@ -41,15 +41,15 @@ evaluation_every = 100
 map_every = 200
 settings = {{ budget = 200 }}
 scenarios = ["S1", "FOLDER/mood-1.toml"]
-algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 2, group = {json.dumps(GROUP)} }}
-algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2, group = {json.dumps(GROUP)} }}
+algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 2, group = GROUP }}
+algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2, group = GROUP }}
 
 [report]
 kind = "comparison"
 omit = ["agents", "learning", "maps", "wrong_pings", "profile"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
-effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", {json.dumps(EFFECT)}], ["mood-1", "S1", {json.dumps(EFFECT)}]]
+effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT], ["mood-1", "S1", EFFECT]]
 """
 
 
@@ -61,7 +61,9 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Path]
     moody = moody.replace('"calm"', json.dumps(PHASE)).replace("{ calm =", f"{{ {json.dumps(PHASE)} =")
     moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
-    experiment = experiment_of(folder / "mine-1.toml", EXPERIMENT.replace("FOLDER", str(folder)))
+    text = EXPERIMENT.replace("FOLDER", str(folder))
+    text = text.replace("EFFECT", json.dumps(EFFECT)).replace("GROUP", json.dumps(GROUP))
+    experiment = experiment_of(folder / "mine-1.toml", text)
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
         draw.draw(experiment, store, folder / "mine-1")
