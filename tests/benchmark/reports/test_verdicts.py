@@ -101,6 +101,9 @@ def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_a
         assert row["random_success"] == pytest.approx(random)
         assert outcome_of(runs) == "neither learned"
     assert "keep" not in headline(folder_of(tmp_path, runs))
+    learned = {"table": table, "net": net, "dqn": Made("deep", 1.0, policy="stochastic")}
+    text = headline(folder_of(tmp_path, compared(learned, baseline="table", scenarios=["TurningHidden"])))
+    assert "keep over a table: `dqn, index` succeeds more often" in text  # the other one has not learned
 
 
 def test_two_learners_at_the_random_policy_decide_nothing() -> None:
