@@ -18,7 +18,7 @@ import pandas as pd
 from benchmark.drawing import tables
 from benchmark.reports import files, load_items, load_report
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Finding, Item
+from benchmark.reports.item import Finding, Item, as_written
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"
@@ -118,7 +118,7 @@ class Document:
             parts = [f"![{item.caption}]({item.name}.png)"] if self.has_figure(item) else []
             frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
             if not frame.empty:
-                frame = frame.map(tables.plain)
+                frame = frame.map(as_written)  # `to_markdown` escapes it
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 

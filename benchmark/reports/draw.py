@@ -28,7 +28,7 @@ from benchmark.experiments import (
 )
 from benchmark.reports import document, files, load_items, load_report, sameness
 from benchmark.reports.folder import MANIFEST
-from benchmark.reports.item import Data, Frames, Item, Report
+from benchmark.reports.item import Data, Frames, Item, Report, as_written
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
@@ -132,7 +132,7 @@ def export(
             if form != "tex":
                 draw_figure(item, frames, data, path)
             elif item.name in frames:
-                frame = item.display(frames[item.name]).map(tables.plain)
+                frame = item.display(frames[item.name]).map(as_written)
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 
@@ -240,9 +240,10 @@ def _manifest(
       data: Of the report.
     """
     done = {run.digest for run in runs}
+    conditions = experiment.conditions
+    condition = DEFAULT_CONDITION if DEFAULT_CONDITION in conditions else next(iter(conditions))
     populations = (
-        specifications(experiment, DEFAULT_CONDITION, *population, seeds)
-        for population in experiment.populations
+        specifications(experiment, condition, *population, seeds) for population in experiment.populations
     )
     # One run of each population: the others differ by their seed alone.
     first = (next((run for run in each if run.digest in done), None) for each in populations)

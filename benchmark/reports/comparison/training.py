@@ -65,8 +65,10 @@ def _(tables: Frames, context: Context) -> Figure:
     "wrong PINGs per 1,000 steps while agents learn",
     "Wrong PINGs per 1,000 steps of training.",
 )
-def wrong_pings(tables: Frames, context: Context) -> Figure:
+def wrong_pings(tables: Frames, context: Context) -> Figure | None:
     """Draws how often the issuer disagreed while agents learned."""
+    if "curves" not in tables:
+        return None
     frame = tables["curves"]
     drawn = context.declared.compared or figures.learners_in(frame, context)
     label = "wrong PINGs\nper 1,000 steps"

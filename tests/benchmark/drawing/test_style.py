@@ -1,26 +1,16 @@
-"""Colours and markers of arms, and texts in figures."""
+"""Colours and markers, texts and bytes of figures."""
 
 import re
 from pathlib import Path
 
 import pytest
-import seaborn as sns
 from matplotlib.colors import to_rgba
 
-from benchmark.drawing.style import arm_style, figure_of, write_figure
-
-
-def test_first_eight_arms_look_as_published() -> None:
-    palette = sns.color_palette("colorblind")
-    colours = ["black", "0.5", *(palette[i] for i in (0, 2, 3, 9, 1, 4))]
-    expected = [
-        {"color": colour, "marker": marker} for colour, marker in zip(colours, "osD^vPXh", strict=True)
-    ]
-    assert [arm_style(place) for place in range(8)] == expected
+from benchmark.drawing.style import figure_of, variant_style, write_figure
 
 
 def test_no_two_arms_look_alike() -> None:
-    styles = [arm_style(place) for place in range(300)]
+    styles = [variant_style(place) for place in range(300)]
     looks = {(to_rgba(style["color"]), style["marker"]) for style in styles}
     assert len(looks) == 300
 
@@ -31,7 +21,7 @@ def test_texts_are_no_mathematics_but_ticks_of_a_logarithmic_axis_are(text: str,
         axes[0, 0].plot([1, 1000], [0, 1], label=text)
         axes[0, 0].set(title=text, xscale="log")
         figure.legend()
-    write_figure(figure, tmp_path / "f")
+    write_figure(figure, tmp_path / "f.svg")
     svg = (tmp_path / "f.svg").read_text(encoding="utf-8")
 
     def glyphs(shown: str) -> list[int]:
@@ -41,3 +31,13 @@ def test_texts_are_no_mathematics_but_ticks_of_a_logarithmic_axis_are(text: str,
 
     assert glyphs(text) == [len(text)] * 2  # title and legend
     assert glyphs(r"$\mathdefault{10^{0}}$") == [3]  # 1, 0 and a small 0
+
+
+@pytest.mark.parametrize("form", ["png", "svg", "pdf"])
+def test_equal_figures_have_equal_bytes(tmp_path: Path, form: str) -> None:
+    for name in ("a", "b"):
+        with figure_of(1, 2, (4.0, 3.0)) as (figure, axes):
+            axes[0, 1].plot([0, 1], [0, 1], label=r"$\frac$")
+            figure.legend()
+        write_figure(figure, tmp_path / f"{name}.{form}")
+    assert (tmp_path / f"a.{form}").read_bytes() == (tmp_path / f"b.{form}").read_bytes()

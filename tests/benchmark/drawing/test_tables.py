@@ -17,22 +17,19 @@ from benchmark.drawing.tables import (
     paragraph,
     plain,
     read_csv,
+    to_latex,
     to_markdown,
-    with_intervals,
     write_csv,
-    write_table,
 )
 from tests.support import markdown_parser, mistyped_columns
 
 
-def test_tables_come_in_three_forms(tmp_path: Path) -> None:
+def test_tables_have_the_digits_of_their_form(tmp_path: Path) -> None:
     frame = pd.DataFrame({"name": ["a_b", "c"], "value": [1 / 3, -1e-17], "n": [2, 3]})
-    write_table(frame, tmp_path / "t")
+    write_csv(frame, tmp_path / "t.csv")
     assert (tmp_path / "t.csv").read_text() == "name,value,n\na_b,0.333333,2\nc,0.0,3\n"
-    assert (tmp_path / "t.md").read_text().splitlines()[2] == "| a_b    |   0.333 |   2 |"
-    tex = (tmp_path / "t.tex").read_text()
-    assert r"a\_b" in tex
-    assert r"\toprule" in tex
+    assert to_markdown(frame).splitlines()[2] == "| a_b    |   0.333 |   2 |"
+    assert r"a\_b" in to_latex(frame)
 
 
 def test_floats_stay_floats_in_csv_files(tmp_path: Path) -> None:
@@ -62,42 +59,14 @@ def test_floats_stay_floats_in_csv_files(tmp_path: Path) -> None:
     assert "".join(read[name].dtype.kind for name in read) == "ffffifbfO"
 
 
-def test_columns_without_any_value_are_left_out(tmp_path: Path) -> None:
-    frame = pd.DataFrame({"a": [1, 2], "none": [np.nan, np.nan], "empty": ["", ""], "b": [np.nan, 0.5]})
-    write_csv(frame, tmp_path / "t.csv")
-    assert (tmp_path / "t.csv").read_text() == "a,b\n1,\n2,0.5\n"
-    write_csv(frame.head(0), tmp_path / "t.csv")
-    assert (tmp_path / "t.csv").read_text() == "a,none,empty,b\n"
-
-
-@pytest.mark.parametrize(
-    ("column", "is_mistyped"),
-    [
-        (["1"] * 100 + ["0.5"], True),
-        ([""] * 100 + ["0.5"], True),
-        (["", ""], True),
-        (["x", "1"], True),
-        ([""] * 99 + ["0.5"], False),
-        (["1e-07", "inf", "-0.5"], False),
-    ],
-)
-def test_mistyped_columns_are_found(tmp_path: Path, column: list[str], is_mistyped: bool) -> None:
-    rows = "".join(f"a,{text}\n" for text in column)
-    (tmp_path / "t.csv").write_text(f"name,value\n{rows}", encoding="utf-8")
-    assert mistyped_columns(tmp_path / "t.csv") == (["value"] if is_mistyped else [])
-
-
 @pytest.mark.parametrize(
     ("n", "package", "other"), [(70, "adjustbox", "longtable"), (71, "longtable", "adjustbox")]
 )
-def test_latex_tables_name_their_packages_and_fit_the_page(
-    tmp_path: Path, n: int, package: str, other: str
-) -> None:
-    write_table(pd.DataFrame({"value": [0.5] * n}), tmp_path / "t", note="50 % of a_b & c #1.")
-    first, *rest = (tmp_path / "t.tex").read_text().splitlines()
-    assert first.startswith(r"% Needs \usepackage{")
-    assert package in first
+def test_latex_tables_name_their_packages_and_fit_the_page(n: int, package: str, other: str) -> None:
+    first, *rest = to_latex(pd.DataFrame({"value": [0.5] * n}), "50 % of a_b & c #1.").splitlines()
     text = "\n".join(rest)
+    assert r"\usepackage{" in first
+    assert package in first
     assert rf"\begin{{{package}}}" in text
     assert other not in text
     assert (r"max width=\textwidth, max totalheight=\textheight" in text) == (package == "adjustbox")
@@ -105,24 +74,16 @@ def test_latex_tables_name_their_packages_and_fit_the_page(
     assert len(re.findall(r"^ +0\.5 ", text, re.MULTILINE)) == n
 
 
-def test_readers_get_less_than_the_csv_file_and_a_note(tmp_path: Path) -> None:
-    frame = pd.DataFrame({"name": ["a"], "value": [0.5], "value_low": [0.25], "value_high": [0.75]})
-    shown = with_intervals(frame, ["value"])[["name", "value"]]
-    write_table(frame, tmp_path / "t", shown, "100 % of runs.")
-    assert (tmp_path / "t.csv").read_text().splitlines()[0] == "name,value,value_low,value_high"
-    assert (tmp_path / "t.md").read_text().splitlines() == [
-        "100 % of runs.",
-        "",
-        "| name   | value            |",
-        "|--------|------------------|",
-        "| a      | 0.5 [0.25, 0.75] |",
-    ]
-    assert r"\textbf{100 \% of runs.}" in (tmp_path / "t.tex").read_text()
+def test_columns_without_values_are_left_out_and_names_of_missing_values_are_texts(tmp_path: Path) -> None:
+    frame = pd.DataFrame({"text": ["NA", "nan", "None", ""], "value": [0.5, np.nan, np.inf, 1], "none": ""})
+    write_csv(frame, tmp_path / "t.csv")
+    read = read_csv(tmp_path / "t.csv").fillna("")
+    assert read.equals(frame[["text", "value"]].fillna(""))
 
 
 def test_links_name_the_lines_of_the_csv_file(tmp_path: Path) -> None:
     frame = pd.DataFrame({"value": [0.125, 2.0, 30.0, 4.5]})
-    write_table(frame, tmp_path / "t")
+    write_csv(frame, tmp_path / "t.csv")
     lines = (tmp_path / "t.csv").read_text().splitlines()
     for i, value in enumerate(frame["value"]):
         match = LINK.fullmatch(link("x", "t", frame.iloc[i]))
@@ -160,14 +121,6 @@ def test_no_text_in_a_csv_file_is_a_formula_and_all_are_read_back(
     assert not [cell for cell in cells if cell.startswith(("\t", "\n")) or cell.strip()[:1] in set("=+-@＝")]
     assert {row[2] for row in rows} == {"-1.5"}  # numbers stay numbers
     assert read_csv(path, "=name").fillna("").equals(frame)
-
-
-def test_names_of_missing_values_are_texts(tmp_path: Path) -> None:
-    frame = pd.DataFrame({"text": ["NA", "nan", "None", ""], "value": [0.5, np.nan, np.inf, 1.0]})
-    write_csv(frame, tmp_path / "t.csv")
-    read = read_csv(tmp_path / "t.csv")
-    assert read["text"].fillna("").tolist() == frame["text"].tolist()
-    assert read["value"].equals(frame["value"])
 
 
 @pytest.mark.parametrize(
@@ -216,10 +169,9 @@ def test_entries_of_a_markdown_table_stay_in_their_columns() -> None:
 
 
 @pytest.mark.parametrize("n", [2, 80])
-def test_no_entry_of_a_latex_table_is_an_argument(tmp_path: Path, n: int) -> None:
+def test_no_entry_of_a_latex_table_is_an_argument(n: int) -> None:
     texts = ["[1ex]", "*", r"\input{x}", "a|b", "^~$%#&_{}", "a\nb"] * n
-    write_table(pd.DataFrame({"[x|": texts, "value": 1.0}), tmp_path / "t")
-    lines = (tmp_path / "t.tex").read_text().splitlines()
+    lines = to_latex(pd.DataFrame({"[x|": texts, "value": 1.0})).splitlines()
     rows = [line.split("&")[0].strip() for line in lines if line.endswith(r"1 \\")]
     assert rows[:4] == ["{}[1ex]", "{}*", r"\textbackslash{}input\{x\}", r"a\textbar{}b"]
     assert len(rows) == 6 * n

@@ -189,7 +189,7 @@ def folder_of(path: Path, runs: Runs, *names: str) -> Document:
         "argument": "made",
         "report": runs.declared.reporting.model_dump(mode="json"),
         "facts": runs.facts,
-        "scenarios": dict.fromkeys(runs.scenarios, {}),
+        "scenarios": {name: {} for name in runs.scenarios},
         "algorithms": algorithms,
         "partial": runs.note,
         "horizon": 200,

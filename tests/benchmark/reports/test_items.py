@@ -118,13 +118,6 @@ def test_aggregates_by_a_second_method() -> None:
     assert set(table("profile", runs)["algorithm"]) == {"a", "b"}  # no checks
 
 
-def test_a_failure_that_is_far_below_0_counts_as_any_other() -> None:
-    near, far = (cell(name, np.zeros(30), score=[1.0] * 29 + [low]) for name, low in (("a", 0), ("b", -40)))
-    a, b = table("aggregate", runs_of([near, far])).to_dict("records")
-    assert a["score"] == b["score"] == pytest.approx(29 / 30)
-    assert b["unbounded_score"] < -0.3
-
-
 def test_profile_is_the_share_of_runs_that_score_at_least() -> None:
     runs = runs_of([cell(name, np.zeros(4), score=[0.0, 0.25, 0.5, 1.0]) for name in "ab"])
     frame = table("profile", runs)
@@ -168,7 +161,7 @@ def test_effects_are_differences_of_scenarios_by_hand() -> None:
     assert x["wrong_pings_difference_high"] == pytest.approx(5 + np.hypot(half, half))
 
 
-def test_ahead_is_where_the_interval_lies_above_zero(tmp_path: Path) -> None:
+def test_ahead_is_where_the_interval_lies_above_zero() -> None:
     x, y = np.tile([0, 0.2, 1, 1, 1], (20, 1)), np.tile([0, 0, 0.5, 0.95, 1], (20, 1))
     cells = [cell(name, values, s, family=family) for s in ("S1", "S2")
              for name, values, family in (("x", x, "deep"), ("y", y, "tabular"))]  # fmt: skip
@@ -290,17 +283,18 @@ def test_no_sentence_says_more_than_its_table_or_contradicts_the_truth(
         assert document.headline is not None
         answer = document.headline.text.partition("\n\n")[0]
         for row in document.folder.frame("contrasts").to_dict("records"):
-            (x, y), verdict = (exact[str(row[side]).split(",")[0]] for side in "xy"), row["success_verdict"]
+            verdict = str(row["success_verdict"])
+            x, y = (exact[str(row[side]).split(",")[0]] for side in "xy")
             place = {"S1": 0, "S2": 1}.get(row.get("scenario", ""))
             differences = [a - b for a, b in zip(x, y, strict=True)]
-            difference = np.mean(differences) if place is None else differences[place]
+            difference = sum(differences) / 2 if place is None else differences[place]
             assert verdict in VERDICTS
             assert verdict != "better" or difference > 1e-9
             assert verdict != "worse" or difference < -1e-9
             assert verdict != "equivalent" or abs(difference) < 0.1 - 1e-9
             if n < 10:
                 assert verdict == "no verdict"
-        if pool == "scenarios" and document.headline.verdict == "earns":
-            assert max(np.mean(exact[name]) for name in ("net", "other")) > np.mean(exact["table"])
+        if document.headline.verdict == "earns":
+            assert max(sum(exact[name]) for name in ("net", "other")) > sum(exact["table"])
         if n < 10:
             assert "no verdict" in answer

@@ -1,0 +1,146 @@
+"""Texts of somebody else's experiment and scenario, in every form of file that reports write of them."""
+
+import csv
+import html
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from markdown_it.token import Token
+
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment
+from benchmark.reports import draw
+from benchmark.reports.folder import Folder
+from envs.scenario import SCENARIO_DIRECTORY
+from tests.benchmark.reports.conftest import experiment_of, trained
+from tests.support import markdown_parser
+
+# A formula, HTML, an entity, a script's link, ill-formed mathematics, LaTeX, and blocks of Markdown.
+TEXT = r"""=cmd|"/C calc"!A0 <script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1))
+$\frac$ \input{x} % # ^ ~
+# heading
+
+- item
+[x]: javascript:alert(1)
+
+| a | b |
+|---|---|
+| 1 | 2 |
+"""
+EFFECT = r"@1+1 <img src=x onerror=alert(1)> | $\x_$ [a](javascript:b)"
+PHASE, GROUP = r"<b>|$\frac$ [red]_", r"_=$\x^$ <i>&amp;|"
+EXPERIMENT = f"""
+description = {json.dumps(TEXT)}
+note = {json.dumps(TEXT)}
+horizon = 50
+evaluation_every = 100
+map_every = 200
+settings = {{ budget = 200 }}
+scenarios = ["S1", "FOLDER/mood-1.toml"]
+algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 2, group = GROUP }}
+algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2, group = GROUP }}
+
+[report]
+kind = "comparison"
+omit = ["agents", "learning", "maps", "wrong_pings", "profile"]
+pool = "none"
+contrasts = [["one-1, index", "2_two, index"]]
+effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT], ["mood-1", "S1", EFFECT]]
+"""
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Path]:
+    """An experiment with these texts, and its folder of results."""
+    folder = tmp_path_factory.mktemp("texts")
+    moody = (SCENARIO_DIRECTORY / "Moody.toml").read_text(encoding="utf-8")
+    moody = moody.replace('"calm"', json.dumps(PHASE)).replace("{ calm =", f"{{ {json.dumps(PHASE)} =")
+    moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
+    (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
+    text = EXPERIMENT.replace("FOLDER", str(folder))
+    text = text.replace("EFFECT", json.dumps(EFFECT)).replace("GROUP", json.dumps(GROUP))
+    experiment = experiment_of(folder / "mine-1.toml", text)
+    with Store(folder / "runs.db") as store:
+        trained(experiment, store)
+        draw.draw(experiment, store, folder / "mine-1")
+    return experiment, folder / "mine-1"
+
+
+def test_no_spreadsheet_computes_a_text_and_all_are_read_back(hostile: tuple[Experiment, Path]) -> None:
+    folder = hostile[1]
+    for path in folder.glob("*.csv"):
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.reader(file))
+        assert {len(row) for row in rows} == {len(rows[0])}, path.name
+        for cell in (cell for row in rows for cell in row if cell.startswith(tuple("=+-@\t\r"))):
+            float(cell)  # raises ValueError unless it is a number
+    read = Folder(folder)
+    assert set(read.frame("effects")["effect"]) == {EFFECT}
+    assert read.frame("scenarios")["description"].tolist()[1] == TEXT
+    assert read.frame("scenarios")["scenario"].tolist() == ["S1", "mood-1"]
+
+
+def walk(tokens: list[Token] | None) -> Iterator[Token]:
+    for token in tokens or ():
+        yield token
+        yield from walk(token.children)
+
+
+def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(
+    hostile: tuple[Experiment, Path],
+) -> None:
+    parser, text = markdown_parser(), (hostile[1] / "README.md").read_text(encoding="utf-8")
+    tokens = list(walk(parser.parse(text)))
+    kinds = Counter(token.type for token in tokens)
+    assert not kinds["html_block"] + kinds["html_inline"]
+    targets = [str(token.attrGet("src") or token.attrGet("href") or "") for token in tokens]
+    assert not [target for target in targets if ":" in target]
+    headings = [tokens[i + 1].content for i, token in enumerate(tokens) if token.type == "heading_open"]
+    assert (headings[0], headings[-1]) == ("mine-1", "Files")
+    assert "heading" not in headings
+    cells = kinds["th_open"] + kinds["td_open"]
+    rows = [line.count(" | ") + 1 for line in text.splitlines() if line.startswith("| ")]
+    assert cells == sum(rows)
+    words = " ".join(html.unescape(re.sub("<[^>]+>", " ", parser.render(text))).split())
+    assert words.count(" ".join(TEXT.split())) == 3  # of the experiment, its note and the scenario
+    assert f"Exploratory, {EFFECT}: the difference" in words
+
+
+@pytest.fixture(scope="module")
+def exported(hostile: tuple[Experiment, Path]) -> Path:
+    """The experiment's tables for LaTeX, and its figures as SVG files."""
+    experiment, folder = hostile
+    with Store(folder.parent / "runs.db", read_only=True) as store:
+        for form in ("tex", "svg"):
+            draw.export(experiment, store, folder.parent / form, None, form)
+    return folder.parent
+
+
+def test_latex_has_no_commands_but_its_own(exported: Path) -> None:
+    own = {
+        "adjustbox", "begin", "bottomrule", "end", "ensuremath", "midrule", "noindent", "par",
+        "textasciitilde", "textbackslash", "textbar", "textbf", "textheight", "textwidth", "toprule",
+        "usepackage",
+    }  # fmt: skip
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in (exported / "tex").glob("*.tex")}
+    assert r"\textbackslash{}input\{x\}" in texts["scenarios"]
+    for name, text in texts.items():
+        assert set(re.findall(r"\\([A-Za-z]+)", text)) <= own, name
+        rows = [line for line in text.splitlines() if line.endswith(r"\\")]
+        assert len({len(re.findall(r"(?<!\\)&", row)) for row in rows}) <= 1
+        assert not re.findall(r"(?<!\\)[$#]|\|", text)
+
+
+def test_figures_have_the_texts_as_characters(exported: Path) -> None:
+    """Ill-formed mathematics could not have been drawn. Matplotlib repeats a text beside its outlines."""
+    comments = {
+        path.stem: html.unescape("".join(re.findall("<!--(.*?)-->", path.read_text(), re.DOTALL)))
+        for path in (exported / "svg").glob("*.svg")
+    }
+    assert f"{EFFECT}: mood-1" in comments["effects"]
+    assert PHASE in comments["scenarios"]
+    assert f"S1, {GROUP}" in comments["curves"]
