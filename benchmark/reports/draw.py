@@ -5,6 +5,7 @@ What is up to date is not made again.
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
@@ -212,15 +213,13 @@ def _inputs(
 
 
 def _looks(path: Path, manifest: Mapping[str, Any]) -> list[int]:
-    """Returns how many runs earlier reports on this folder's experiment had, if fewer than there are now."""
+    """Returns how many seeds earlier reports in this folder had, if fewer than there are now."""
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
-        looks = (
-            {*before["looks"], before["runs"]} if before["experiment"] == manifest["experiment"] else set()
-        )
+        looks = {*before["looks"], before["seeds"]} if before["experiment"] == manifest["experiment"] else {}
+        return sorted(n for n in looks if n < manifest["seeds"])
     except (OSError, ValueError, LookupError, TypeError):
-        looks = set()
-    return sorted(n for n in looks if isinstance(n, int) and n < manifest["runs"])
+        return []
 
 
 def _manifest(
@@ -283,6 +282,7 @@ def _manifest(
             for name, reading in experiment.readings.items()
         },
         "runs": len(runs),
+        "seeds": max(Counter(run.population for run in runs).values()),
         "digest": digest_of([run.digest for run in runs]),
         "commits": every("commit"),
         "machines": every("machine"),

@@ -1,7 +1,5 @@
 """Contrasts: by hand, and by simulation of how rare wrong verdicts are."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +14,6 @@ from benchmark.analysis.contrasts import (
     Side,
     contrast,
     decide,
-    deciding_runs,
     holm,
     mixed,
     runs_for_any_equivalence,
@@ -122,35 +119,3 @@ def test_wrong_verdicts_are_rare(n: int) -> None:
     # With a probability of 5 % each, more than 6 of 40 would come up one time in 300.
     assert wrongly_different <= 6
     assert wrongly_equivalent <= 6
-
-
-def test_deciding_runs_decide() -> None:
-    x, y = [0.9, 0.9], [0.8, 0.8]
-    for margin, expected in ((0.05, BETTER), (0.4, EQUIVALENT)):
-        n = round(deciding_runs(Side(x, [50, 50]), Side(y, [50, 50]), margin, 1))
-        (outcome,) = decide([contrast(Side(x, [n, n]), Side(y, [n, n]), margin)], is_allowed=[True])
-        assert outcome["verdict"] == expected
-        fewer = n // 3
-        (outcome,) = decide([contrast(Side(x, [fewer] * 2), Side(y, [fewer] * 2), margin)], is_allowed=[True])
-        assert outcome["verdict"] == UNDECIDED
-
-
-def test_deciding_runs_have_their_power_where_learners_are_equal() -> None:
-    """Both one-sided tests must reject, which one alone does far more often."""
-    rng, truth, margin = np.random.default_rng(0), np.array([0.5, 0.5]), 0.2
-    even = Side(truth.tolist(), [10**6] * 2)
-    n = round(deciding_runs(even, even, margin, 1))
-    decided = 0
-    for _ in range(200):
-        x, y = (Side((rng.binomial(n, truth) / n).tolist(), [n, n]) for _ in range(2))
-        (outcome,) = decide([contrast(x, y, margin)], is_allowed=[True])
-        decided += outcome["verdict"] == EQUIVALENT
-    assert 0.66 <= decided / 200 <= 0.92  # exact intervals need somewhat more than the normal approximation
-
-
-def test_deciding_runs_by_hand() -> None:
-    """Normal approximation: variance 2 x 0.25, two-sided 5 %, 80 % power, difference 0.1: about 392 runs."""
-    n = deciding_runs(Side([0.55], [10**6]), Side([0.45], [10**6]), 0.01, 1)
-    assert n == pytest.approx((0.55 * 0.45 * 2) * ((1.96 + 0.8416) / 0.1) ** 2, rel=0.03)
-    assert deciding_runs(Side([0.5], [10**6]), Side([0.4], [10**6]), 0.1, 1) < math.inf
-    assert deciding_runs(Side([0.5001], [10**6]), Side([0.5], [10**6]), 1e-4, 1) == math.inf

@@ -32,22 +32,6 @@ def table(name: str, runs: Runs) -> pd.DataFrame:
     return frame
 
 
-def test_threshold_by_hand() -> None:
-    scores = np.array(
-        [
-            [0, 0.96, 0.2, 0.95, 1.0],  # reached at 100, stays from 300 on
-            [0, 0, 0, 0, 0.95],  # at the end
-            [0, 1, 1, 1, 0.9],  # reached, and lost
-            [0, 0.9, 0.949, 0, -3],  # never
-        ]
-    )
-    runs = runs_of([cell("a", scores * 0, score=scores), cell("b", np.ones((3, 5)))])
-    row, always = table("threshold", runs).to_dict("records")
-    assert (row["n"], row["reached_share"], row["stays_share"]) == (4, 0.75, 0.5)
-    assert (row["reached_step_median"], row["stays_step_median"]) == ((100 + 400) / 2, NEVER)
-    assert always["stays_step_median"] == always["reached_step_median"] == 0
-
-
 def test_steps_count_from_the_last_evaluation_below_enough() -> None:
     early, late, never = [0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]
     cells = [cell("a", np.array([early] * 3 + [never])), cell("b", np.array([late, late, late, early]))]
@@ -115,15 +99,6 @@ def test_aggregates_by_a_second_method() -> None:
         error = np.sqrt(np.mean([each.var() / len(each) for each in clipped]) / 3)
         low, high = row["score_low"], row["score_high"]
         assert low < row["score"] - 1.96 * error < row["score"] + 1.96 * error < high
-    assert set(table("profile", runs)["algorithm"]) == {"a", "b"}  # no checks
-
-
-def test_profile_is_the_share_of_runs_that_score_at_least() -> None:
-    runs = runs_of([cell(name, np.zeros(4), score=[0.0, 0.25, 0.5, 1.0]) for name in "ab"])
-    frame = table("profile", runs)
-    share = frame[frame["algorithm"] == "a"].set_index("score")["share"]
-    # At it, too; and rounding does not push an optimum below 1.
-    assert share[[0.0, 0.5, 0.98, 1.0]].tolist() == [1, 0.5, 0.25, 0.25]
 
 
 def test_policy_that_counts_is_the_declared_one() -> None:
