@@ -19,7 +19,7 @@ settings = { budget = 10000, time_limit = 200, record_every = 10000 }
 
 [report]
 kind = "comparison"
-omit = ["agents", "learning", "maps", "wrong_pings", "curves", "region"]
+omit = ["agents", "learning", "wrong_pings", "curves", "region"]
 margins = { success = 0.2 }
 fewest_runs = 20
 contrasts = [

@@ -30,7 +30,6 @@ REPORT = Report(
         results.effects,
         results.scenarios,
         results.region,
-        results.maps,
         training.wrong_pings,
         training.cost,
         results.scores,

@@ -5,16 +5,14 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
 from benchmark.analysis.contrasts import MIXED, NO_VERDICT, UNDECIDED
 from benchmark.analysis.contrasts import Side as Means
 from benchmark.analysis.population import overlap
-from benchmark.drawing.maps import colour_bar, dots, gallery, heat, region_legend
+from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
@@ -34,8 +32,8 @@ from benchmark.reports.comparison.verdicts import (
 )
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Estimate, Finding, Frames, item, no_rows
-from envs import ACTIONS, ZONES
-from envs.scene import COLOUR_MAP, colour_limits, scene_of
+from envs import ZONES
+from envs.scene import COLOUR_MAP
 from envs.words import listed
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
@@ -492,57 +490,6 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
             recall=proportion(right / cell.population.in_target.sum()),
             overlap=proportion(_overlap(cell)),
         )
-
-
-@item("maps", "final values of PING in every cell, without checks", where=no_rows)
-def maps(runs: Runs) -> pd.DataFrame | None:
-    """`value` is the mean Q over agents, or the mean probability of a stochastic policy.
-
-    `marked` is the share of agents that value PING in the cell.
-    """
-    frames = []
-    for cell in runs.own:
-        if not cell.has_maps:
-            continue
-        population = cell.population
-        row, column = population.model.position.T
-        stochastic, alive = population.arrays["stochastic"], population.arrays["diverged_at"] < 0
-        final = stochastic[:, -1] if stochastic.shape[1] else population.arrays["q"]
-        value = final[alive].mean(axis=0) if alive.any() else np.full(final.shape[1:], np.nan)
-        columns = {
-            **cell.names,
-            "row": row,
-            "column": column,
-            "kind": "probability" if stochastic.shape[1] else "q",
-            "value": value[:, ACTIONS.index("PING")],
-            "marked": population.values_ping.mean(axis=0),
-        }
-        frames.append(pd.DataFrame(columns))
-    return pd.concat(frames, ignore_index=True) if frames else None
-
-
-@maps.figure("Mean final Q of PING, of tables and nets.")
-def _(tables: Frames, context: Context) -> Figure | None:
-
-    if "maps" not in tables:
-        return None
-    frame = tables["maps"]
-    frame = frame[(frame["kind"] == "q") & ~frame["algorithm"].str.endswith("_default")]
-    learners, scenarios = figures.learners_in(frame, context), list(frame["scenario"].unique())
-    if not learners or len(scenarios) > figures.FEW:
-        return None
-    norm = Normalize(*colour_limits(frame["value"].to_numpy()))
-    with figure_of(len(learners), len(scenarios), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
-        for row, learner in enumerate(learners):
-            for column, scenario in enumerate(scenarios):
-                values = frame[figures.is_of(frame, learner) & (frame["scenario"] == scenario).to_numpy()]
-                heat(axes[row, column], scene_of(context.models[scenario]), values["value"].to_numpy(), norm)
-                dots(axes[row, column], values[values["marked"] > 0.5])
-                axes[row, column].set(title=f"{scenario}: {learner}")
-        colour_bar(figure, list(axes.flat), norm, "mean final Q of PING", extend="both")
-        mark = "where most runs value PING"
-        region_legend(figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label=mark))
-    return figure
 
 
 @item(

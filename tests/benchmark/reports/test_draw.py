@@ -40,7 +40,7 @@ def without(experiment: Experiment, *names: str, **reporting: Any) -> Experiment
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
-    figures = ["contrasts", "summary", "curves", "effects", "maps", "wrong_pings"]
+    figures = ["contrasts", "summary", "curves", "effects", "wrong_pings"]
     tables = [*figures[:-1], "aggregate", "steps", "ahead", "region", "cost", "scores"]  # none has learned
     expected = {f"{name}.csv" for name in tables} | {f"{name}.png" for name in figures}
     assert names == expected | {"README.md", "manifest.json", ".stamp", "learning.webp"}
@@ -57,9 +57,9 @@ def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(dr
     assert manifest["algorithms"]["check"]["check_of"] == "table"
 
 
-def test_checks_have_rows_but_no_verdicts_and_no_maps(drawn: Drawn) -> None:
+def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
     for name, has_checks in (("summary", True), ("aggregate", True), ("curves", True), ("cost", True),
-                             ("maps", False), ("effects", False)):  # fmt: skip
+                             ("effects", False)):  # fmt: skip
         frame = pd.read_csv(drawn.folder / f"{name}.csv")
         assert ("check" in set(frame["algorithm"])) == has_checks, name
     with Store(drawn.results / "runs.db", read_only=True) as store:
@@ -109,8 +109,8 @@ def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, name: str) ->
         data = load(experiment, store, None, False)
     _, items = draw.report_of(experiment)
     frames = draw.tables_of(items, data)
-    figures = [item.draw(frames, data.context) for item in items if item.draw and item.name != "maps"]
-    assert len([*filter(None, figures)]) >= 5
+    figures = [item.draw(frames, data.context) for item in items if item.draw]
+    assert len([*filter(None, figures)]) >= 3
     plt.close("all")
 
 
@@ -181,12 +181,11 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
         tables = draw.tables_of(load_report("comparison").items[:-2], load(experiment, store, None, False))
-    summary, scores, maps = tables["summary"], tables["scores"], tables["maps"]
+    summary, scores = tables["summary"], tables["scores"]
     nets = summary[summary["algorithm"] == "net"]
     assert nets["diverged"].tolist() == [12, 12]
     assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
     assert np.isfinite(scores["diverged_at"]).equals(scores["algorithm"] == "net")
-    assert maps.loc[maps["algorithm"] == "net", "value"].isna().all()
 
 
 # Figures, drawn by workers and by the process itself

@@ -46,7 +46,7 @@ algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2, 
 
 [report]
 kind = "comparison"
-omit = ["agents", "learning", "maps", "wrong_pings"]
+omit = ["agents", "learning", "wrong_pings"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
 effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT], ["mood-1", "S1", EFFECT]]
