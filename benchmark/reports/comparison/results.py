@@ -205,16 +205,13 @@ def effects(runs: Runs) -> list[dict[str, Any]]:
 
 @effects.figure("Differences between two scenarios, by learner.")
 def _(tables: Frames, context: Context) -> Figure | None:
-
     frame = tables.get("effects", pd.DataFrame())
     if "algorithm" not in frame:
         return None
     frame = frame[frame["algorithm"].notna()]
     learners = context.declared.compared or figures.learners_in(frame, context)
-    names, labels = (
-        list(frame["effect"].unique()),
-        {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"},
-    )
+    names = list(frame["effect"].unique())
+    labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
     frame = frame.rename(columns=lambda name: str(name).replace("_difference", ""))
     size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
     with figure_of(len(names), len(labels), size) as (figure, axes):
@@ -290,7 +287,6 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
 
 @summary.figure("How often each learner succeeds after training, and the verdicts.")
 def _(tables: Frames, context: Context) -> Figure:
-
     draw = _dots if tables["summary"]["scenario"].nunique() <= figures.FEW else _heat
     return draw(tables, context)
 
@@ -331,9 +327,8 @@ def _heat(tables: Frames, context: Context) -> Figure:
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
         rows = contrasts[contrasts["y"] == str(baseline)]
-        verdicts = dict(
-            zip(zip(words.places(rows), rows["x"], strict=True), rows["success_verdict"], strict=True)
-        )
+        keys = zip(words.places(rows), rows["x"], strict=True)
+        verdicts = dict(zip(keys, rows["success_verdict"], strict=True))
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
     table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
     with figure_of(1, 1, (0.95 * len(learners) + 2.2, 0.32 * len(scenarios) + 2.4)) as (figure, axes):
@@ -361,17 +356,10 @@ def _heat(tables: Frames, context: Context) -> Figure:
 @summary.sentence
 def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what the other policy of a stochastic learner does."""
-    parts = []
-    for (algorithm, observation), rows in table[table["policy"] == "stochastic"].groupby(
-        ["algorithm", "observation"], sort=False
-    ):
-        if (
-            "check_of" in folder.manifest["algorithms"][algorithm]
-            and folder.manifest["algorithms"][algorithm]["check_of"]
-        ):
-            continue
-        both = [link(f"{rows[key].mean():.2f}", "summary", rows) for key in ("success", "greedy_success")]
-        parts.append(f"`{Learner(str(algorithm), str(observation))}` {' and '.join(both)}")
+    parts, shown = [], words.compared(table, folder)
+    for key, rows in shown[shown["policy"] == "stochastic"].groupby(["algorithm", "observation"], sort=False):
+        both = [link(f"{rows[name].mean():.2f}", "summary", rows) for name in ("success", "greedy_success")]
+        parts.append(f"`{', '.join(map(str, key))}` {' and '.join(both)}")
     if not parts:
         return None
     means = ", means over scenarios" * (table["scenario"].nunique() > 1)
@@ -551,7 +539,6 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
 
 @scenarios.figure("The scenarios.")
 def _(tables: Frames, context: Context) -> Figure | None:
-
     return gallery(list(context.models.values())) if "scenarios" in tables else None
 
 
