@@ -75,17 +75,3 @@ def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -
     """
     chosen = f"_seeds_{seeds_text(seeds)}" if seeds is not None else ""
     return f"{experiment.name}{chosen}{'_partial' if partial else ''}"
-
-
-def check(experiment: Experiment, *, is_required: bool) -> None:
-    """Checks that an experiment's report can be drawn of it, see `benchmark.reports.draw.report_of`.
-
-    Args:
-      experiment: As loaded.
-      is_required: Whether it must have a report.
-
-    Raises:
-      InputError: It has none although it must, or its report cannot be drawn.
-    """
-    if is_required or experiment.report is not None:
-        draw.report_of(experiment)
