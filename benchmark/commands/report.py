@@ -6,7 +6,7 @@ from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, load_items, load_report, sameness
+from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
@@ -69,23 +69,3 @@ def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -
     """
     chosen = f"_seeds_{seeds_text(seeds)}" if seeds is not None else ""
     return f"{experiment.name}{chosen}{'_partial' if partial else ''}"
-
-
-def check(experiment: Experiment, *, is_required: bool) -> None:
-    """Checks that an experiment's report can be drawn of it, see `benchmark.reports.draw.report_of`.
-
-    Packages that only the report needs may be missing if it is not required.
-
-    Args:
-      experiment: As loaded.
-      is_required: Whether it must have a report.
-
-    Raises:
-      InputError: It has none although it must, or its report cannot be drawn.
-    """
-    if is_required:
-        draw.report_of(experiment)
-    elif experiment.report is not None:
-        report = load_report(experiment.report.kind, experiment.argument)
-        load_items(report, experiment.report.model_dump(), experiment.argument)
-        report.check(experiment)

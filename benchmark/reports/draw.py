@@ -137,8 +137,12 @@ def export(
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 
-def report_of(experiment: Experiment) -> tuple[Report, tuple[Item, ...]]:
+def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report, tuple[Item, ...]]:
     """Returns the report of an experiment, and its items.
+
+    Args:
+      experiment: As loaded.
+      is_drawn: Whether it is drawn now, so that its packages have to be there.
 
     Raises:
       InputError: It has none, or asks for something else than the experiment has, or a package is missing.
@@ -149,7 +153,7 @@ def report_of(experiment: Experiment) -> tuple[Report, tuple[Item, ...]]:
     report = load_report(declared.kind, experiment.argument)
     items = load_items(report, declared.model_dump(), experiment.argument)
     for package in report.packages:
-        if find_spec(package) is None:
+        if is_drawn and find_spec(package) is None:
             raise missing_package(f"{experiment.name}: its report", package)
     report.check(experiment)
     return report, items
