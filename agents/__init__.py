@@ -31,7 +31,6 @@ __all__ = [
 ]
 
 ALGORITHMS: Final = {
-    "a2c": "agents.sb3.algorithms:A2C",
     "compiled_dqn": "agents.nets.dqn:DQN",
     "compiled_ppo": "agents.nets.ppo:PPO",
     "double_q_learning": "agents.tabular.learner:DOUBLE_Q_LEARNING",
@@ -39,7 +38,6 @@ ALGORITHMS: Final = {
     "expected_sarsa": "agents.tabular.learner:EXPECTED_SARSA",
     "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
-    "qrdqn": "agents.sb3.algorithms:QRDQN",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "q_learning_plain": "agents.tabular.plain:Q_LEARNING",
     "sarsa": "agents.tabular.learner:SARSA",

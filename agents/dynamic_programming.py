@@ -61,9 +61,15 @@ def starts_of(model: Model, start: NDArray[np.float64]) -> Starts:
     """Returns the starts of a distribution over states, (S,)."""
     states = np.flatnonzero(start)
     n_block = len(start) // model.n_places
-    return Starts(
-        states, start[states], np.searchsorted(states, n_block * np.arange(model.n_places + 1)), n_block
-    )
+    first = np.searchsorted(states, n_block * np.arange(model.n_places + 1))
+    return Starts(states, start[states], first, n_block)
+
+
+def dynamics(
+    model: Model,
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int32]]:
+    """Returns what sweeps read of a model: next states, their probabilities, ends and observations."""
+    return model.next_state, model.probability, model.terminated, model.observation
 
 
 def from_starts(model: Model) -> NDArray[np.float64]:
@@ -119,15 +125,12 @@ def evaluate(
     sums = np.zeros((len(batch), _N_SUMS))
     _sweep(
         batch,
-        model.next_state,
-        model.probability,
+        *dynamics(model),
         model.grid_reward,
         model.issuer_reward,
-        model.terminated,
         model.event == EVENTS.index("target_ping"),
         model.is_wrong_ping,
         model.zone,
-        model.observation,
         *starts_of(model, start),
         horizon,
         sums,
@@ -148,13 +151,13 @@ def _sweep(
     policies: NDArray[np.float64],
     next_state: NDArray[np.int32],
     outcome: NDArray[np.float64],
+    terminated: NDArray[np.bool_],
+    observation: NDArray[np.int32],
     grid_reward: NDArray[np.float64],
     issuer_reward: NDArray[np.float64],
-    terminated: NDArray[np.bool_],
     is_success: NDArray[np.bool_],
     is_wrong_ping: NDArray[np.bool_],
     zone: NDArray[np.int8],
-    observation: NDArray[np.int32],
     starts: NDArray[np.int64],
     start_probability: NDArray[np.float64],
     group: NDArray[np.int64],

@@ -26,7 +26,7 @@ from pydantic import Field
 
 from agents.compiled import compiled
 from agents.contract import LearnerSettings, Schedule, SequentialAlgorithm, snapshots
-from agents.dynamic_programming import Starts, from_starts, solve, starts_of
+from agents.dynamic_programming import dynamics, from_starts, solve, starts_of
 from agents.policy import Policy
 from envs.model import ACTIONS, Model
 
@@ -142,18 +142,8 @@ def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray
       probability and the expected number of these visits; 0 where there are none.
     """
     gains, visits = np.zeros(policy.shape), np.zeros(len(policy))
-    expected_return = _sweep(
-        policy,
-        model.next_state,
-        model.probability,
-        model.grid_reward,
-        model.terminated,
-        model.observation,
-        starts_of(model, from_starts(model)),
-        horizon,
-        gains,
-        visits,
-    )
+    starts = starts_of(model, from_starts(model))
+    expected_return = _sweep(policy, *dynamics(model), model.grid_reward, *starts, horizon, gains, visits)
     gains -= (policy * gains).sum(axis=1, keepdims=True)
     return expected_return, gains / np.where(visits > 0, visits, 1.0)[:, None]
 
@@ -163,16 +153,18 @@ def _sweep(
     policy: NDArray[np.float64],
     next_state: NDArray[np.int32],
     outcome: NDArray[np.float64],
-    reward: NDArray[np.float64],
     terminated: NDArray[np.bool_],
     observation: NDArray[np.int32],
-    all_starts: Starts,
+    reward: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    start_probability: NDArray[np.float64],
+    first: NDArray[np.int64],
+    n_block: int,
     horizon: int,
     gains: NDArray[np.float64],
     visits: NDArray[np.float64],
 ) -> float:
     """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits."""
-    starts, start_probability, first, n_block = all_starts
     n_actions, n_outcomes = reward.shape[1], next_state.shape[2]
     here = np.zeros((horizon + 1, n_block))  # probability of each state before each step
     value, later = np.zeros(n_block), np.zeros(n_block)

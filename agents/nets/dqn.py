@@ -14,7 +14,6 @@ evaluation steps.
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
@@ -96,19 +95,9 @@ class DqnAgent(Agent):
     is_value = True
     outputs = (N_ACTIONS,)
 
-    def __init__(
-        self,
-        model: Model,
-        settings: DqnSettings,
-        observation: str,
-        points: NDArray[np.int64],
-        seed: SeedSequence,
-        kind: type[np.floating[Any]],
-    ) -> None:
-        """Makes an agent that has drawn its first weights and starts."""
+    def begin(self, model: Model, settings: DqnSettings, kind: type[np.floating[Any]]) -> Dqn:
+        """Draws uniform weights, and makes room for the replay buffer and a mini-batch."""
         n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
-        n_rows = max(min(settings.batch_size, n_observations), n_envs)
-        super().__init__(model, settings, observation, points, seed, kind, n_rows)
         (q_net,) = self.nets
         net.draw_uniform(q_net, self.parameters.values, self.drawing)
         rows = max(settings.arguments["buffer_size"] // n_envs, 1), n_envs
@@ -118,7 +107,7 @@ class DqnAgent(Agent):
             "synchronised_every": max(settings.target_update_interval // n_envs, 1),
         }
         batch = (np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4"))
-        self._state = Dqn(
+        return Dqn(
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
@@ -128,14 +117,14 @@ class DqnAgent(Agent):
                 known=net.memo_of(n_observations),
             ),
             replay=Replay(*(np.zeros(rows, dtype) for dtype in ("i4", "i1", "f4", "i4", "?"))),
-            batch=Batch(*batch, merged=net.merged_of(n_observations, n_rows)),  # type: ignore[arg-type,misc]
+            batch=Batch(*batch, merged=net.merged_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
             walk=self.walk,
             stream=self.learning,
         )
 
     def advance(self, until: int) -> None:
         """Trains until so many steps are done, a whole number of rollouts."""
-        _advance(self._state, until)
+        _advance(self.state, until)
 
 
 @inlined

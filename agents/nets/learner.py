@@ -17,7 +17,7 @@ from agents.nets.arithmetic import Numbers
 from agents.nets.net import Net, net_of, parameters_of, read, unpadded
 from agents.nets.walk import walk_of
 from agents.process import N_ACTIONS
-from agents.sb3.settings import Sb3Settings
+from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
 
 
@@ -30,14 +30,13 @@ class Agent(ABC):
     def __init__(
         self,
         model: Model,
-        settings: Sb3Settings,
+        settings: DqnSettings | PpoSettings,
         observation: str,
         points: NDArray[np.int64],
         seed: SeedSequence,
         kind: type[np.floating[Any]],
-        n_rows: int,
     ) -> None:
-        """Makes an agent that has drawn its first starts, and whose parameters are zero.
+        """Makes an agent that has drawn its first weights and starts.
 
         Args:
           model: Compiled scenario.
@@ -46,19 +45,23 @@ class Agent(ABC):
           points: (T,) evaluation steps.
           seed: Of its streams.
           kind: In which it computes: float32, or in tests float64.
-          n_rows: The most observations of a call of its nets.
         """
         streams = np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
         acting, self.learning, self.drawing = streams
         self.walk = walk_of(model, settings, acting, points)
-        hidden = settings.policy_kwargs.net_arch
+        n_rows = max(min(settings.batch_size, model.n_observations), settings.n_envs)
+        hidden, is_relu = settings.policy_kwargs.net_arch, self.is_value  # as in Stable-Baselines3
         self.nets: list[Net] = []
         end = 0
         for n in self.outputs:
-            is_relu = self.is_value  # as in Stable-Baselines3
             self.nets.append(net_of(model, observation, hidden, n, end, n_rows, kind, is_relu=is_relu))
             end = self.nets[-1].end
         self.parameters = parameters_of(end, kind)
+        self.state = self.begin(model, settings, kind)
+
+    @abstractmethod
+    def begin(self, model: Model, settings: Any, kind: type[np.floating[Any]]) -> Any:
+        """Draws the first weights; returns all that the compiled loop reads and changes."""
 
     @abstractmethod
     def advance(self, until: int) -> None:

@@ -116,9 +116,8 @@ def net_of(
 def parameters_of(n_parameters: int, kind: type[np.floating[Any]]) -> Parameters:
     """Returns parameters that are zero."""
     values, gradient, first, second = (np.zeros(n_parameters, kind) for _ in range(4))
-    return Parameters(
-        values, gradient, first, second, np.zeros(_SUMS, kind), np.ones(2), np.zeros(1, np.int64)
-    )
+    sums, n_steps = np.zeros(_SUMS, kind), np.zeros(1, np.int64)
+    return Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
 
 
 def memo_of(n_observations: int) -> Memo:

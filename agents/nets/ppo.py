@@ -15,7 +15,6 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
@@ -104,18 +103,9 @@ class PpoAgent(Agent):
     is_value = False
     outputs = (N_ACTIONS, 1)
 
-    def __init__(
-        self,
-        model: Model,
-        settings: PpoSettings,
-        observation: str,
-        points: NDArray[np.int64],
-        seed: SeedSequence,
-        kind: type[np.floating[Any]],
-    ) -> None:
-        """Makes an agent that has drawn its first weights and starts."""
+    def begin(self, model: Model, settings: PpoSettings, kind: type[np.floating[Any]]) -> Ppo:
+        """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
         n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
-        super().__init__(model, settings, observation, points, seed, kind, n_rows)
         actor, critic = self.nets
         for each, gain in zip(self.nets, _GAINS, strict=True):
             room = np.empty((each.stride, max(each.n_inputs, each.stride)))
@@ -123,7 +113,7 @@ class PpoAgent(Agent):
         constants = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
         table, rollout = (n_observations, N_ACTIONS), ("i4", "i1", "f4", "i4", "?", kind, kind, kind, "i8")
-        self._state = Ppo(
+        return Ppo(
             constants=Constants(**constants | endless),
             actor=actor,
             critic=critic,
@@ -148,12 +138,12 @@ class PpoAgent(Agent):
 
     def advance(self, until: int) -> None:
         """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
-        _advance(self._state, until)
+        _advance(self.state, until)
 
     def table(self) -> Numbers:
         """Returns the action probabilities for all observations, (O, A)."""
         table = super().table()
-        _softmax(table, self._state.batch.log_probability[0])
+        _softmax(table, self.state.batch.log_probability[0])
         return table
 
 
@@ -205,8 +195,8 @@ def _roll_out(agent: Ppo) -> bool:
             o, i = walk.process.observation[walk.state[e]], e * n_steps + t
             probability, log_probability = known.probability[o], known.log_probability[o]
             if net.is_new(known.policy_of, o):
-                agent.batch.observed[0] = o
-                at = net.forward(agent.actor, agent.parameters.values, agent.batch.observed, 1)
+                agent.actor.observed[0] = o
+                at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
             uniform = draw(walk.stream)
@@ -228,7 +218,7 @@ def _roll_out(agent: Ppo) -> bool:
 @inlined
 def _value(agent: Ppo, observed: NDArray[np.int32]) -> None:
     """Has the critic value the observations of a rollout that are not valued yet."""
-    known, critic, unknown, n_unknown = agent.known, agent.critic, agent.batch.observed, 0
+    known, critic, unknown, n_unknown = agent.known, agent.critic, agent.critic.observed, 0
     for i in range(len(observed) + 1):
         if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
             at = net.forward(critic, agent.parameters.values, unknown, n_unknown)

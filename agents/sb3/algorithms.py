@@ -1,4 +1,4 @@
-"""Algorithms of Stable-Baselines3 and of its contributions as algorithms of this project."""
+"""DQN and PPO of Stable-Baselines3 as algorithms of this project."""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -8,7 +8,7 @@ from typing import Any, Final
 from numpy.random import SeedSequence
 
 from agents.contract import DeepTraining, Schedule, SequentialAlgorithm
-from agents.sb3.settings import A2cSettings, DqnSettings, PpoSettings, QrdqnSettings, Sb3Settings
+from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
 from envs.inputs import needed_by
 
@@ -20,8 +20,6 @@ class Sb3Algorithm(SequentialAlgorithm):
     path: str  # `module:class`
     settings: type[Sb3Settings]
     packages: tuple[str, ...] = ("stable_baselines3", "torch")
-    # From one line of a log to the next: episodes for an off-policy algorithm, else rollouts.
-    log_interval: int = 1
     # Whether its nets may have modules that differ between training and acting, as dropout does.
     has_modes: bool = False
 
@@ -60,9 +58,5 @@ class Sb3Algorithm(SequentialAlgorithm):
         return training.train_agent(self, model, settings, observation, seed, schedule, log)
 
 
-DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings, log_interval=10)
+DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)
 PPO: Final = Sb3Algorithm("stable_baselines3:PPO", PpoSettings)
-A2C: Final = Sb3Algorithm("stable_baselines3:A2C", A2cSettings, log_interval=100)
-QRDQN: Final = Sb3Algorithm(
-    "sb3_contrib:QRDQN", QrdqnSettings, ("sb3_contrib", "stable_baselines3", "torch"), log_interval=10
-)

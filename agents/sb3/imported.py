@@ -42,18 +42,9 @@ class ImportedSettings(Sb3Settings):
     path: ClassVar[str]  # `module:class`
 
     @property
-    def rollout(self) -> int:
-        """`train_freq` steps of every env, or `n_steps` if there is no `train_freq`."""
-        values = vars(self)
-        return int(values["train_freq" if "train_freq" in values else "n_steps"]) * self.n_envs
-
-    @property
     def arguments(self) -> dict[str, Any]:
-        """The arguments that are set; a buffer larger than the budget would only take memory."""
-        arguments = self.model_dump(exclude=OUR_SETTINGS, exclude_unset=True, exclude_none=True)
-        if "buffer_size" in vars(self):
-            arguments["buffer_size"] = min(vars(self)["buffer_size"], self.budget)
-        return arguments
+        """The arguments that are set."""
+        return self._fitted(self.model_dump(exclude=OUR_SETTINGS, exclude_unset=True, exclude_none=True))
 
     @model_validator(mode="after")
     def _agents_can_be_made(self) -> Self:

@@ -56,9 +56,7 @@ def make_agent(algorithm: Sb3Algorithm, settings: Sb3Settings, env: VecEnv) -> B
     if isinstance(optimizer, torch.optim.Adam):
         for group in optimizer.param_groups:
             group["fused"] = True
-    if (
-        not algorithm.has_modes
-    ):  # SB3 walks all modules twice per step to switch modes, of which there are none
+    if not algorithm.has_modes:  # SB3 would walk all modules twice per step to switch modes
         agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
 
@@ -156,14 +154,9 @@ class _Snapshots(BaseCallback):
 
 def vec_env(n: int, scenario: ScenarioLike, observation: str, time_limit: int | None = None) -> SB3VecEnv:
     """Returns n envs that step together."""
+    mode = AutoresetMode.SAME_STEP
     return SB3VecEnv(
-        ProxemicVectorEnv(
-            n,
-            scenario,
-            observation,
-            max_episode_steps=time_limit,
-            autoreset_mode=AutoresetMode.SAME_STEP,
-        )
+        ProxemicVectorEnv(n, scenario, observation, max_episode_steps=time_limit, autoreset_mode=mode)
     )
 
 
@@ -186,7 +179,7 @@ def train_agent(
         agent.set_logger(configure(str(log), ["tensorboard"]) if log else Logger(None, []))
         agent.action_space.seed(action_seed)
         kept = _Snapshots(env, settings.rollout, observations, schedule.evaluation_steps)
-        interval: Any = algorithm.log_interval if log else None
+        interval: Any = 1 if log else None  # from one line of the log to the next: episodes, or rollouts
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
@@ -208,6 +201,9 @@ def train_agent(
         if log:
             agent.logger.dump(agent.num_timesteps)
             agent.logger.close()
+        digest = hashlib.sha256()
+        for name, weights in sorted(agent.policy.state_dict().items()):
+            digest.update(name.encode() + weights.numpy().tobytes())
         output = output_of(agent)
         q = policy_table(agent, observations) if output.is_value else np.empty((0, len(ACTIONS)))
         return {
@@ -218,7 +214,7 @@ def train_agent(
             "updates": len(updates),
             "parameters": sum(weights.numel() for weights in output.net.parameters()),
             "diverged_at": kept.diverged_at,
-            "weights": np.frombuffer(_weights_digest(agent), dtype=np.uint8),
+            "weights": np.frombuffer(digest.digest(), dtype=np.uint8),
         }
 
 
@@ -248,12 +244,3 @@ def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
         torch.set_flush_denormal(False)  # torch's default; it cannot be asked
         torch.set_num_threads(threads)
         np.random.set_state(numpy_state)  # noqa: NPY002
-
-
-def _weights_digest(agent: BaseAlgorithm) -> bytes:
-    """Returns the SHA-256 of all weights."""
-    digest = hashlib.sha256()
-    for name, weights in sorted(agent.policy.state_dict().items()):
-        digest.update(name.encode())
-        digest.update(weights.numpy().tobytes())
-    return digest.digest()

@@ -200,9 +200,8 @@ def _train(
     """
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    rates, visit_exponent, discount, epsilons, initial_value, trace_decay, takes_lowest, time_limit = (
-        constants
-    )
+    rates, visit_exponent, discount, epsilons, initial_value, trace_decay = constants[:6]
+    takes_lowest, time_limit = constants[6:]
     budget, by_episode, record_every, points, map_index = plan
     n_pairs = n_observations * N_ACTIONS
     has_tree = results.table_max_q.shape[1] > 0
@@ -331,7 +330,7 @@ def compile_kernel(
     """Returns the kernel of an update rule, compiled when it is first called.
 
     The kernel is a copy of `_train` whose globals hold the rule. Compiled code is kept on disk by the name of
-    the function, and the rule may come from elsewhere. So the copy's name contains a digest of the rule.
+    the function. So the copy's name contains a digest of the rule and of the text of the rule's file.
 
     Args:
       update: The rule.
@@ -347,15 +346,10 @@ def compile_kernel(
     }
     rule = flags | {"_bootstrap": numba.njit(update.bootstrap)}
     kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)
-    parts = [flags, *_identity(update.bootstrap)]
+    code = update.bootstrap.__code__
+    cells = [cell.cell_contents for cell in update.bootstrap.__closure__ or ()]
+    text = linecache.getlines(inspect.getfile(update.bootstrap))
+    parts = flags, update.bootstrap.__module__, code.co_code, code.co_consts, code.co_names, cells, text
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
     return compiled(nogil=True)(kernel)
-
-
-def _identity(function: Callable[..., Any]) -> list[object]:
-    """Returns what a function's compiled code depends on: itself, and the text of its file."""
-    code = function.__code__
-    cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    text = linecache.getlines(inspect.getfile(function))
-    return [function.__module__, code.co_code, code.co_consts, code.co_names, cells, text]

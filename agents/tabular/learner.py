@@ -29,7 +29,6 @@ from envs.model import ACTIONS, Model
 # a version, too; both only rise, so their sum is new after every change.
 VERSION: Final = 3
 
-
 MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
 
 
@@ -37,14 +36,8 @@ class Settings(LearnerSettings):
     """The settings of a tabular learner; the defaults are the paper's."""
 
     later: ClassVar[frozenset[str]] = frozenset(
-        {
-            "initial_value",
-            "final_learning_rate",
-            "learning_rate_fraction",
-            "final_epsilon",
-            "epsilon_fraction",
-            "visit_exponent",
-        }
+        {"initial_value", "final_learning_rate", "learning_rate_fraction"}
+        | {"final_epsilon", "epsilon_fraction", "visit_exponent"}
     )
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
@@ -96,9 +89,7 @@ class Settings(LearnerSettings):
             if last is not None and last > first:
                 raise ValueError(f"final_{key} = {last} is above {key} = {first}; accepted: at most {first}")
         if self.final_learning_rate is not None and self.visit_exponent is not None:
-            raise ValueError(
-                "final_learning_rate and visit_exponent exclude each other; set at most one of them"
-            )
+            raise ValueError("final_learning_rate and visit_exponent exclude each other; set only one")
         if self.budget_unit == "episodes" and self.epsilons.last == 0 and self.time_limit is None:
             key = "epsilon" if self.final_epsilon is None else "final_epsilon"
             raise ValueError(f'budget_unit = "episodes" with {key} = 0 may never end; set time_limit')

@@ -50,7 +50,7 @@ class PlainQLearning(SequentialAlgorithm):
         visits = [[0] * len(ACTIONS) for _ in range(model.n_observations)]
         exponent = settings.visit_exponent
         rates, epsilons = settings.learning_rates, settings.epsilons
-        rate, epsilon, changes_until = rates.first, epsilons.first, max(rates.until, epsilons.until)
+        changes_until = max(rates.until, epsilons.until)
         starts = model.starts.tolist()
         has_starts = len(starts) > 1
         state = rng.choice(starts) if has_starts else starts[0]

@@ -5,7 +5,6 @@ import json
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -68,14 +67,6 @@ class Demanding(A2C):
         super().__init__(policy, env, **kwargs)
 
 
-class Callback(A2C):
-    """Needs an argument that no file can hold."""
-
-    def __init__(self, policy: Any, env: Any, function: Callable[[], int], **kwargs: Any) -> None:
-        self.function = function()
-        super().__init__(policy, env, **kwargs)
-
-
 class Hidden(A2C):
     """Passes another number of steps than its signature says."""
 
@@ -134,8 +125,6 @@ class DropoutDqn(DQN):
     [
         ("dqn", "stable_baselines3:DQN", {"train_freq": 2, "learning_rate": 1e-3, "n_envs": 2}, "one_hot"),
         ("ppo", "stable_baselines3:PPO", {"n_steps": 50, "batch_size": 32, "n_epochs": 2}, "coordinates"),
-        ("a2c", "stable_baselines3.a2c:A2C", {"policy_kwargs": {"net_arch": [16]}}, "one_hot"),
-        ("qrdqn", "sb3_contrib:QRDQN", {"policy_kwargs": {"n_quantiles": 10}}, "coordinates"),
     ],
 )
 def test_path_and_name_of_a_class_train_the_same(
@@ -211,28 +200,18 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
         ("stable_baselines3:A2C", {"learning_rat": 1.0}, r"learning_rat \(did you mean learning_rate\?\)"),
         ("stable_baselines3:A2C", {"n_steps": 5.5}, "n_steps = 5.5"),
         ("stable_baselines3:A2C", {"learning_rate": "fast"}, "A2C cannot be made"),
-        ("stable_baselines3:A2C", {"gamma": 1.5}, "gamma = 1.5"),
         ("stable_baselines3:A2C", {"n_steps": 5, "n_envs": 3}, "rollouts of 15 steps"),
         ("stable_baselines3:A2C", {"seed": 3}, "unknown key seed"),
-        ("stable_baselines3:A2C", {"_init_setup_model": False}, "unknown key _init_setup_model"),
-        ("stable_baselines3:A2C", {"rollout_buffer_class": "x"}, "A2C cannot be made"),
-        ("stable_baselines3:A2C", {"use_sde": True}, "A2C cannot be made"),
-        ("stable_baselines3:A2C", {"policy_kwargs": 3}, "policy_kwargs = 3"),
         ("stable_baselines3:A2C", {"policy_kwargs": {"ortho_int": True}}, "A2C cannot be made: .*ortho_int"),
-        ("stable_baselines3:DQN", {"train_freq": [1, "episode"]}, "train_freq = .*integer"),
-        ("stable_baselines3:DQN", {"replay_buffer_kwargs": {"size": 3}}, "DQN cannot be made: .*'size'"),
         (f"{HERE}:Demanding", {}, "the key factor is missing"),
         (f"{HERE}:Demanding", {"factor": 1, "rollout": 4}, "unknown key rollout"),
-        (f"{HERE}:Callback", {"function": 3}, "Callback cannot be made: 'int' object is not callable"),
         (f"{HERE}:Episodic", {}, "train_freq = .*integer"),
         # Classes that cannot be trained
         ("stable_baselines3:SAC", {}, "SAC cannot be made: The algorithm only supports .*Box.* Discrete"),
         ("sb3_contrib:RecurrentPPO", {"n_steps": 100}, "RecurrentPPO cannot be made: .*MlpPolicy"),
         ("sb3_contrib:ARS", {}, "accepted: a class with an argument gamma"),
         (f"{HERE}:Mute", {}, "Mute cannot be evaluated: DQNPolicy has neither action values"),
-        ("stable_baselines3:A3C", {}, "cannot be imported: .*no attribute 'A3C'"),
         ("stable_baselines3.common.buffers:ReplayBuffer", {}, "is not an algorithm; accepted: "),
-        ("no_such_thing:Foo", {}, "No module named 'no_such_thing'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_trained_is_refused(name: str, values: dict[str, Any], expected: str) -> None:
@@ -256,11 +235,9 @@ def test_packages_are_those_of_the_class_and_its_bases() -> None:
 
 
 def test_looking_at_a_class_draws_no_random_numbers() -> None:
-    torch.manual_seed(3)
-    expected = torch.rand(2)
-    torch.manual_seed(3)
+    before = torch.get_rng_state()
     settings_of("stable_baselines3:A2C", n_steps=25)
-    assert (torch.rand(2) == expected).all()
+    assert torch.equal(torch.get_rng_state(), before)
 
 
 def test_missing_packages_get_a_sentence_and_names_need_no_torch() -> None:

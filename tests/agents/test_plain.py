@@ -28,32 +28,20 @@ MOVES = {
     ],
     "observe": ["agent", "phase"],
 }
-DECAYS = {
-    "initial_value": -0.5,
-    "final_learning_rate": 0.1,
-    "learning_rate_fraction": 0.5,
-    "final_epsilon": 0.1,
-    "epsilon_fraction": 0.7,
-}
+DECAYS = {"final_learning_rate": 0.1, "learning_rate_fraction": 0.5, "final_epsilon": 0.1,
+          "epsilon_fraction": 0.7, "initial_value": -0.5}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("scenario", "overrides", "changes"),
-    [
-        ("S1", MOVES, {"visit_exponent": 0.6}),
-        ("S2", {}, DECAYS),
-    ],
+    [("S1", MOVES, {"visit_exponent": 0.6}), ("S2", {}, DECAYS)],
 )
 def test_it_learns_as_the_compiled_learner_does(
     scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
 ) -> None:
     model = compile_scenario(load_scenario(scenario, overrides))
-    values: dict[str, Any] = {
-        "budget": STEPS[-1],
-        "time_limit": 200,
-        "record_every": STEPS[-1],
-        "epsilon": 0.3,
-    } | changes
+    defaults = {"budget": STEPS[-1], "time_limit": 200, "record_every": STEPS[-1], "epsilon": 0.3}
+    values: dict[str, Any] = defaults | changes
     schedule = Schedule(STEPS[-1], STEPS, (0, STEPS[-1]))
     trained = {}
     for name in ("q_learning", "q_learning_plain"):

@@ -72,11 +72,7 @@ def test_rules_equal_the_textbooks_loop(
     assert training.episodes_ended.min() > 3
 
 
-def small(
-    following: list[list[int]],
-    rewards: list[list[float]],
-    noise: float = 0.0,
-) -> Any:
+def small(following: list[list[int]], rewards: list[list[float]], noise: float = 0.0) -> Any:
     """Returns what training reads of a model, for a small one whose states are observed.
 
     Args:
@@ -190,13 +186,8 @@ def epsilon_greedy_values(model: Model, discount: float, epsilon: float) -> NDAr
 def test_rules_converge_to_the_values_that_they_should(name: str) -> None:
     model = compile_scenario(load_scenario("S1", MOODS))
     discount, epsilon = 0.8, 0.5
-    changes = {
-        "discount": discount,
-        "epsilon": epsilon,
-        "learning_rate": 1.0,
-        "visit_exponent": 0.8,
-        "budget": 10_000_000,
-    }
+    rates = {"learning_rate": 1.0, "visit_exponent": 0.8}
+    changes = rates | {"discount": discount, "epsilon": epsilon, "budget": 10_000_000}
     q = learned(name, model, changes, n_agents=2).q
     best, mixed = solve(model, discount).q, epsilon_greedy_values(model, discount, epsilon)
     goes_on = ~model.is_over
@@ -213,13 +204,7 @@ def test_double_q_learning_does_not_overestimate() -> None:
     # random, with mean -0.1 and variance 1. Random actions make visits independent of the values. So from
     # initial values of -0.1, the value of the first action has mean -0.1 if the bootstrap is unbiased.
     model = small([[1, -1, -1, -1, -1], [-1] * 5], [[0] * 5, [-0.1] * 5], noise=np.sqrt(3))
-    changes = {
-        "budget": 300,
-        "epsilon": 1.0,
-        "learning_rate": 0.1,
-        "discount": 1.0,
-        "initial_value": -0.1,
-    }
+    changes = {"budget": 300, "epsilon": 1.0, "learning_rate": 0.1, "discount": 1.0, "initial_value": -0.1}
     n = 5000
     q = {name: learned(name, model, changes, n).q for name in ("q_learning", "double_q_learning")}
     values = {name: each[:, 0, 0] for name, each in q.items()}

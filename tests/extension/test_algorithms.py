@@ -39,11 +39,6 @@ class A2cSettings(Sb3Settings):
 
     n_steps: Annotated[int, Field(ge=1, le=10**9)] = 5
 
-    @property
-    def rollout(self) -> int:
-        """`n_steps` of every env."""
-        return self.n_steps * self.n_envs
-
 
 A2C: Final = Sb3Algorithm("stable_baselines3:A2C", A2cSettings)
 
@@ -162,7 +157,6 @@ def test_settings_from_outside_are_checked(tmp_path: Path) -> None:
 RULE = """
 from agents.tabular.kernel import compile_kernel
 from agents.tabular.learner import Settings, train
-from agents.tabular.kernel import compile_kernel
 from agents.tabular.updates import UpdateRule
 from agents import Schedule
 from envs import compile_scenario, load_scenario
