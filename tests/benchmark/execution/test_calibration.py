@@ -52,7 +52,7 @@ def record(
     return Record(run.digest, run.content, "done" if error is None else "failed", measured, arrays, error)
 
 
-# A hundred runs, a job each, with a budget of 10,000 steps, which learn from step 100 on; and tables.
+# A hundred runs, a job each, which learn from step 100 of 10,000 on; and as many in jobs of 25.
 NETS = specifications(COMPARED, "default", "S1", "dqn_sb3", "one_hot", range(100))
 TABLES = specifications(COMPARED, "default", "S1", "q_learning", "index")
 

@@ -5,8 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -24,10 +23,9 @@ from benchmark.execution.plan import plan
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
-from tests.benchmark.execution.test_processes import arrays_of
+from tests.benchmark.execution.test_processes import PATIENCE_S, arrays_of, n_stored, until
 from tests.support import ROOT
 
-PATIENCE_S = 180  # on a loaded machine; nothing waits that long elsewhere
 MIXED = """
 description = "Tables and a compiled net."
 scenarios = ["S1"]
@@ -128,14 +126,7 @@ class Machines:
         arguments = ["run", str(experiment), "--results", str(results), "--cluster", self.address]
         driver = self._start("driver.txt", ROOT, "benchmark", *arguments)
 
-        def stored() -> int:
-            try:
-                with Store(results / "runs.db", read_only=True) as store:
-                    return len(store.statuses())
-            except InputError:
-                return 0  # not created yet
-
-        until(lambda: stored() or driver.poll() is not None)
+        until(lambda: n_stored(results) or driver.poll() is not None)
         return driver
 
     def driver_says(self) -> str:
@@ -147,13 +138,6 @@ class Machines:
             command = [sys.executable, "-m", *module]
             self._processes.append(subprocess.Popen(command, cwd=cwd, stdout=file, stderr=file))
         return self._processes[-1]
-
-
-def until(is_true: Callable[[], Any]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not is_true():
-        assert time.monotonic() < deadline, "too slow"
-        time.sleep(0.05)
 
 
 @pytest.fixture
