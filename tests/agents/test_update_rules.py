@@ -17,6 +17,7 @@ from tests.agents.words import textbook
 
 RULES: Final = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_q_lambda")
 
+WIDE = {"uncomfortable_radius": 1, "target_radius": 2}
 # A room of 25 cells that the agent enters anywhere, and an issuer whose mood changes at random. Since the
 # first wrong PING ends the episode, and cell and mood are seen, the agent knows its state.
 MOODS: Final[dict[str, Any]] = {
@@ -29,11 +30,7 @@ MOODS: Final[dict[str, Any]] = {
     "regions": {"uncomfortable_radius": 0, "target_radius": 1},
     "phases": [
         {"name": "calm", "next": {"tense": 0.3}},
-        {
-            "name": "tense",
-            "next": {"calm": 0.2, "away": 0.1},
-            "regions": {"uncomfortable_radius": 1, "target_radius": 2},
-        },
+        {"name": "tense", "next": {"calm": 0.2, "away": 0.1}, "regions": WIDE},
         {"name": "away", "position": [0, 4], "next": {"calm": 0.4}},
     ],
     "observe": ["agent", "phase"],
