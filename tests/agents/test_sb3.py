@@ -22,13 +22,11 @@ from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains
 from agents.sb3 import algorithms, training
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings, Sb3Settings
-from agents.sb3.tables import policy_table
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.inputs import parse
 from envs.model import PING
-from envs.observations import observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
 DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
@@ -296,32 +294,6 @@ def test_policy_changes_only_between_rollouts() -> None:
     assert (probabilities[0:8:2] == probabilities[1:8:2]).all()  # rollouts are of 100 steps
     for before, after in ((0, 2), (2, 4), (4, 6), (6, 8)):
         assert (probabilities[before] != probabilities[after]).any()
-
-
-def test_seconds_include_the_update_that_made_the_policy() -> None:
-    points = [0, 99, 100, 199, 200, 399, 400]
-    seconds = trained("ppo", points=points, n_steps=100, n_envs=1, n_epochs=30).cpu_time_s[0]
-    for before, after in ((1, 2), (3, 4), (5, 6)):  # 120 gradient steps lie between
-        assert seconds[after] - seconds[before] > 5 * (seconds[1] / 99)
-
-
-@pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
-@pytest.mark.parametrize("name", SETTINGS)
-def test_table_of_all_observations_is_what_the_agent_does(name: str, observation: str) -> None:
-    agent = make_agent(METHODS[name], SETTINGS[name], vec_env(SETTINGS[name].n_envs, observation=observation))
-    agent.learn(400)
-    observations = observation_table(S1, observation)
-    table = policy_table(agent, torch.as_tensor(observations))
-    for values, array in zip(table, observations, strict=True):
-        action, _ = agent.predict(array, deterministic=True)
-        assert values.argmax() == action
-    if name == "ppo":
-        assert table.sum(axis=1) == pytest.approx(1)
-        np.random.seed(0)  # noqa: NPY002
-        torch.manual_seed(0)
-        many = np.repeat(observations[:1], 20_000, axis=0)
-        shares = np.bincount(agent.predict(many)[0], minlength=5) / 20_000
-        assert shares == pytest.approx(table[0], abs=0.015)
 
 
 ROOM: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.position": [2, 4]}

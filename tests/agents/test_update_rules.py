@@ -56,7 +56,7 @@ def learned(name: str, model: Any, settings: dict[str, Any], n_agents: int = 1) 
         ("S1", MOODS, {"visit_exponent": 0.8, "learning_rate": 1.0, "time_limit": 9, "epsilon": 0.2}),
     ],
 )
-@pytest.mark.parametrize("name", RULES)
+@pytest.mark.parametrize("name", RULES[1:])  # Q-learning: see `test_tabular`
 def test_rules_equal_the_textbooks_loop(
     name: str, scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
 ) -> None:
