@@ -254,9 +254,8 @@ def solve(
 ) -> Solution:
     """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
-    An agent from which something is hidden can reach at most these values. It can reach them where the
-    optimum needs nothing of it, as in the paper's scenarios, where the optimum has no wrong PING. For what
-    such an agent can reach elsewhere, see `agents.memoryless`.
+    An agent from which something is hidden can reach at most these values; it does where the optimum needs
+    nothing of it, as in the paper's scenarios. For what it can reach elsewhere, see `agents.memoryless`.
 
     Args:
       model: Compiled scenario.

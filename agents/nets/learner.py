@@ -38,13 +38,7 @@ class Agent(ABC):
     ) -> None:
         """Makes an agent that has drawn its first weights and starts.
 
-        Args:
-          model: Compiled scenario.
-          settings: The algorithm's settings.
-          observation: The form of observation.
-          points: (T,) evaluation steps.
-          seed: Of its streams.
-          kind: In which it computes: float32, or in tests float64.
+        It computes in float32, or in tests in float64; `points` (T,) are the evaluation steps.
         """
         streams = np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
         acting, self.learning, self.drawing = streams

@@ -167,11 +167,7 @@ def merge(observed: NDArray[np.int32], merged: Merged) -> int:
 
 @inlined
 def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int) -> int:
-    """Computes the outputs for the first of some observations, at most B.
-
-    Returns:
-      Where the first row of the outputs is in `net.hidden`; rows are W apart.
-    """
+    """Computes the outputs for some observations; returns where they begin in `net.hidden`."""
     hidden, stride, size = net.hidden, net.stride, net.n_rows * net.stride
     width, n_inputs = net.width[0], net.n_inputs
     weights_at, biases_at = net.weights_at[0], net.biases_at[0]
@@ -275,11 +271,11 @@ def _norm(numbers: Numbers, sums: Numbers) -> float:
 
 @inlined
 def _copy(target: Numbers, source: Numbers) -> None:
-    """Copies numbers; numba compiles this faster than a slice."""
     for i in range(len(target)):
         target[i] = source[i]
 
 
+# numba compiles the following loops faster than slices.
 @inlined
 def clear(numbers: Numbers) -> None:
     """Sets numbers to zero."""

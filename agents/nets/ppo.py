@@ -281,11 +281,7 @@ def _learn(agent: Ppo) -> None:
 
 @inlined
 def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> bool:
-    """Computes the slopes of the clipped surrogate and the entropy by the actor's outputs.
-
-    Returns:
-      Whether the policy has changed by so little that learning goes on.
-    """
+    """Computes the slopes of clipped surrogate and entropy; returns whether learning is to go on."""
     rollout, batch, constants, actor = agent.rollout, agent.batch, agent.constants, agent.actor
     slopes, n_rows = actor.slopes, len(chosen)
     at = net.forward(actor, agent.parameters.values, batch.merged.distinct, n_distinct)

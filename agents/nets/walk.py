@@ -32,7 +32,7 @@ class Walk(NamedTuple):
 @inlined
 def draw(stream: NDArray[np.uint64]) -> float:
     """Draws a number from [0, 1) from a stream (4,), which changes."""
-    word, after = draw_word((stream[0], stream[1], stream[2], stream[3]))
+    word, after = draw_word(_words(stream))
     stream[0], stream[1], stream[2], stream[3] = after
     return float(uniform(word))
 
@@ -64,14 +64,14 @@ def _start(walk: Walk) -> None:
 
 
 @inlined
-def _stream(walk: Walk) -> Stream:
-    return walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3]
+def _words(stream: NDArray[np.uint64]) -> Stream:
+    return stream[0], stream[1], stream[2], stream[3]
 
 
 @inlined
 def _restart(walk: Walk, e: int) -> None:
     """Starts an episode."""
-    walk.state[e], stream = draw_start(walk.process.starts, _stream(walk))
+    walk.state[e], stream = draw_start(walk.process.starts, _words(walk.stream))
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
     walk.steps[e] = 0
 
@@ -80,14 +80,13 @@ def _restart(walk: Walk, e: int) -> None:
 def take(walk: Walk, e: int, action: int) -> tuple[float, int, bool]:
     """Takes a step in an env, and starts an episode if one ends.
 
-    Returns:
-      Reward; next observation before that start, O if the episode terminates; whether the time limit alone
-      truncates it.
+    Returns reward, next observation before that start (O where the episode terminates), and whether the time
+    limit alone truncates it.
     """
     process, state = walk.process, U(walk.state[e])
     first = U(process.first[state]) + U(action) * U(process.n_outcomes)
     walk.disagreements[0] += process.outcomes[first].is_wrong_ping
-    reward, state, following, stream = step(process, state, action, _stream(walk))
+    reward, state, following, stream = step(process, state, action, _words(walk.stream))
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
     walk.state[e] = state
     walk.steps[e] += 1

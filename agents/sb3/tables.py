@@ -32,12 +32,9 @@ class Output:
 def output_of(agent: BaseAlgorithm) -> Output:
     """Returns how to ask an agent's net.
 
-    A Q-network has action values, and so has a quantile network: the means of its quantiles (Dabney et al.
-    2018, eq. 3). Target nets are copies and do not count as learned. Any other policy has to be an actor with
-    a categorical distribution.
-
     Raises:
-      ValueError: The policy has none of these.
+      ValueError: It is neither a Q-network nor a quantile network, whose means are action values (Dabney et
+        al. 2018, eq. 3), nor an actor with a categorical distribution.
     """
     policy: Any = agent.policy
     if isinstance(getattr(policy, "q_net", None), torch.nn.Module):

@@ -136,8 +136,7 @@ def _take_snapshot(
 def _new_tree(n_observations: int, value: float) -> NDArray[np.float64]:
     """Returns a tournament tree over observations whose largest values are all the same.
 
-    Its leaves are these values, each inner node is the larger of its two children, and node 1 is the largest
-    value of the table.
+    Each inner node is the larger of its two children, so node 1 is the largest value of the table.
     """
     leaves = 1
     while leaves < n_observations:
@@ -331,11 +330,7 @@ def compile_kernel(
 
     The kernel is a copy of `_train` whose globals hold the rule. Compiled code is kept on disk by the name of
     the function. So the copy's name contains a digest of the rule and of the text of the rule's file.
-
-    Args:
-      update: The rule.
-      draws_outcomes: Whether actions have several outcomes, K > 1.
-      counts_visits: Whether learning rates depend on the number of visits.
+    It leaves out what is not needed: several outcomes of an action, K > 1, and counts of visits.
     """
     flags = {
         "_IS_ON_POLICY": update.is_on_policy,

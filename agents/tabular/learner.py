@@ -216,7 +216,7 @@ class TabularAlgorithm(Algorithm):
     placement = "thread"
 
     def __init__(self, update: UpdateRule) -> None:
-        """Takes the settings and the version from the rule."""
+        """Takes settings and version from the rule."""
         self.update = update
         self.settings = TraceSettings if update.has_traces else Settings
         self.version = VERSION + update.version

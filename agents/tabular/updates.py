@@ -51,11 +51,7 @@ class UpdateRule:
     version: int = 0  # raise it when a change alters what is learned
 
     def __post_init__(self) -> None:
-        """Checks the parts against each other.
-
-        Raises:
-          ValueError: The rule combines traces with two tables or with the next action.
-        """
+        """Refuses, by a ValueError, traces with two tables or with the next action."""
         if self.has_traces and (self.has_two_tables or self.is_on_policy):
             raise ValueError("has_traces: not with is_on_policy or has_two_tables.")
 

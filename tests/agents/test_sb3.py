@@ -22,13 +22,11 @@ from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains
 from agents.sb3 import algorithms, training
 from agents.sb3.settings import DqnSettings, PolicyArguments, PpoSettings, Sb3Settings
-from agents.sb3.tables import policy_table
 from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.inputs import parse
 from envs.model import PING
-from envs.observations import observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
 DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
@@ -114,16 +112,11 @@ def test_envs_of_a_batch_differ_in_starts_and_outcomes() -> None:
     env.seed(0)
     cells = env.reset() % 120
     assert set(cells) == {0, 11, 9 * 12} == set(model.cell[model.starts])
-    # With moves up to the wall alone, episodes do not end, and the phase goes on: from calm to tense in a
-    # fifth of the steps and back in two fifths, so that a third of the time is tense.
-    phase = []
-    for _ in range(500):
-        observations, *_ = env.step(np.zeros(64, dtype=np.int64))
-        phase.append(observations // 120 % 2)
-    shares = np.mean(phase[20:])
-    assert shares == pytest.approx(1 / 3, abs=0.02)
-    changed = np.diff(phase, axis=0) != 0
-    assert len(np.unique(changed, axis=1).T) == 64  # no env repeats another
+    # Against the wall, episodes do not end. The phase turns tense with probability 0.2, and calm with 0.4: it
+    # is tense a third of the time.
+    phase = np.array([env.step(np.zeros(64, np.int64))[0] // 120 % 2 for _ in range(500)])
+    assert phase[20:].mean() == pytest.approx(1 / 3, abs=0.02)
+    assert len(np.unique(phase, axis=1).T) == 64  # no env repeats another
 
 
 @pytest.mark.parametrize(
@@ -142,7 +135,7 @@ def test_vec_env_refuses_what_a_batch_cannot_do() -> None:
     assert env.env_is_wrapped(Monitor) == [False] * 3
     with pytest.raises(NotImplementedError, match="x: "):
         env.set_attr("x", 1)
-    with pytest.raises(NotImplementedError, match="env_method"):
+    with pytest.raises(NotImplementedError, match="reset: "):
         env.env_method("reset")
 
 
@@ -301,32 +294,6 @@ def test_policy_changes_only_between_rollouts() -> None:
     assert (probabilities[0:8:2] == probabilities[1:8:2]).all()  # rollouts are of 100 steps
     for before, after in ((0, 2), (2, 4), (4, 6), (6, 8)):
         assert (probabilities[before] != probabilities[after]).any()
-
-
-def test_seconds_include_the_update_that_made_the_policy() -> None:
-    points = [0, 99, 100, 199, 200, 399, 400]
-    seconds = trained("ppo", points=points, n_steps=100, n_envs=1, n_epochs=30).cpu_time_s[0]
-    for before, after in ((1, 2), (3, 4), (5, 6)):  # 120 gradient steps lie between
-        assert seconds[after] - seconds[before] > 5 * (seconds[1] / 99)
-
-
-@pytest.mark.parametrize("observation", ["one_hot", "coordinates"])
-@pytest.mark.parametrize("name", SETTINGS)
-def test_table_of_all_observations_is_what_the_agent_does(name: str, observation: str) -> None:
-    agent = make_agent(METHODS[name], SETTINGS[name], vec_env(SETTINGS[name].n_envs, observation=observation))
-    agent.learn(400)
-    observations = observation_table(S1, observation)
-    table = policy_table(agent, torch.as_tensor(observations))
-    for values, array in zip(table, observations, strict=True):
-        action, _ = agent.predict(array, deterministic=True)
-        assert values.argmax() == action
-    if name == "ppo":
-        assert table.sum(axis=1) == pytest.approx(1)
-        np.random.seed(0)  # noqa: NPY002
-        torch.manual_seed(0)
-        many = np.repeat(observations[:1], 20_000, axis=0)
-        shares = np.bincount(agent.predict(many)[0], minlength=5) / 20_000
-        assert shares == pytest.approx(table[0], abs=0.015)
 
 
 ROOM: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.position": [2, 4]}
