@@ -30,7 +30,6 @@ from benchmark.execution import driver
 from benchmark.execution.executors import Executor
 from benchmark.execution.executors.processes import Processes
 from benchmark.execution.executors.threads import Threads
-from benchmark.execution.plan import plan
 from benchmark.execution.provenance import peak_memory_mb
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import (
