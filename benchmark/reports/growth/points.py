@@ -30,7 +30,6 @@ from benchmark.execution import driver
 from benchmark.execution.executors import Executor
 from benchmark.execution.executors.processes import Processes
 from benchmark.execution.executors.threads import Threads
-from benchmark.execution.plan import plan
 from benchmark.execution.provenance import peak_memory_mb
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import (
@@ -106,7 +105,7 @@ def _run(label: str, module: str, name: str, arguments: Sequence[object]) -> Val
     return {"seconds": seconds} | values
 
 
-# Training and storing, by the real runner. Jobs, and the seconds that they measure themselves, are values, too
+# Training and storing, by the real runner; `jobs` and their `own_seconds` are values, too
 
 
 def tables(experiment: str, size: int, results: str) -> Values:
