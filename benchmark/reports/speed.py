@@ -187,21 +187,6 @@ def _python_q_learning(steps: int) -> float:
     return steps
 
 
-def _step(envs: Any, times: int) -> float:
-    """Steps vectorised envs, which were reset, with random actions; returns the number of steps."""
-    actions = np.random.default_rng(0).integers(0, N_ACTIONS, (50, envs.num_envs))
-    for i in range(times):
-        envs.step(actions[i % 50])
-    return float(times * envs.num_envs)
-
-
-def _repeat(times: int, call: Callable[[], object], units: float = 1) -> float:
-    """Calls a function so many times; returns how many units it has done, which are given for one call."""
-    for _ in range(times):
-        call()
-    return times * units
-
-
 def _simulated(episodes: int) -> float:
     """Simulates episodes of the random policy, of which 1,000 count as an evaluation."""
     env = gymnasium.make(_ENV, max_episode_steps=200)
@@ -220,9 +205,8 @@ def _simulated(episodes: int) -> float:
 def _stepping(envs: Any, times: int) -> Work:
     """Resets vectorised envs; returns what steps them with random actions."""
     envs.reset()
-    actions = np.random.default_rng(0).integers(0, N_ACTIONS, (50, envs.num_envs))
-    turns = cycle(actions)
-    return partial(_repeat, times, lambda: envs.step(next(turns)), envs.num_envs)
+    actions = cycle(np.random.default_rng(0).integers(0, N_ACTIONS, (50, envs.num_envs)))
+    return partial(_repeat, times, lambda: envs.step(next(actions)), envs.num_envs)
 
 
 def _repeat(times: int, call: Callable[[], object], units: float = 1) -> float:
@@ -333,12 +317,13 @@ def _net_rows(smoke: bool) -> list[Row]:
 def _products(settings: Any, observation: str) -> float:
     """Returns the multiplications and additions in products of matrices per step of training a net in S1."""
     n_inputs = 0 if observation == "one_hot" else 2  # a one-hot observation is the choice of a row
-    is_dqn = isinstance(settings, DqnSettings)
+    if isinstance(settings, DqnSettings):
+        outputs, passes = [N_ACTIONS], settings.batch_size * settings.gradient_steps / settings.rollout
+    else:
+        outputs, passes = [N_ACTIONS, 1], settings.n_epochs
     total = 0.0
-    for n_outputs in (N_ACTIONS,) if is_dqn else (N_ACTIONS, 1):
+    for n_outputs in outputs:
         first, *others = pairwise([n_inputs, *settings.policy_kwargs.net_arch, n_outputs])
         # Outputs and slopes of weights; behind the first layer also slopes of inputs.
         total += 4 * math.prod(first) + 6 * sum(map(math.prod, others))
-    return total * (
-        settings.batch_size * settings.gradient_steps / settings.rollout if is_dqn else settings.n_epochs
-    )
+    return float(total * passes)

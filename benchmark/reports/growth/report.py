@@ -243,7 +243,7 @@ def _points(smoke: bool, scratch: Path) -> Iterator[tuple[str, int, Callable[[],
     for rows, columns in _GRIDS[some]:
         for work in ("compile", "solve", "evaluate", "train"):
             yield f"cells_{work}", rows * columns, partial(fresh, points.grid, work, rows, columns)
-    for n in (1, 2)[some]:
+    for n in [1, 2][some]:
         for kind in ("processes", "dask"):
             yield f"workers_{kind}", n, partial(fresh, points.workers, kind, n, 1 if smoke else 25, store)
     size, budget = (2, 200) if smoke else (25, 10_000)
