@@ -70,11 +70,11 @@ def command(*arguments: str | Path) -> Values:
     return _run(f"the command {arguments[0]}", "benchmark.__main__", "main", [arguments])
 
 
-def fresh(function: Callable[..., Values | None], *arguments: object) -> Values:
+def fresh(function: Callable[..., object], *arguments: object) -> Values:
     """Calls a function of a module in a fresh process, with arguments that JSON has, and paths as texts.
 
     Returns:
-      What the function returns; else the seconds and the peak memory of its process.
+      The seconds and the peak memory of the process, unless the values that the function returns have others.
 
     Raises:
       InputError: It raised an exception, or its process died.
