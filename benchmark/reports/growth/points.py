@@ -84,19 +84,19 @@ def fresh(function: Callable[..., object], *arguments: object) -> Values:
 
 def _run(label: str, module: str, name: str, arguments: Sequence[object]) -> Values:
     started = time.perf_counter()
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-c", _PROGRAM, module, name, json.dumps(arguments, default=str)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,  # all its processes can be ended together
-    )
-    try:
-        output, errors = process.communicate()
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    ) as process:
+        try:
+            output, errors = process.communicate()
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
     seconds = time.perf_counter() - started
     if process.returncode:
         reason = errors.splitlines()[-1].removeprefix("error: ") if errors else "it printed no error"
