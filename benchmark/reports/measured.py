@@ -38,9 +38,7 @@ class Measuring(Report):
     """A report of measurements."""
 
     description: str  # what is measured, in a sentence
-    measure: Callable[
-        [Path, bool], Measured
-    ]  # of an empty folder for the time being, and whether just to try
+    measure: Callable[[Path, bool], Measured]  # of an empty folder to work in, and whether just to try
     check: Callable[[Experiment], None] = _refuse
     load: Callable[[Experiment, Store, Sequence[int] | None, bool], Any] = _refuse
 

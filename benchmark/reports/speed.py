@@ -11,8 +11,8 @@ import random
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, partial
-from itertools import count, islice, pairwise
+from functools import partial
+from itertools import count, cycle, islice, pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -32,22 +32,15 @@ from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from agents.tabular import learner
 from benchmark.execution.executors.processes import Processes
-from benchmark.experiments import (
-    DEFAULT_CONDITION,
-    RunSpecification,
-    load_experiment,
-    specifications,
-)
 from benchmark.reports.folder import Folder
+from benchmark.reports.growth.points import deep_runs
 from benchmark.reports.item import entry, item
 from benchmark.reports.measured import Measured, Measuring
 from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
-from envs.inputs import needed_by
 
 _ENV: Final = "envs:Proxemic/S1-v0"
-_SHORTEST: Final = 200  # steps that a net can be trained
 Turn = tuple[float, float]  # units and seconds
-Rates = list[float]  # of this project and of the alternative
+Work = Callable[[], float]  # returns how many units it has done
 
 
 class Row(NamedTuple):
@@ -55,7 +48,7 @@ class Row(NamedTuple):
 
     name: str
     unit: str
-    sides: Sequence[Callable[[], float]]  # ours and the other; each works once, and returns how many units
+    sides: tuple[Work, Work]  # ours and the other
     against: str
     products: float = 0.0  # multiplications and additions in products of matrices, per unit
 
@@ -63,7 +56,7 @@ class Row(NamedTuple):
 @item("speed", "rates of this project and of common alternatives, from the same run", is_measured=True)
 def speed(data: Measured) -> Iterator[dict[str, Any]]:
     """Tabulates the rates of all rows."""
-    rates: list[tuple[Row, Rates]] = data.taken
+    rates: list[tuple[Row, list[float]]] = data.taken
     limit = next(max(both) for row, both in rates if row.name == "matrix_products")
     for row, (ours, stock) in rates:
         yield {
@@ -80,7 +73,7 @@ def speed(data: Measured) -> Iterator[dict[str, Any]]:
 @speed.sentence
 def _(table: pd.DataFrame, _: Folder) -> str:
     nets = table[table["name"].str.startswith("net_")].sort_values("ratio")
-    rows = table[table["name"] == "q_learning_kernel_lists"].iloc[0], nets.iloc[0], nets.iloc[-1]
+    rows = table[table["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
     q_learning, low, high = (entry(row, "ratio", "speed") for row in rows)
     return (
         f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. Nets train "
@@ -93,9 +86,6 @@ def _measure(_: Path, smoke: bool) -> Measured:
     workers = Processes(os.cpu_count() or 1)
     try:
         rows = [*_rows(smoke), *_deep_rows(smoke, workers)]
-        for row in rows:  # compile, import and fill caches first
-            for work in row.sides:
-                work()
         taken = _take_turns(rows, 1 if smoke else 15, time.perf_counter, _best)
     finally:
         workers.cancel()
@@ -108,16 +98,16 @@ def _measure(_: Path, smoke: bool) -> Measured:
 
 def _take_turns(
     rows: Sequence[Row], n_turns: int, clock: Callable[[], float], rate: Callable[[list[Turn]], float]
-) -> list[tuple[Row, Rates]]:
-    """Returns the rates of both sides of every row, of all their turns."""
-    turns: list[list[list[Turn]]] = [[[], []] for _ in rows]
-    for _ in track(range(n_turns), "measuring", console=Console(stderr=True)):
-        for row, sides in zip(rows, turns, strict=True):
-            for work, taken in zip(row.sides, sides, strict=True):
-                started = clock()
-                done = work()
-                taken.append((done, clock() - started))
-    return [(row, [rate(taken) for taken in sides]) for row, sides in zip(rows, turns, strict=True)]
+) -> list[tuple[Row, list[float]]]:
+    """Returns the rates of both sides of every row; a first turn only compiles, imports and fills caches."""
+    turns: list[tuple[Work, list[Turn]]] = [(work, []) for row in rows for work in row.sides]
+    for i in track(range(n_turns + 1), "measuring", console=Console(stderr=True)):
+        for work, taken in turns:
+            started = clock()
+            turn = work(), clock() - started
+            taken += [turn] * (i > 0)
+    rates = [rate(taken) for _, taken in turns]
+    return [(row, rates[2 * i : 2 * i + 2]) for i, row in enumerate(rows)]
 
 
 def _best(turns: list[Turn]) -> float:
@@ -144,28 +134,24 @@ REPORT: Final = Measuring(
 def _rows(smoke: bool) -> list[Row]:
     """Returns these rows; on S1 unless they say otherwise."""
     model, largest = compile_scenario(load_scenario("S1")), compile_scenario(load_scenario("Anywhere"))
-    short, middle, long = (200, 250, 1000) if smoke else (20_000, 25_000, 100_000)  # steps
+    short, long = (200, 1000) if smoke else (20_000, 100_000)  # steps
     batched, sync = (
         gymnasium.make_vec(_ENV, num_envs=1000, vectorization_mode=mode, max_episode_steps=-1)
         for mode in ("vector_entry_point", "sync")
     )
-    batched.reset(seed=0)
-    sync.reset(seed=0)
-    kernel = partial(_kernel, model, 200, short)
-    threads = [partial(_kernel, model, 200, long, threads=n, record_every=10) for n in (2, 1)]
-    models = [partial(_kernel, each, 100, long, record_every=100) for each in (largest, model)]
-    steps = partial(_step, batched, 5 if smoke else 500), partial(_step, sync, 1 if smoke else 10)
+    learned = partial(_kernel, model, 200, short), partial(_python_q_learning, long)
+    two, one = (partial(_kernel, model, 200, long, threads=n, record_every=10) for n in (2, 1))
+    anywhere, s1 = (partial(_kernel, each, 100, long, record_every=100) for each in (largest, model))
+    steps = _stepping(batched, 5 if smoke else 500), _stepping(sync, 1 if smoke else 10)
     # No policy visits more states than the random one.
     exact = partial(_repeat, 1 if smoke else 100, partial(evaluate, model, uniform_policy(model), 200))
-    simulated = partial(_simulated, model, 10 if smoke else 1000)
-    plain = "a plain Python loop over gymnasium.make, Q in NumPy"
-    tuned = "the same loop tuned: Q in lists, Python's own random numbers"
+    simulated = partial(_simulated, 10 if smoke else 1000)
+    tuned = "a tuned Python loop over gymnasium.make: Q in lists, Python's own random numbers"
     in_s1 = f"the same in S1; Anywhere has {len(largest.observation):,} states"
     return [
-        Row("q_learning_kernel", "updates", (kernel, partial(_numpy_q_learning, middle)), plain),
-        Row("q_learning_kernel_lists", "updates", (kernel, partial(_list_q_learning, long)), tuned),
-        Row("q_learning_threads", "updates", threads, "one thread, by two"),
-        Row("q_learning_anywhere", "updates", models, in_s1),
+        Row("q_learning_kernel", "updates", learned, tuned),
+        Row("q_learning_threads", "updates", (two, one), "one thread, by two"),
+        Row("q_learning_anywhere", "updates", (anywhere, s1), in_s1),
         Row("vector_env_1000", "steps", steps, "gymnasium.vector.SyncVectorEnv"),
         Row("evaluate", "policies", (exact, simulated), "1,000 simulated episodes, uniform random policy"),
     ]
@@ -179,30 +165,8 @@ def _kernel(model: Model, agents: int, steps: int, threads: int = 1, record_ever
     return agents * steps
 
 
-def _numpy_q_learning(steps: int) -> float:
-    """Learns as Q-learning is usually written; returns the number of updates."""
-    env = gymnasium.make(_ENV, max_episode_steps=-1)
-    rng = np.random.default_rng(0)
-    q = np.zeros((120, 5))
-    visited_max = np.empty(steps)
-    observation, _ = env.reset(seed=0)
-    for t in range(steps):
-        best = q[observation].max()
-        visited_max[t] = best
-        if rng.random() < 0.6:
-            action = rng.integers(5)
-        else:
-            candidates = np.flatnonzero(q[observation] == best)
-            action = candidates[rng.integers(len(candidates))]
-        following, reward, terminated, truncated, _ = env.step(action)
-        target = float(reward) + (0.0 if terminated else 0.9 * q[following].max())
-        q[observation, action] += 0.6 * (target - q[observation, action])
-        observation = env.reset()[0] if terminated or truncated else following
-    return steps
-
-
-def _list_q_learning(steps: int) -> float:
-    """Learns the same without NumPy, whose calls take longer than the arithmetic on a few numbers."""
+def _python_q_learning(steps: int) -> float:
+    """Learns in Python without NumPy, whose calls take longer than the arithmetic on a few numbers."""
     env = gymnasium.make(_ENV, max_episode_steps=-1)
     rng = random.Random(0)
     q = [[0.0] * 5 for _ in range(120)]
@@ -223,12 +187,26 @@ def _list_q_learning(steps: int) -> float:
     return steps
 
 
-def _step(envs: Any, times: int) -> float:
-    """Steps vectorised envs, which were reset, with random actions; returns the number of steps."""
-    actions = np.random.default_rng(0).integers(0, N_ACTIONS, (50, envs.num_envs))
-    for i in range(times):
-        envs.step(actions[i % 50])
-    return float(times * envs.num_envs)
+def _simulated(episodes: int) -> float:
+    """Simulates episodes of the random policy, of which 1,000 count as an evaluation."""
+    env = gymnasium.make(_ENV, max_episode_steps=200)
+    rng = random.Random(0)
+    total = 0.0
+    for seed in [0, *[None] * (episodes - 1)]:
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            _, reward, terminated, truncated, _ = env.step(rng.randrange(N_ACTIONS))
+            total += float(reward)
+            over = terminated or truncated
+    return episodes / 1000
+
+
+def _stepping(envs: Any, times: int) -> Work:
+    """Resets vectorised envs; returns what steps them with random actions."""
+    envs.reset()
+    actions = cycle(np.random.default_rng(0).integers(0, N_ACTIONS, (50, envs.num_envs)))
+    return partial(_repeat, times, lambda: envs.step(next(actions)), envs.num_envs)
 
 
 def _repeat(times: int, call: Callable[[], object], units: float = 1) -> float:
@@ -238,61 +216,30 @@ def _repeat(times: int, call: Callable[[], object], units: float = 1) -> float:
     return times * units
 
 
-def _simulated(model: Model, episodes: int) -> float:
-    """Simulates episodes of the random policy, of which 1,000 count as an evaluation."""
-    env = gymnasium.make(_ENV, max_episode_steps=200)
-    rng = random.Random(0)
-    weights = [list(row) for row in uniform_policy(model).cumsum(axis=1)]
-    actions = range(5)
-    total = 0.0
-    env.reset(seed=0)
-    for _ in range(episodes):
-        observation, _ = env.reset()
-        over = False
-        while not over:
-            action = rng.choices(actions, cum_weights=weights[observation])[0]
-            observation, reward, terminated, truncated, _ = env.step(action)
-            total += float(reward)
-            over = terminated or truncated
-    return episodes / 1000
-
-
 # Rows of deep learning, with the settings of `compare_deep`, on S1
-
-
-_compared = cache(partial(load_experiment, "compare_deep"))
-
-
-def _runs(arm: str, observation: str, budget: int, seeds: Sequence[int]) -> list[RunSpecification]:
-    """Returns runs of `compare_deep` with another budget."""
-    changed = {"settings": _compared().settings | {"budget": budget}}
-    return specifications(
-        _compared().model_copy(update=changed), DEFAULT_CONDITION, "S1", arm, observation, seeds
-    )
 
 
 def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
     """Returns the rows of Stable-Baselines3's agents here and elsewhere, with one-hot observations."""
-    with needed_by("benchmark speed"):
-        import torch
-        from stable_baselines3.common.monitor import Monitor
-        from stable_baselines3.common.vec_env import DummyVecEnv
+    import torch
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
 
-        from agents.sb3 import algorithms
-        from agents.sb3.tables import policy_table
-        from agents.sb3.training import make_agent
-        from agents.sb3.vec_env import SB3VecEnv
-    budget = _SHORTEST if smoke else 2000
+    from agents.sb3 import algorithms
+    from agents.sb3.tables import policy_table
+    from agents.sb3.training import make_agent
+    from agents.sb3.vec_env import SB3VecEnv
+
+    budget = 200 if smoke else 2000
     methods = {"dqn": algorithms.DQN, "ppo": algorithms.PPO}
-    runs = {name: _runs(f"{name}_sb3", "one_hot", budget, range(os.cpu_count() or 1)) for name in methods}
+    seeds = range(os.cpu_count() or 1)
+    runs = {name: deep_runs(f"{name}_sb3", "one_hot", budget, seeds) for name in methods}
     dqn: Any = runs["dqn"][0].settings
-    make_env = partial(gymnasium.make, _ENV, observation="one_hot", max_episode_steps=dqn.time_limit)
+    limit = {"max_episode_steps": dqn.time_limit}
+    make_env = partial(gymnasium.make, _ENV, observation="one_hot", **limit)
 
     def native(n_envs: int) -> SB3VecEnv:
-        limit = dqn.time_limit
-        return SB3VecEnv(
-            ProxemicVectorEnv(n_envs, "S1", "one_hot", max_episode_steps=limit, autoreset_mode="SameStep")
-        )
+        return SB3VecEnv(ProxemicVectorEnv(n_envs, "S1", "one_hot", autoreset_mode="SameStep", **limit))
 
     def ours(name: str) -> float:
         for future in [workers.submit([run]) for run in runs[name]]:
@@ -312,23 +259,17 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
         Row(f"sb3_{name}", "steps", (partial(ours, name), partial(stock, name)), pool) for name in methods
     ]
     for n_envs, times in ((8, 1000), (64, 300)):
-        both: tuple[Any, Any] = native(n_envs), DummyVecEnv([make_env] * n_envs)
-        both[0].reset()
-        both[1].reset()
-        n_steps = (5, 5) if smoke else (times, times // 4)
-        sides = [partial(_step, envs, n) for envs, n in zip(both, n_steps, strict=True)]
-        rows.append(Row(f"vec_env_{n_envs}", "steps", sides, "stable_baselines3's DummyVecEnv"))
+        n_ours, n_other = (5, 5) if smoke else (times, times // 4)
+        steps = _stepping(native(n_envs), n_ours), _stepping(DummyVecEnv([make_env] * n_envs), n_other)
+        rows.append(Row(f"vec_env_{n_envs}", "steps", steps, "stable_baselines3's DummyVecEnv"))
 
     agent = make_agent(methods["dqn"], dqn, native(1))
     table = np.eye(120, dtype=np.float32)  # all one-hot observations in S1
-
-    def single_maps() -> None:
-        for observation in table:
-            agent.predict(observation, deterministic=True)
-
-    many = partial(_repeat, 5 if smoke else 500, partial(policy_table, agent, torch.as_tensor(table)))
-    few = partial(_repeat, 1 if smoke else 10, single_maps)
-    return [*rows, Row("map_all_cells", "maps", (many, few), "120 single predicts")]
+    many = partial(policy_table, agent, torch.as_tensor(table))
+    each = cycle(table)
+    single = partial(_repeat, 120, lambda: agent.predict(next(each), deterministic=True))
+    maps = partial(_repeat, 5 if smoke else 500, many), partial(_repeat, 1 if smoke else 10, single)
+    return [*rows, Row("map_all_cells", "maps", maps, "120 single predicts")]
 
 
 def _products_row(smoke: bool) -> Row:
@@ -337,57 +278,52 @@ def _products_row(smoke: bool) -> Row:
     a, b = np.ones(shape[:2], np.float32), np.ones(shape[1:], np.float32)
     c, zeros = np.empty((64, 128), np.float32), np.zeros(128, np.float32)
 
-    def multiply(a: Any, b: Any, c: Any, zeros: Any, times: int) -> None:
+    @numba.njit  # type: ignore[untyped-decorator]
+    def multiply(a: Any, b: Any, c: Any, zeros: Any) -> None:
         for _ in range(times):
             arithmetic.multiply(shape, (zeros, 0), (a, 0, 128, 1), (b, 0, 128, 1), (c, 0, 128, 1))
 
+    compiled = partial(multiply, a.ravel(), b.ravel(), c.ravel(), zeros)
     units = 2.0 * math.prod(shape)
-    compiled = partial(numba.njit(multiply), a.ravel(), b.ravel(), c.ravel(), zeros, times)
-    compiled()
-    sides = (
-        partial(_repeat, 1, compiled, times * units),
-        partial(_repeat, times, partial(np.dot, a, b, out=c), units),
-    )
-    return Row("matrix_products", "operations", sides, "NumPy's BLAS, 64 × 128 by 128 × 128, float32")
+    ours = partial(_repeat, 1, compiled, times * units)
+    other = partial(_repeat, times, partial(np.dot, a, b, out=c), units)
+    against = "NumPy's BLAS, 64 × 128 by 128 × 128, float32"
+    return Row("matrix_products", "operations", (ours, other), against)
 
 
 def _net_rows(smoke: bool) -> list[Row]:
     """Returns the rows of training whole runs of nets."""
-    budget = _SHORTEST if smoke else _compared().settings["budget"]
+    budget = 200 if smoke else 10_000
 
-    def train(arm: str, observation: str, seeds: Iterator[int], budget: int) -> float:
+    def train(arm: str, observation: str, seeds: Iterator[int]) -> float:
         # A run of ours takes well below a second.
-        n_seeds = 1 if arm.endswith("_sb3") or budget == _SHORTEST else 25
-        runs = _runs(arm, observation, budget, list(islice(seeds, n_seeds)))
+        n_seeds = 1 if arm.endswith("_sb3") or smoke else 25
+        runs = deep_runs(arm, observation, budget, list(islice(seeds, n_seeds)))
         model, streams = compile_scenario(runs[0].scenario), [run.seed_sequence for run in runs]
         algorithm = load_algorithm(runs[0].algorithm)
         algorithm.train(model, runs[0].settings, observation, streams, Schedule(budget))
         return float(len(runs) * budget)
 
-    def row(arm: str, observation: str) -> Row:
-        arms = [arm, f"{arm}_sb3"]
-        for trained in arms:  # compile and import first
-            train(trained, observation, iter([0]), _SHORTEST)
-        sides = [partial(train, trained, observation, count(), budget) for trained in arms]
-        products = _products(_runs(arm, observation, budget, [0])[0].settings, observation)
+    rows = []
+    for name in ("dqn_one_hot", "dqn_coordinates", "dqn_linear", "ppo_one_hot", "ppo_coordinates"):
+        arm, observation = (name, "one_hot") if name == "dqn_linear" else name.split("_", 1)
+        ours, other = (partial(train, each, observation, count()) for each in (arm, f"{arm}_sb3"))
+        products = _products(deep_runs(arm, observation, budget, [0])[0].settings, observation)
         against = "Stable-Baselines3, trained as in compare_deep, by CPU time"
-        name = arm if arm == "dqn_linear" else f"{arm}_{observation}"
-        return Row(f"net_{name}", "steps", sides, against, products)
-
-    learners = ("dqn", "one_hot"), ("dqn", "coordinates"), ("dqn_linear", "one_hot")
-    return [row(*learner) for learner in (*learners, ("ppo", "one_hot"), ("ppo", "coordinates"))]
+        rows.append(Row(f"net_{name}", "steps", (ours, other), against, products))
+    return rows
 
 
 def _products(settings: Any, observation: str) -> float:
     """Returns the multiplications and additions in products of matrices per step of training a net in S1."""
     n_inputs = 0 if observation == "one_hot" else 2  # a one-hot observation is the choice of a row
+    if isinstance(settings, DqnSettings):
+        outputs, passes = [N_ACTIONS], settings.batch_size * settings.gradient_steps / settings.rollout
+    else:
+        outputs, passes = [N_ACTIONS, 1], settings.n_epochs
     total = 0.0
-    for n_outputs in (N_ACTIONS,) if isinstance(settings, DqnSettings) else (N_ACTIONS, 1):
+    for n_outputs in outputs:
         first, *others = pairwise([n_inputs, *settings.policy_kwargs.net_arch, n_outputs])
         # Outputs and slopes of weights; behind the first layer also slopes of inputs.
         total += 4 * math.prod(first) + 6 * sum(map(math.prod, others))
-    if isinstance(settings, DqnSettings):
-        total *= settings.batch_size * settings.gradient_steps / settings.rollout
-    else:
-        total *= settings.n_epochs
-    return total
+    return float(total * passes)

@@ -70,11 +70,11 @@ def command(*arguments: str | Path) -> Values:
     return _run(f"the command {arguments[0]}", "benchmark.__main__", "main", [arguments])
 
 
-def fresh(function: Callable[..., Values | None], *arguments: object) -> Values:
+def fresh(function: Callable[..., object], *arguments: object) -> Values:
     """Calls a function of a module in a fresh process, with arguments that JSON has, and paths as texts.
 
     Returns:
-      What the function returns; else the seconds and the peak memory of its process.
+      The seconds and the peak memory of the process, unless the values that the function returns have others.
 
     Raises:
       InputError: It raised an exception, or its process died.
@@ -84,19 +84,19 @@ def fresh(function: Callable[..., Values | None], *arguments: object) -> Values:
 
 def _run(label: str, module: str, name: str, arguments: Sequence[object]) -> Values:
     started = time.perf_counter()
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-c", _PROGRAM, module, name, json.dumps(arguments, default=str)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,  # all its processes can be ended together
-    )
-    try:
-        output, errors = process.communicate()
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    ) as process:
+        try:
+            output, errors = process.communicate()
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
     seconds = time.perf_counter() - started
     if process.returncode:
         reason = errors.splitlines()[-1].removeprefix("error: ") if errors else "it printed no error"
@@ -105,7 +105,7 @@ def _run(label: str, module: str, name: str, arguments: Sequence[object]) -> Val
     return {"seconds": seconds} | values
 
 
-# Training and storing, by the real runner. Jobs, and the seconds that they measure themselves, are values, too
+# Training and storing, by the real runner; `jobs` and their `own_seconds` are values, too
 
 
 def tables(experiment: str, size: int, results: str) -> Values:

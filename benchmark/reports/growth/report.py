@@ -108,23 +108,29 @@ def _(table: pd.DataFrame, _: Folder) -> str:
 
 @growth.figure("Time and peak memory against the numbers of agents, cells and stored runs.")
 def _(frames: Frames, _: object) -> "Figure":
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     from benchmark.drawing.style import figure_of, variant_style
 
     frame = frames["growth"]
     with figure_of(2, len(PANELS), (10.5, 6.0)) as (figure, axes):
+        for axis, first in zip(axes.flat, np.repeat(axes[:, 0], len(PANELS)), strict=True):
+            axis.sharey(first)
+            axis.set(xscale="log", yscale="log")
+            axis.yaxis.set_major_formatter("{x:,g}")
+            axis.yaxis.set_minor_formatter(NullFormatter())
         for column, (unit, curves) in zip(axes.T, PANELS.items(), strict=True):
             for place, curve in enumerate(curves):
                 points = frame[frame["curve"] == curve]
+                # Where points coincide, the first is the largest.
                 style = variant_style(place) | {"markersize": 7 - place, "label": curve.partition("_")[2]}
-                for axis, key in zip(column, ("seconds", "peak_memory_mb"), strict=True):
-                    axis.plot(points["size"], points[key], **style)
+                column[0].plot(points["size"], points["seconds"], **style)
+                column[1].plot(points["size"], points["peak_memory_mb"], **style)
             column[0].legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=2, frameon=False)
             column[1].set_xlabel(unit)
-        for row, label in zip(axes, ("time in s", "peak memory in MB"), strict=True):
-            row[0].set_ylabel(label)
-            for axis in row:
-                axis.set(xscale="log", yscale="log")
-                axis.sharey(row[0])
+        axes[0, 0].set_ylabel("time in s")
+        axes[1, 0].set_ylabel("peak memory in MB")
+        axes[1, 0].yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))  # shared; it spans few powers of ten
     return figure
 
 
@@ -243,7 +249,7 @@ def _points(smoke: bool, scratch: Path) -> Iterator[tuple[str, int, Callable[[],
     for rows, columns in _GRIDS[some]:
         for work in ("compile", "solve", "evaluate", "train"):
             yield f"cells_{work}", rows * columns, partial(fresh, points.grid, work, rows, columns)
-    for n in (1, 2)[some]:
+    for n in [1, 2][some]:
         for kind in ("processes", "dask"):
             yield f"workers_{kind}", n, partial(fresh, points.workers, kind, n, 1 if smoke else 25, store)
     size, budget = (2, 200) if smoke else (25, 10_000)

@@ -3,14 +3,15 @@
 import os
 import signal
 import subprocess
-import sys
+from functools import partial
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.execution.provenance import peak_memory_mb
+from benchmark.__main__ import main
 from benchmark.reports import draw, measured
 from benchmark.reports.document import Document
 from benchmark.reports.growth import report
@@ -24,6 +25,7 @@ from tests.support import ROOT, mistyped_columns
 def test_exponent_of_an_exact_power_law() -> None:
     sizes = np.array([1.0, 10.0, 100.0, 1000.0])
     assert report.exponent(sizes, 3 * sizes**2) == pytest.approx((2.0, 2.0, 2.0))
+    assert np.isnan(report.exponent(sizes, np.full(4, np.nan))).all()  # memory that the system does not say
 
 
 def test_exponent_and_interval_by_hand() -> None:
@@ -43,29 +45,23 @@ def test_too_few_points_have_no_interval(n: int, finite: int) -> None:
     assert np.isfinite(report.exponent(sizes, sizes)).sum() == finite
 
 
-def test_memory_that_the_system_does_not_say_has_no_exponent() -> None:
-    sizes = np.array([1.0, 2.0, 3.0])
-    assert np.isnan(report.exponent(sizes, np.full(3, np.nan))).all()
-
-
 # What is written
 
 
 def taken() -> report.Turns:
     """Growth that is flat up to 100 and linear from there on, four times as fast with two workers."""
-    turns: report.Turns = {}
+    turns: dict[str, dict[int, list[Values]]] = {}
     for place, curve in enumerate(curve for curves in report.PANELS.values() for curve in curves):
-        unit_s = place + 1.0
-        for size in (1, 10, 100, 300, 1000):
-            seconds = unit_s * max(size, 100)
-            turns[curve, size] = [
-                {"seconds": 2 * seconds, "peak_memory_mb": 50.0},
-                {"seconds": seconds, "peak_memory_mb": 70.0},
-            ]
+        seconds = {size: (place + 1.0) * max(size, 100) for size in (1, 10, 100, 300, 1000)}
+        turns[curve] = {
+            size: [{"seconds": 2 * each, "peak_memory_mb": 50.0}, {"seconds": each, "peak_memory_mb": 70.0}]
+            for size, each in seconds.items()
+        }
     for kind in ("processes", "dask"):
-        for n in (1, 2):
-            turns[f"workers_{kind}", n] = [{"seconds": each / n**2, "jobs": 16} for each in (9.0, 8.0)]
-    turns["overhead", 50] = [{"seconds": 10.0, "jobs": 2, "own_seconds": 9.0} for _ in range(2)]
+        turns[f"workers_{kind}"] = {
+            n: [{"seconds": each / n**2, "jobs": 16} for each in (9.0, 8.0)] for n in (1, 2)
+        }
+    turns["overhead"] = {50: [{"seconds": 10.0, "jobs": 2, "own_seconds": 9.0}] * 2}
     return turns
 
 
@@ -110,29 +106,11 @@ def test_readme_is_made_of_what_is_published_alone(name: str) -> None:
 # Processes
 
 
-def large() -> Values:
-    """Returns the peak of a process that fills 300 MB."""
-    assert np.ones(300 * 2**17).all()
-    return small()
-
-
-def small() -> Values:
-    return {"peak_memory_mb": peak_memory_mb() or 0.0, "process": os.getpid()}
-
-
-def failing() -> Values:
-    os._exit(3)
-
-
 def test_the_peak_of_a_point_is_its_own() -> None:
-    first, second = fresh(large), fresh(small)
-    assert first["peak_memory_mb"] - second["peak_memory_mb"] > 250
-    assert len({first["process"], second["process"], os.getpid()}) == 3
-
-
-def test_a_point_that_fails_is_named() -> None:
-    with pytest.raises(InputError, match=r"^growth: failing failed with exit code 3: "):
-        fresh(failing)
+    large, small = fresh(exec, "b'x' * 300 * 2**20"), fresh(exec, "pass")
+    assert large["peak_memory_mb"] - small["peak_memory_mb"] > 200
+    with pytest.raises(InputError, match=r"^growth: _exit failed with exit code 3: "):
+        fresh(os._exit, 3)
 
 
 def test_a_command_is_the_real_one(tmp_path: Path) -> None:
@@ -143,19 +121,22 @@ def test_a_command_is_the_real_one(tmp_path: Path) -> None:
         command("report", "reproduce", "--results", str(tmp_path))
 
 
-def test_an_interrupt_leaves_nothing(tmp_path: Path) -> None:
-    """Processes of points inherit the standard error, which closes when the last of them has ended."""
-    driver = subprocess.Popen(
-        [sys.executable, "-m", "benchmark", "growth", "--smoke", "--results", tmp_path],
-        cwd=ROOT,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert driver.stderr is not None
-    while ": agents_tables, 100:" not in driver.stderr.readline():  # then the next point is measured
-        assert driver.poll() is None
-    driver.send_signal(signal.SIGINT)
-    _, errors = driver.communicate(timeout=120)
-    assert driver.returncode == 130
-    assert errors.startswith("interrupted")
-    assert list(tmp_path.iterdir()) == []
+def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interrupts a point whose process has started another one; this holds a pipe open until it ends."""
+    pipe, results = tmp_path / "pipe", tmp_path / "results"
+    os.mkfifo(pipe)
+    call = partial(fresh, subprocess.check_call, ["sh", "-c", f"exec > {pipe}; echo started; exec sleep 600"])
+    monkeypatch.setattr(report, "_points", lambda *_: [("sleeping", 1, call)])
+
+    def interrupt() -> None:
+        with pipe.open() as output:
+            output.readline()
+            os.kill(os.getpid(), signal.SIGINT)
+            output.read()
+
+    interrupting = Thread(target=interrupt, daemon=True)
+    interrupting.start()
+    assert main(["growth", "--smoke", "--results", str(results)]) == 130
+    interrupting.join(timeout=60)
+    assert not interrupting.is_alive()
+    assert list(results.iterdir()) == []
