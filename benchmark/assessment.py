@@ -331,6 +331,8 @@ def _scores(folder: Folder, model: Model) -> pd.DataFrame | None:
     if not is_comparable:
         return None
     frame = folder.frame(_SCORES.removesuffix(".csv"))
+    if "score" not in frame:
+        return None
     checks = [arm for arm, declared in manifest["algorithms"].items() if declared["check_of"]]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(checks)]
     learner = frame["algorithm"] + ", " + frame["observation"]

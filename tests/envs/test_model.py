@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from envs import ACTIONS, EVENTS, ZONES, compile_scenario, load_scenario
+from envs import ACTIONS, EVENTS, compile_scenario, load_scenario
 
 
 @pytest.mark.parametrize(

@@ -69,15 +69,6 @@ def test_with_a_choice_the_walk_goes_on_to_the_horizon() -> None:
     assert walked.actions[:6] == (2, 0, 2, 2, 2, 2)
 
 
-def test_circles_count_only_since_the_last_choice() -> None:
-    greedy = everywhere(LEFT)
-    greedy[0] = DOWN | RIGHT  # there and back again, by chance below or to the right
-    greedy[12] = UP
-    walked = walk(S1, greedy, 20)
-    assert walked.ending == HORIZON
-    assert {*walked.cells} == {0, 1, 12}
-
-
 def test_ending_takes_precedence_over_the_horizon() -> None:
     assert walk(S1, everywhere(PING), S1.scenario.ping_limit).ending == "last_wrong_ping"
     assert walk(S1, everywhere(UP), 1).ending == CIRCLE
