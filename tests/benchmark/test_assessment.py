@@ -108,11 +108,9 @@ def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
     )
 
 
-def test_observations_are_named_by_their_parts() -> None:
+def test_a_refusal_names_the_observation_by_its_parts() -> None:
     with pytest.raises(InputError, match=r"observation 385 \(row 2, column 1, wrong_pings 3\)"):
-        assess(lambda o: None if o == 385 else 0, scenario="Counted", observation="index")
-    with pytest.raises(InputError, match=r"observation 0 \(row 0, column 0\): IndexError: "):
-        assess(lambda o: o[9], scenario="S1", observation="coordinates")
+        assess(lambda o: o[9] if o == 385 else 0, scenario="Counted", observation="index")
 
 
 @pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
@@ -122,22 +120,14 @@ def test_observations_are_those_of_the_environment(observation: str) -> None:
 
     def act(o: Any) -> int:
         assert env.observation_space.contains(o)
-        given.append(o)
+        given.append(np.array(o))
+        if observation != "index":
+            o[:] = 7  # as a function may
         return 0
 
     assess(act, scenario="Moody", observation=observation)
     model = compile_scenario(load_scenario("Moody"))
     assert np.array_equal(given[: model.n_observations], observation_table(model, observation))
-
-
-def test_a_function_may_change_what_it_is_given() -> None:
-    def act(o: NDArray[np.float32]) -> int:
-        action = PING if o[0] > 0.5 else DOWN
-        o[:] = 1
-        return action
-
-    policy = assess(act, scenario="S1", observation="coordinates").policy
-    assert (policy[:, PING] == np.repeat([0, 1], 60)).all()
 
 
 def test_functions_with_memory_are_refused() -> None:

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.typing import NDArray
 
@@ -30,26 +31,9 @@ def sync_env(
     return SyncVectorEnv([make] * n, autoreset_mode=mode)
 
 
-def assert_same(ours: Any, theirs: Any, place: str = "") -> None:
+def assert_same(ours: Any, theirs: Any) -> None:
     """Compares values, types, shapes and dtypes, at all depths."""
-    assert type(ours) is type(theirs), place
-    if isinstance(theirs, dict):
-        assert ours.keys() == theirs.keys(), place
-        for key, value in theirs.items():
-            assert_same(ours[key], value, f"{place}.{key}")
-    elif isinstance(theirs, tuple):
-        assert len(ours) == len(theirs), place
-        for i, value in enumerate(theirs):
-            assert_same(ours[i], value, f"{place}.{i}")
-    elif isinstance(theirs, np.ndarray):
-        assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape), place
-        if theirs.dtype == object:
-            for i, value in enumerate(theirs):
-                assert_same(ours[i], value, f"{place}.{i}")
-        else:
-            assert np.array_equal(ours, theirs), place
-    else:
-        assert ours == theirs, place
+    assert data_equivalence(ours, theirs), (ours, theirs)
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -41,17 +41,6 @@ def test_walks_of_deterministic_policies_are_as_long_as_exact_evaluation_says(sc
     assert endings == {"target_ping", "last_wrong_ping", CIRCLE}
 
 
-def test_a_walk_follows_the_model() -> None:
-    greedy = np.random.default_rng(1).integers(1, 32, S1.n_observations).astype(np.uint8)
-    walked = walk(S1, greedy, 200)
-    assert walked.states[0] == S1.start
-    assert len(walked.states) == len(walked.cells) == len(walked.actions) + 1 > 5
-    for before, action, after in zip(walked.states[:-1], walked.actions, walked.states[1:], strict=True):
-        assert greedy[S1.observation[before]] >> action & 1
-        assert S1.next_state[before, action, 0] == after
-    assert walked.cells == tuple(S1.observation[list(walked.states)])
-
-
 def test_circles_end_where_they_close() -> None:
     greedy = everywhere(RIGHT)
     greedy[[1, 13]] = DOWN, LEFT  # right, down, left, up again, round four cells

@@ -77,16 +77,6 @@ def test_borders_of_any_shape_lie_on_the_cells_inside(film: Film) -> None:
             assert (min(pixel(image, row, column, *at, side=60)) > 220) == is_border
 
 
-def test_dashes_have_gaps(film: Film) -> None:
-    (border,) = [outline for outline in film.scene.outlines if outline.is_dashed]
-    scene = replace(film.scene, outlines=(border,))
-    image = picture(replace(film, scene=scene), Moment(25, (0,)), 40, has_marks=False)
-    top = np.asarray(image)[60 + 5 * 40 + 3, 7 * 40 + 5 : 10 * 40 - 5].min(axis=1)
-    assert top.min() < 35  # black
-    assert top.max() > 220  # white
-    assert 0.3 < (top > 128).mean() < 0.7
-
-
 def test_large_rooms_get_smaller_cells(film: Film) -> None:
     scene = scene_of(compile_scenario(load_scenario("S1", {"grid.rows": 10, "grid.columns": 900})))
     values, greedy = np.zeros((1, 9000, 5)), np.full((1, 9000), 31, dtype=np.uint8)
