@@ -214,7 +214,8 @@ def _label(model: Model, context: int) -> str:
 def _about(group: Sequence[Model], width: int) -> list[str]:
     """Returns the lines of text, of so many characters, below the maps of scenarios."""
     first = group[0].scenario
-    feedback = sorted({FEEDBACK[each.feedback.kind] for each in (first.issuer, *first.others)})
+    kinds = {first.issuer.feedback.kind, *(person.feedback.kind for person in first.others)}
+    feedback = sorted(FEEDBACK[kind] for kind in kinds)
     about = [f"{first.grid.rows * first.grid.columns} cells, {' and '.join(feedback)}"]
     for model in group:
         hidden = ", ".join(_HIDDEN.get(part, part) for part in model.scenario.hidden) or "nothing"

@@ -121,7 +121,11 @@ def test_films_of_a_row_share_the_colour_scale_below_them(
         write_text(self, at, text, *rest, **more)
 
     monkeypatch.setattr(ImageDraw.ImageDraw, "text", noting)
-    of_last = {"greedy": film.greedy[25:], "scores": film.scores[25:], "walks": film.walks[25:]}
+    of_last: dict[str, Any] = {
+        "greedy": film.greedy[25:],
+        "scores": film.scores[25:],
+        "walks": film.walks[25:],
+    }
     row = [
         replace(film, title="", steps=[0], values=values.reshape(1, 120, 5), **of_last)
         for values in (np.linspace(-1, 0, 600), np.linspace(0, 3, 600))
