@@ -31,13 +31,14 @@ with needed_by("benchmark.assessment"):
     from agents.policy import Policy
     from benchmark.analysis.population import anchors, check_anchors, overlap
     from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
-    from benchmark.drawing.style import figure_of, save_figure
+    from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.reports.folder import Folder
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
 HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
 RESULTS: Final = Path(__file__).parents[1] / "results"
+PICTURES: Final = (".png", ".svg")  # endings of files
 _SCORES: Final = "scores.csv"
 _ASKED_AGAIN: Final = 200  # observations for which a function is asked a second time
 _TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
@@ -137,7 +138,7 @@ class Assessment:
           InputError: The file name has another ending, or the file cannot be written.
         """
         path = Path(path)
-        check_picture(path)
+        check_file(path, *PICTURES)
         figure = draw_map(self)
         try:
             save_figure(figure, path, bbox_inches="tight")
@@ -241,14 +242,6 @@ def standing_of(score: float, published: pd.DataFrame) -> Standing:
     return Standing(above + 1, tied, learners)
 
 
-def check_picture(path: Path) -> None:
-    """Checks that a map can be written to a file of this name; raises InputError if it cannot."""
-    if path.suffix.lower() not in (".png", ".svg"):
-        raise InputError(f"{path}: accepted: a name that ends in .png or .svg.")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}.")
-
-
 def _policy_of_saved(
     path: Path, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
 ) -> Policy:
@@ -304,37 +297,37 @@ def _published(model: Model, results: Path) -> pd.DataFrame | None:
     Raises:
       InputError: A folder of results is damaged.
     """
-    folders = [Folder(file.parent) for file in sorted(results.glob(f"*/{_SCORES}"))]
-    frames = []
-    for folder in folders:
+    found = []
+    for file in sorted(results.glob(f"*/{_SCORES}")):
+        folder = Folder(file.parent)
         with folder.reading():
-            frames.append(_scores(folder, model))
-    found = [frame for frame in frames if frame is not None]
+            found += _scores(folder, model)
     return pd.concat(found, ignore_index=True) if found else None
 
 
-def _scores(folder: Folder, model: Model) -> pd.DataFrame | None:
-    """Reads the scores of a folder's learners in a scenario; None if it has none that can be compared.
+def _scores(folder: Folder, model: Model) -> list[pd.DataFrame]:
+    """Reads the scores of a folder's learners in a scenario; none if they cannot be compared.
 
     They can if the folder has the scenario as it is now and the same time limit, and is complete, with the
     seeds that its experiment declares. Miniatures for tests do not count, nor do checks, which are trained
     with the settings of another learner.
     """
-    name, manifest = model.scenario.name, folder.manifest
+    name, manifest, table = model.scenario.name, folder.manifest, _SCORES.removesuffix(".csv")
     is_comparable = (
         manifest["scenarios"].get(name) == model.scenario.model_dump(mode="json")
         and manifest["horizon"] == HORIZON
         and not manifest["partial"]
         and manifest["experiment"] == folder.path.name  # else, other seeds
         and not folder.path.name.endswith("_smoke")
+        and "score" in folder.frame(table)  # not every experiment measures it
     )
     if not is_comparable:
-        return None
-    frame = folder.frame(_SCORES.removesuffix(".csv"))
+        return []
     checks = [arm for arm, declared in manifest["algorithms"].items() if declared["check_of"]]
+    frame = folder.frame(table)
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(checks)]
     learner = frame["algorithm"] + ", " + frame["observation"]
-    return pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})
+    return [pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})]
 
 
 def draw_map(assessment: Assessment) -> Figure:

@@ -126,6 +126,16 @@ class Table(BaseModel):
 TableT = TypeVar("TableT", bound=Table)
 
 
+def require(is_met: bool, found: str, accepted: str) -> None:
+    """Refuses a value within a validator of a `Table`, unless it is as it must be.
+
+    Raises:
+      ValueError: It is not; `parse` adds the file and the key.
+    """
+    if not is_met:
+        raise ValueError(f"{found}: accepted: {accepted}")
+
+
 def is_name(text: str) -> bool:
     """Returns whether a text can be a name: of an experiment, arm, scenario, reading, axis or its condition.
 

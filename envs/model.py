@@ -25,14 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envs.regions import ZONES
-from envs.scenario import (
-    BinaryFeedback,
-    DelayedFeedback,
-    NoFeedback,
-    NoisyFeedback,
-    Scenario,
-    UniformFeedback,
-)
+from envs.scenario import BoundedFeedback, NoisyFeedback, Scenario
 
 VERSION: Final = 1  # part of every run's identity: raise it when a change alters the dynamics
 
@@ -359,16 +352,16 @@ def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float
                 value: NDArray[np.float64] | float = -far[k] / from_start[k]
                 width = 0.0
                 match feedback:
-                    case NoFeedback():
-                        value = 0.0
-                    case UniformFeedback(low=low, high=high):
+                    case BoundedFeedback(kind="uniform", low=low, high=high):
                         value, width = (low + high) / 2, (high - low) / 2
-                    case BinaryFeedback(low=low, high=high):
+                    case BoundedFeedback(low=low, high=high):
                         value = np.where(scenario.zone[j, p] == ZONES.index("target"), high, low)
                     case NoisyFeedback():
                         width = feedback.noise
+                    case _ if feedback.kind == "none":
+                        value = 0.0
                 mean[j, p] = np.where(nearest == k, value, mean[j, p])
                 noise[j, p, nearest == k] = width
-                is_late[j, p, nearest == k] = isinstance(feedback, DelayedFeedback)
+                is_late[j, p, nearest == k] = feedback.kind == "delayed"
     flat = shape[0] * shape[1], -1
     return mean.reshape(flat), noise.reshape(flat), is_late.reshape(flat)

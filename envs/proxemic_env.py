@@ -60,14 +60,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     ## Rewards
     The grid's reward for the event plus, for every PING, the issuer's reward: that of the nearest person, if
     there are several. Feedback may come with the action after the PING. The values are in the scenario's
-    TOML file. In all shipped scenarios, the grid's rewards are:
-
-    - reaching the issuer, or another person: -1.0
-    - a PING in the target region: +1.0
-    - the fifth wrong PING: -1.0
-    - an earlier wrong PING: -0.4
-    - a move that ends in the uncomfortable region: -0.8
-    - any other move: -0.1
+    TOML file. In all shipped scenarios, the grid's rewards are +1.0 for a PING in the target region, -1.0 for
+    reaching a person and for the fifth wrong PING, -0.4 for an earlier wrong PING, -0.8 for a move that ends
+    in the uncomfortable region and -0.1 for any other move.
 
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING
@@ -76,10 +71,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)` has no limit.
 
     ## Information
-    - `event`: what the action led to, an index into `envs.EVENTS`
-    - `zone`: where the agent is now, an index into `envs.ZONES`
-    - `wrong_pings`: wrong PINGs so far in the episode
-    - `grid_reward`, `issuer_reward`: the two parts of the reward
+    `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an index into
+    `envs.ZONES`; `wrong_pings` so far in the episode; and the parts `grid_reward`, `issuer_reward`.
 
     ## Arguments
     `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8, 6]})`.

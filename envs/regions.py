@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from envs.inputs import InputError, Table
+from envs.inputs import InputError, Table, require
 
 ZONES: Final = ("outside", "target", "uncomfortable", "issuer")
 Cell = tuple[int, int]  # (row, column), (0, 0) top left
@@ -38,19 +38,11 @@ Loop = tuple[Corner, ...]
 _TOLERANCE: Final = 1e-9
 
 
-class Square(Table):
-    """A square around the person, by Chebyshev distance."""
+class Round(Table):
+    """A square or circle around the person, by Chebyshev or Euclidean distance."""
 
     has_front: ClassVar[bool] = False
-    kind: Literal["square"]
-    radius: Length
-
-
-class Circle(Table):
-    """A circle around the person, by Euclidean distance."""
-
-    has_front: ClassVar[bool] = False
-    kind: Literal["circle"]
+    kind: Literal["square", "circle"]
     radius: Length
 
 
@@ -89,14 +81,13 @@ class Mask(Table):
     @model_validator(mode="after")
     def _is_drawn(self) -> Self:
         lines = self.cells.split()
-        if len({len(line) for line in lines}) != 1 or set("".join(lines)) - set("I#."):
-            raise ValueError('cells: accepted: lines of equal length, of the characters "I", "#" and "."')
-        if self.cells.count("I") != 1:
-            raise ValueError('cells: accepted: exactly one "I", the person')
+        is_block = len({len(line) for line in lines}) == 1 and set("".join(lines)) <= set("I#.")
+        require(is_block, "cells", 'lines of equal length, of the characters "I", "#" and "."')
+        require(self.cells.count("I") == 1, "cells", 'exactly one "I", the person')
         return self
 
 
-AnyShape = Square | Circle | Ellipse | Egg | Mask
+AnyShape = Round | Ellipse | Egg | Mask
 Shape = Annotated[AnyShape, Field(discriminator="kind")]
 
 
@@ -126,21 +117,21 @@ class Regions(Table):
         if given not in ((True, True, False, False), (False, False, True, True)):
             keys = "uncomfortable_radius and target_radius"
             raise ValueError(f"accepted: the keys {keys}, or the tables uncomfortable and target")
-        if radii[0] is not None and radii[1] is not None and radii[1] <= radii[0]:
-            raise ValueError(
-                f"target_radius = {radii[1]}: accepted: more than uncomfortable_radius = {radii[0]}"
-            )
-        if self.unit == "metres" and (None in shapes or any(isinstance(shape, Mask) for shape in shapes)):
-            what = "radii are" if None in shapes else "a mask is drawn"
-            raise ValueError(f'unit = "metres": accepted: "cells", since {what} in cells')
+        if radii[0] is not None and radii[1] is not None:
+            more = f"more than uncomfortable_radius = {radii[0]}"
+            require(radii[1] > radii[0], f"target_radius = {radii[1]}", more)
+            require(self.unit == "cells", 'unit = "metres"', '"cells", since radii are in cells')
+        is_drawn = any(isinstance(shape, Mask) for shape in shapes)
+        accepted = '"cells", since a mask is drawn in cells'
+        require(self.unit == "cells" or not is_drawn, 'unit = "metres"', accepted)
         return self
 
     @property
     def shapes(self) -> tuple[AnyShape, AnyShape]:
         """The shapes of the uncomfortable region, and of the target region with what lies inside."""
         return (
-            self.uncomfortable or Square(kind="square", radius=self.uncomfortable_radius or 0),
-            self.target or Square(kind="square", radius=self.target_radius or 0),
+            self.uncomfortable or Round(kind="square", radius=self.uncomfortable_radius or 0),
+            self.target or Round(kind="square", radius=self.target_radius or 0),
         )
 
 
@@ -180,10 +171,10 @@ def _window(regions: Regions, heading: Heading, size: tuple[int, int], cell_widt
 def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Returns which offsets, ahead of a person and to the side, lie in a shape."""
     match shape:
-        case Square():
-            inside = np.maximum(abs(ahead), abs(aside)) <= shape.radius + _TOLERANCE
-        case Circle():
-            inside = np.hypot(ahead, aside) <= shape.radius + _TOLERANCE
+        case Round():
+            is_square = shape.kind == "square"
+            distance = np.maximum(abs(ahead), abs(aside)) if is_square else np.hypot(ahead, aside)
+            inside = distance <= shape.radius + _TOLERANCE
         case Ellipse():
             inside = np.hypot(ahead / shape.length, aside / shape.width) <= 1 + _TOLERANCE
         case Egg():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationError, WrapValidator, model_validator
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
-from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, unknown_name
+from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, require, unknown_name
 from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, merged, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
@@ -27,7 +27,6 @@ PARTS: Final = ("agent", "issuer", "phase", "wrong_pings")
 
 Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
-_CELL_LENGTH: Final = 2
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 
 
@@ -77,78 +76,56 @@ class Grid(Table):
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
         rows, columns, lines = self.rows, self.columns, self.walls.split()
-        if rows * columns > MAX_STATES:
-            raise ValueError(f"rows x columns = {rows} x {columns}: accepted: at most {MAX_STATES} cells")
+        size = f"rows x columns = {rows} x {columns}"
+        require(rows * columns <= MAX_STATES, size, f"at most {MAX_STATES} cells")
         is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set("#. \n")
-        if lines and not is_complete:
-            raise ValueError(f'walls: accepted: {rows} lines of {columns} characters, "#" a wall, "." floor')
+        accepted = f'{rows} lines of {columns} characters, "#" a wall, "." floor'
+        require(is_complete or not lines, "walls", accepted)
         return self
 
 
-class NoFeedback(Table):
-    """The issuer gives no reward."""
+class PlainFeedback(Table):
+    """No reward, or minus the issuer's L1 distance from the agent, relative to that when the episode starts.
 
-    label: ClassVar[str] = "no feedback"
-    kind: Literal["none"]
-
-
-class UniformFeedback(Table):
-    """The issuer's reward is drawn at each PING, uniformly between two bounds."""
-
-    label: ClassVar[str] = "random feedback"
-    kind: Literal["uniform"]
-    low: Reward
-    high: Reward
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.low >= self.high:
-            raise ValueError(f"low = {self.low} must be less than high = {self.high}")
-        return self
-
-
-class DistanceFeedback(Table):
-    """The issuer's reward is minus its L1 distance from the agent, relative to that when the episode starts.
-
-    If episodes have several starts with the issuer in the same place, the farthest counts.
+    If episodes have several starts with the issuer in the same place, the farthest counts. Delayed feedback,
+    also by distance, comes with the action after the PING; that on a PING which ends the episode never comes.
+    With it the issuer must not move, since the model does not remember where it stood at the PING.
     """
 
-    label: ClassVar[str] = "feedback by distance"
-    kind: Literal["distance"]
+    kind: Literal["none", "distance", "delayed"]
 
 
 class NoisyFeedback(Table):
     """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
 
-    label: ClassVar[str] = "noisy feedback by distance"
     kind: Literal["noisy"]
     noise: Annotated[float, Field(gt=0, le=1e6)]
 
 
-class DelayedFeedback(Table):
-    """Feedback by distance that comes with the action after the PING.
+class BoundedFeedback(Table):
+    """Drawn at each PING, uniformly between two bounds; or `high` for a right PING, `low` for a wrong one."""
 
-    That on a PING which ends the episode never comes. The issuer must not move: the model does not remember
-    where it stood at the PING.
-    """
-
-    label: ClassVar[str] = "delayed feedback by distance"
-    kind: Literal["delayed"]
-
-
-class BinaryFeedback(Table):
-    """The issuer's reward is `high` for a PING in the target region, and `low` for any other."""
-
-    label: ClassVar[str] = "binary feedback"
-    kind: Literal["binary"]
+    kind: Literal["uniform", "binary"]
     low: Reward
     high: Reward
 
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        is_ordered = self.kind == "binary" or self.low < self.high
+        require(is_ordered, f"low = {self.low}", f"less than high = {self.high}")
+        return self
 
-AnyFeedback = (
-    NoFeedback | UniformFeedback | DistanceFeedback | NoisyFeedback | DelayedFeedback | BinaryFeedback
-)
+
+AnyFeedback = PlainFeedback | NoisyFeedback | BoundedFeedback
 Feedback = Annotated[AnyFeedback, Field(discriminator="kind")]
+FEEDBACK: Final = {  # in words, by kind
+    "none": "no feedback",
+    "uniform": "random feedback",
+    "distance": "feedback by distance",
+    "noisy": "noisy feedback by distance",
+    "delayed": "delayed feedback by distance",
+    "binary": "binary feedback",
+}
 
 
 class Walk(Table):
@@ -323,22 +300,20 @@ class Scenario(Table):
     @property
     def hidden(self) -> tuple[str, ...]:
         """What does not follow from the observed parts: other parts, "clock" and "feedback to come"."""
-        contexts = [
-            {"issuer": people[0].cell, "phase": phase}
-            for stages in self.people
-            for phase, people in enumerate(stages)
-        ]
-        seen = [tuple(context[part] for part in context if part in self.observe) for context in contexts]
-        unseen = {
-            part: len({(known, context[part]) for known, context in zip(seen, contexts, strict=True)})
-            > len(set(seen))
-            for part in ("issuer", "phase")
-        } | {
+        contexts = {(people[0].cell, i) for stages in self.people for i, people in enumerate(stages)}
+        seen = [i for i, part in enumerate(("issuer", "phase")) if part in self.observe]
+
+        def n_values(*parts: int) -> int:
+            return len({tuple(context[i] for i in parts) for context in contexts})
+
+        is_hidden = {
+            "issuer": n_values(*seen, 0) > n_values(*seen),
+            "phase": n_values(*seen, 1) > n_values(*seen),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(self.ticks) > len(self.stages) > 1,
             "feedback to come": self.is_delayed,
         }
-        return tuple(part for part, is_hidden in unseen.items() if is_hidden)
+        return tuple(part for part in is_hidden if is_hidden[part])
 
     @property
     def n_observations(self) -> int:
@@ -376,7 +351,7 @@ class Scenario(Table):
     def is_delayed(self) -> bool:
         """Whether some feedback comes with the action after a PING."""
         feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
-        return any(isinstance(each, DelayedFeedback) for each in feedback)
+        return any(each.kind == "delayed" for each in feedback)
 
     @cached_property
     def _starts_by_place(self) -> dict[Cell, NDArray[np.int_]]:
@@ -434,85 +409,78 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
         ordered = tuple(part for part in PARTS if part in self.observe)
-        if "agent" not in ordered or self.observe != ordered:
-            where = f"observe = {list(self.observe)}"
-            raise ValueError(
-                f"{where}: accepted: agent, and other parts once each, in the order {list(PARTS)}"
-            )
+        observe = f"observe = {list(self.observe)}"
+        accepted = f"agent, and other parts once each, in the order {list(PARTS)}"
+        require("agent" in ordered and self.observe == ordered, observe, accepted)
         regions = [self.regions, *(person.regions for person in self.others)]
         regions += [phase.regions for phase in self.phases if phase.regions is not None]
-        if self.grid.metres_per_cell is None and any(each.unit == "metres" for each in regions):
-            raise ValueError('regions.unit = "metres": needs grid.metres_per_cell')
+        is_in_cells = all(each.unit == "cells" for each in regions)
+        accepted = '"cells", unless grid.metres_per_cell is given'
+        require(is_in_cells or self.grid.metres_per_cell is not None, 'regions.unit = "metres"', accepted)
         self._check_phases()
         self._check_walk()
         self._check_cells()
         self._check_sizes()
         self._check_starts()
-        if self.n_observations > MAX_STATES:
-            what = f"observe = {list(self.observe)}: {self.n_observations} observations"
-            raise ValueError(f"{what}; accepted: at most {MAX_STATES}")
+        n, accepted = self.n_observations, f"at most {MAX_STATES}"
+        require(n <= MAX_STATES, f"{observe}: {n} observations", accepted)
         return self
 
     def _check_phases(self) -> None:
         """Checks that phases follow each other."""
         names = [phase.name for phase in self.phases]
         for i, phase in enumerate(self.phases):
-            where = f"phases.{i}"
-            is_timed = phase.next is None
-            if (phase.steps is None) == is_timed or is_timed != (self.phases[0].next is None):
-                accepted = "steps in every phase, or next in every phase"
-                raise ValueError(f"{where} ({phase.name}): accepted: {accepted}")
-            if names.count(phase.name) > 1:
-                raise ValueError(f"{where}.name = {phase.name}: accepted: another name, since it is taken")
-            for name in phase.next or {}:
-                if name not in names or name == phase.name:
-                    accepted = ", ".join(other for other in names if other != phase.name) or "no phase"
-                    raise ValueError(f"{where}.next: {name} is not another phase; accepted: {accepted}")
-            if math.fsum((phase.next or {}).values()) > 1 + _CERTAINTY_TOLERANCE:
-                raise ValueError(f"{where}.next: the probabilities sum to more than 1; accepted: at most 1")
+            where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
+            is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
+            require(is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase")
+            is_new = names.count(phase.name) == 1
+            require(is_new, f"{where}.name = {phase.name}", "another name, since it is taken")
+            others = [name for name in names if name != phase.name]
+            for name in chances:
+                accepted = ", ".join(others) or "no phase"
+                require(name in others, f"{where}.next: {name} is not another phase", accepted)
+            total = math.fsum(chances.values())
+            require(total <= 1 + _CERTAINTY_TOLERANCE, f"{where}.next: the sum {total:g}", "at most 1")
 
     def _check_walk(self) -> None:
         """Checks that the issuer moves in one way, if at all, and that its feedback allows that."""
         position, walk = self.issuer.position, self.issuer.walk
-        if walk is not None and self.phases:
-            raise ValueError("issuer.walk and phases: accepted: one of them")
-        moved_by = "issuer.walk" if walk is not None else "phases with positions"
+        require(walk is None or not self.phases, "issuer.walk and phases", "one of them")
         if walk is None and all(phase.position is None for phase in self.phases):
             return
-        if position == "anywhere" or not isinstance(position[0], int):
-            raise ValueError(f"{moved_by} with issuer.position = {_written(position)}: accepted: a cell")
+        moved_by = "phases with positions" if walk is None else "issuer.walk"
+        where = f"{moved_by} with issuer.position = {_written(position)}"
+        require(_is_cell(position), where, "a cell")
         for here, there in pairwise(_round(position, walk) if walk is not None else ()):
-            if (here[0] == there[0]) == (here[1] == there[1]):
-                where = f"issuer.walk.corners: from {_written(here)} to {_written(there)}"
-                accepted = "another cell of the same row or column, also on the way back"
-                raise ValueError(f"{where}: accepted: {accepted}")
-        if self.is_delayed:
-            raise ValueError('feedback.kind = "delayed" with an issuer that moves: accepted: any other kind')
+            is_straight = (here[0] == there[0]) != (here[1] == there[1])
+            where = f"issuer.walk.corners: from {_written(here)} to {_written(there)}"
+            require(is_straight, where, "another cell of the same row or column, also on the way back")
+        where = 'feedback.kind = "delayed" with an issuer that moves'
+        require(not self.is_delayed, where, "any other kind")
 
     def _check_cells(self) -> None:
         """Checks that everyone stands on the grid, on floor, and alone."""
         rows, columns = self.grid.size
-        stands = {f"others.{i}.position": [person.position] for i, person in enumerate(self.others)}
-        stands |= {
-            f"phases.{i}.position": [each.position] for i, each in enumerate(self.phases) if each.position
-        }
-        if self.issuer.walk is not None:
-            stands["issuer.walk.corners"] = list(self.issuer.walk.corners)
-        for key, place in {"issuer.position": self.issuer.position, "grid.start": self.grid.start}.items():
-            stands |= {} if place == "anywhere" else {key: _cells(place, self.grid)}
+        others, walk = [person.position for person in self.others], self.issuer.walk
+        places = {"issuer.position": self.issuer.position, "grid.start": self.grid.start}
+        stands = {key: _cells(place, self.grid) for key, place in places.items() if place != "anywhere"}
+        stands |= {f"others.{i}.position": [cell] for i, cell in enumerate(others)}
+        positions = {f"phases.{i}.position": phase.position for i, phase in enumerate(self.phases)}
+        stands |= {key: [cell] for key, cell in positions.items() if cell is not None}
+        stands |= {} if walk is None else {"issuer.walk.corners": list(walk.corners)}
+        accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
         for key, cells in stands.items():
             for row, column in cells:
-                if not (0 <= row < rows and 0 <= column < columns):
-                    accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
-                    raise ValueError(f"{key} = [{row}, {column}] is off the grid; accepted: {accepted}")
-        if self.issuer.walk is not None:
+                is_on = 0 <= row < rows and 0 <= column < columns
+                require(is_on, f"{key} = [{row}, {column}] is off the grid", accepted)
+        if walk is not None:  # with the cells between
             stands["issuer.walk.corners"] = [stage.position for stage in self.stages if stage.position]
-        others = [person.position for person in self.others]
         for key, cells in stands.items():
             for cell in cells:
-                if self._is_wall(cell) or others.count(cell) > key.startswith("others"):
-                    why = "a wall" if self._is_wall(cell) else "taken by another person"
-                    raise ValueError(f"{key} = {_written(cell)} is {why}; accepted: another cell")
+                where = f"{key} = {_written(cell)}"
+                require(not self._is_wall(cell), f"{where} is a wall", "another cell")
+                is_free = others.count(cell) == key.startswith("others")
+                require(is_free, f"{where} is taken by another person", "another cell")
 
     def _check_sizes(self) -> None:
         """Checks that the scenario has at most MAX_STATES states."""
@@ -524,32 +492,28 @@ class Scenario(Table):
             "cases, with and without pending feedback (issuer.feedback)": 1 + self.is_delayed,
         }
         n_states = math.prod(factors.values())
-        if n_states > MAX_STATES:
-            product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
-            raise ValueError(f"{product} = {n_states} states; accepted: at most {MAX_STATES}")
+        product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
+        require(n_states <= MAX_STATES, f"{product} = {n_states} states", f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
         """Checks that episodes can start and succeed, in every cell that is listed for it."""
         start, position = self.grid.start, self.issuer.position
         listed = _cells(position, self.grid) if position != "anywhere" else []
         for place in listed:
-            if not self._has_target(self._zones_by_place[place]):
-                raise ValueError(
-                    f"regions: with the issuer at {_written(place)}, the target region has no cell that the "
-                    "agent can enter; accepted: a target shape that reaches beyond the uncomfortable one"
-                )
+            where = f"regions: with the issuer at {_written(place)}, the agent can enter no target region"
+            accepted = "a target shape that reaches beyond the uncomfortable one"
+            require(self._has_target(self._zones_by_place[place]), where, accepted)
         starts = np.concatenate([np.zeros((0, 2), dtype=int), *self._starts_by_place.values()])
         used = {divmod(cell, self.grid.columns) for cell in starts[:, 1].tolist()}
+        whose = f"the issuer at {_written(position)}{' or another person' if self.others else ''}"
         for cell in _cells(start, self.grid) if start != "anywhere" else ():
-            if cell not in used:
-                whose = f"the issuer at {_written(position)}{' or another person' if self.others else ''}"
-                where = f"grid.start = {_written(cell)} lies inside a region of {whose}"
-                raise ValueError(f"{where}; accepted: a cell outside every region")
+            where = f"grid.start = {_written(cell)} lies inside a region of {whose}"
+            require(cell in used, where, "a cell outside every region")
         unused = [place for place in listed if place not in self._starts_by_place]
-        if unused or not self._starts_by_place:
-            where = f"issuer.position = {_written(unused[0] if unused else position)}"
-            accepted = "other cells, smaller regions, or another grid.start"
-            raise ValueError(f"{where} leaves no start outside every region; accepted: {accepted}")
+        where = f"issuer.position = {_written(unused[0] if unused else position)}"
+        accepted = "other cells, smaller regions, or another grid.start"
+        has_starts = bool(self._starts_by_place) and not unused
+        require(has_starts, f"{where} leaves no start outside every region", accepted)
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, Any]
@@ -559,9 +523,11 @@ def _cells(place: Any, grid: Grid) -> list[Cell]:
     """Returns the cells that a place names."""
     if place == "anywhere":
         return [divmod(cell, grid.columns) for cell in range(grid.rows * grid.columns)]
-    if len(place) == _CELL_LENGTH and isinstance(place[0], int):
-        return [place]
-    return list(dict.fromkeys(place))
+    return [place] if _is_cell(place) else list(dict.fromkeys(place))
+
+
+def _is_cell(place: Any) -> bool:
+    return isinstance(place[0], int)
 
 
 def _round(position: Any, walk: Walk) -> list[Cell]:

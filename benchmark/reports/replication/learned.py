@@ -21,6 +21,7 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, entry, item
 from benchmark.reports.replication.data import Data
 from envs import ACTIONS, Model
+from envs.scenario import FEEDBACK
 from envs.scene import scene_of
 from envs.words import listed
 
@@ -49,7 +50,7 @@ def figure(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
             axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
             axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9, label="mean of the agents")
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a right PING pays in S1")
-            axis.set(title=f"{letters[0]} max Q, {name}: {model.scenario.issuer.feedback.label}")
+            axis.set(title=f"{letters[0]} max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
             axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
             axis.set(ylim=(bottom - room, top + room))
             scene = scene_of(model)

@@ -41,17 +41,6 @@ def test_walks_of_deterministic_policies_are_as_long_as_exact_evaluation_says(sc
     assert endings == {"target_ping", "last_wrong_ping", CIRCLE}
 
 
-def test_a_walk_follows_the_model() -> None:
-    greedy = np.random.default_rng(1).integers(1, 32, S1.n_observations).astype(np.uint8)
-    walked = walk(S1, greedy, 200)
-    assert walked.states[0] == S1.start
-    assert len(walked.states) == len(walked.cells) == len(walked.actions) + 1 > 5
-    for before, action, after in zip(walked.states[:-1], walked.actions, walked.states[1:], strict=True):
-        assert greedy[S1.observation[before]] >> action & 1
-        assert S1.next_state[before, action, 0] == after
-    assert walked.cells == tuple(S1.observation[list(walked.states)])
-
-
 def test_circles_end_where_they_close() -> None:
     greedy = everywhere(RIGHT)
     greedy[[1, 13]] = DOWN, LEFT  # right, down, left, up again, round four cells
@@ -67,15 +56,6 @@ def test_with_a_choice_the_walk_goes_on_to_the_horizon() -> None:
     assert walked.cells == (0,) * 31
     # Above or below one half of 2**32, see the numbers of seed 2021 below.
     assert walked.actions[:6] == (2, 0, 2, 2, 2, 2)
-
-
-def test_circles_count_only_since_the_last_choice() -> None:
-    greedy = everywhere(LEFT)
-    greedy[0] = DOWN | RIGHT  # there and back again, by chance below or to the right
-    greedy[12] = UP
-    walked = walk(S1, greedy, 20)
-    assert walked.ending == HORIZON
-    assert {*walked.cells} == {0, 1, 12}
 
 
 def test_ending_takes_precedence_over_the_horizon() -> None:

@@ -76,7 +76,7 @@ def test_window_plays_pauses_and_goes_through_training(
     assert shown[1:] == [(0, 1), (0, 2), (0, 3), (0, 3), (1, 1), (1, 1), (2, 1), (2, 1), (2, 2)]
 
 
-def test_without_a_screen_there_is_no_window(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_needs_a_screen_and_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(name, raising=False)

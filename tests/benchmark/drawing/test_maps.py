@@ -1,7 +1,6 @@
 """Maps and the gallery drawn by matplotlib, against scenes and scenarios."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.quiver import Quiver
 
-from benchmark.drawing.maps import actions, gallery, heat, region_legend, triangles
+from benchmark.drawing.maps import actions, gallery, heat, triangles
 from envs import compile_scenario, load_scenario, scenario_names
-from envs.regions import outlines
-from envs.scene import COLOURS, Outline, scene_of
+from envs.scene import COLOURS, scene_of
 
 
 def drawn(artists: Iterable[Artist], kind: type[Artist]) -> list[Any]:
@@ -47,18 +45,6 @@ def test_heat_has_a_value_per_cell_and_the_scene_on_top() -> None:
     assert [line.get_xydata().tolist() for line in drawn(axis.lines, Line2D)] == [[[8, 6]], [[0, 0]]]
 
 
-def test_borders_have_any_shape() -> None:
-    ring = np.ones((3, 3), dtype=bool)
-    ring[1, 1] = False
-    border = Outline("target", "", is_dashed=False, loops=outlines(ring))
-    axis = Figure().subplots()
-    heat(axis, replace(SCENE, outlines=(border,)), np.zeros(120), NORM)
-    (patch,) = drawn(axis.patches, PathPatch)
-    outer = {(-0.5, -0.5), (2.5, -0.5), (2.5, 2.5), (-0.5, 2.5)}
-    hole = {(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)}
-    assert {(x, y) for x, y in patch.get_path().vertices} == outer | hole
-
-
 def test_triangles_are_on_the_side_to_which_the_moves_lead() -> None:
     moves = ["UP", "DOWN", "LEFT", "RIGHT"]
     frame = pd.DataFrame({"row": 3, "column": 5, "action": moves, "value": [1.0, 2.0, 3.0, 4.0]})
@@ -82,13 +68,6 @@ def test_actions_are_drawn_where_something_can_be_done() -> None:
     assert drawn(axis.lines, Line2D)[0].get_xydata().tolist() == [[4, 2]]
 
 
-def test_legend_names_the_borders_of_the_scene() -> None:
-    figure = Figure()
-    region_legend(figure)
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["issuer", *(outline.label for outline in SCENE.outlines), "start"]
-
-
 def test_noses_and_all_people_are_drawn() -> None:
     egg, two = (scene_of(compile_scenario(load_scenario(name))) for name in ("Egg", "TwoPeople"))
     axis = Figure().subplots()
@@ -103,6 +82,8 @@ def test_noses_and_all_people_are_drawn() -> None:
 
 def test_gallery_names_every_scenario_with_what_is_hidden() -> None:
     figure = gallery([compile_scenario(load_scenario(name)) for name in scenario_names()])
+    (legend,) = figure.legends
+    assert {outline.label for outline in SCENE.outlines} < {text.get_text() for text in legend.get_texts()}
     assert figure.get_figwidth() * 160 == pytest.approx(1400, abs=20)  # pixels, as figures are written
     titles = [name for axis in figure.axes for name in axis.get_title("left").split(", ") if name]
     assert sorted(titles) == scenario_names()

@@ -60,23 +60,6 @@ def test_columns_without_any_value_are_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("column", "is_mistyped"),
-    [
-        (["1"] * 100 + ["0.5"], True),
-        ([""] * 100 + ["0.5"], True),
-        (["", ""], True),
-        (["x", "1"], True),
-        ([""] * 99 + ["0.5"], False),
-        (["1e-07", "inf", "-0.5"], False),
-    ],
-)
-def test_mistyped_columns_are_found(tmp_path: Path, column: list[str], is_mistyped: bool) -> None:
-    rows = "".join(f"a,{text}\n" for text in column)
-    (tmp_path / "t.csv").write_text(f"name,value\n{rows}", encoding="utf-8")
-    assert mistyped_columns(tmp_path / "t.csv") == (["value"] if is_mistyped else [])
-
-
-@pytest.mark.parametrize(
     ("places", "rows"), [([0], "2"), ([2, 0], "2;4"), ([0, 1, 2], "2-4"), ([3, 1, 0], "2-3;5")]
 )
 def test_links_name_the_lines_of_the_csv_file(tmp_path: Path, places: list[int], rows: str) -> None:
