@@ -179,7 +179,7 @@ def test_list_tells_what_is_done(results: Path, tmp_path: Path, capsys: pytest.C
         (["run", "reproduct"], "reproduct (did you mean reproduce?)"),
         (["run", "{}/reproduce.toml"], "reproduce is a shipped one"),  # or its results would be overwritten
         (["report", "nothing.toml"], "nothing.toml: cannot be read"),
-        (["report", "reproduce"], "there are no runs yet"),
+        (["report", "reproduce"], "runs.db"),
         (["run", "reproduce", "--jobs", "0"], "--jobs 0: "),
         (["run", "reproduce", "--seeds", "9-2"], "--seeds 9-2: "),
         (["run", "reproduce", "--seeds", ""], "--seeds : "),
