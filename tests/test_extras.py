@@ -139,7 +139,7 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
     (folder,) = (path for path in (tmp_path / "out").iterdir() if path.is_dir())
     names = {path.name for path in folder.iterdir()}
-    assert {"README.md", "figure.svg", "claims.csv", "manifest.json", "index.html"} <= names
+    assert {"README.md", "figure.png", "claims.csv", "manifest.json", "index.html"} <= names
     assert json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["commits"] == [None]
 
 
@@ -147,7 +147,6 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     ("arguments", "what", "package", "extra"),
     [
         ("run compare_deep --report", "compare_deep: its report", "rliable", "deep"),
-        ("run compare_deep --tensorboard logs", "--tensorboard", "tensorboard", "tensorboard"),
         ("growth", "benchmark growth", "distributed", "cluster"),
     ],
 )
