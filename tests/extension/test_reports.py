@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import pytest
-from benchmark.reports.published import Published
-from benchmark.reports.view import Columns
 
 from benchmark.__main__ import main
 from benchmark.analysis.population import Population, load_population
@@ -16,6 +14,8 @@ from benchmark.drawing.style import figure_of
 from benchmark.execution.store import Store
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
 from benchmark.reports.item import Frames, Item, Report, Section, whole
+from benchmark.reports.published import Published
+from benchmark.reports.view import Columns
 from envs import InputError
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from benchmark.reports.comparison.data import Data
-from benchmark.reports.comparison.protocol import Learner
 from numpy.typing import NDArray
 
 from agents.policy import ALL_ACTIONS
 from benchmark.analysis.population import Population
 from benchmark.experiments import load_experiment, specifications
+from benchmark.reports.comparison.data import Data
+from benchmark.reports.comparison.protocol import Learner
 
 
 def compared(scenario: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:

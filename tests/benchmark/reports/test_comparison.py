@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from benchmark.reports.comparison.data import Data, load
-from benchmark.reports.comparison.protocol import Learner, Protocol
 from numpy.typing import NDArray
 from rliable import metrics
 from scipy import stats
@@ -24,6 +22,8 @@ from benchmark.experiments import Experiment, all_specifications, load_experimen
 from benchmark.reports import draw, load_report
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison import tables as comparison
+from benchmark.reports.comparison.data import Data, load
+from benchmark.reports.comparison.protocol import Learner, Protocol
 from benchmark.reports.draw import digest_of
 from benchmark.reports.item import measured_files
 from envs import InputError

@@ -6,10 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from benchmark.reports.equivalence import findings, tables
-from benchmark.reports.equivalence.data import Data, Name, Runs, load
-from benchmark.reports.equivalence.tables import MARGIN, verdict
-from benchmark.reports.published import Published
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -20,6 +16,10 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from benchmark.page import build
 from benchmark.reports import load_report
+from benchmark.reports.equivalence import findings, tables
+from benchmark.reports.equivalence.data import Data, Name, Runs, load
+from benchmark.reports.equivalence.tables import MARGIN, verdict
+from benchmark.reports.published import Published
 from envs import InputError
 from tests.support import mistyped_columns
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from benchmark.reports.figures import Drawing
 from matplotlib.figure import Figure
 
+from benchmark.reports.figures import Drawing
 from benchmark.reports.item import Frames, Item
 
 

@@ -10,10 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import pytest
-from benchmark.reports.comparison.data import Data
-from benchmark.reports.comparison.findings import Findings
-from benchmark.reports.comparison.protocol import Learner, Protocol, answer, outcome
-from benchmark.reports.published import Published
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -22,6 +18,10 @@ from benchmark.drawing.tables import LINK, plain, write_csv
 from benchmark.page import build
 from benchmark.reports import load_report, texts
 from benchmark.reports.comparison import figures, findings, tables
+from benchmark.reports.comparison.data import Data
+from benchmark.reports.comparison.findings import Findings
+from benchmark.reports.comparison.protocol import Learner, Protocol, answer, outcome
+from benchmark.reports.published import Published
 from tests.benchmark.reports.made import compared
 
 PUBLISHED = Path(__file__).parents[3] / "results" / "compare_deep"

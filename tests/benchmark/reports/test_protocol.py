@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from benchmark.reports.comparison.protocol import Learner, Protocol, protocol_of
 
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.reports import load_report
+from benchmark.reports.comparison.protocol import Learner, Protocol, protocol_of
 from envs import InputError
 
 ARMS = """

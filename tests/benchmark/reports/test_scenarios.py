@@ -8,10 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from benchmark.reports.comparison.data import Data
-from benchmark.reports.comparison.protocol import Learner, Protocol
-from benchmark.reports.published import Published
-from benchmark.reports.scenarios import findings, tables
 from numpy.typing import NDArray
 
 from agents.dynamic_programming import from_starts, solve
@@ -21,6 +17,10 @@ from benchmark.analysis.population import Population
 from benchmark.drawing.tables import LINK
 from benchmark.experiments import all_specifications, load_experiment
 from benchmark.experiments.schema import Effect
+from benchmark.reports.comparison.data import Data
+from benchmark.reports.comparison.protocol import Learner, Protocol
+from benchmark.reports.published import Published
+from benchmark.reports.scenarios import findings, tables
 from envs import compile_scenario, load_scenario, scenario_names
 from tests.benchmark.reports.made import compared
 from tests.support import make, mistyped_columns

@@ -11,10 +11,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from benchmark.reports.published import Published
 from markdown_it.token import Token
 
 from benchmark.__main__ import main
+from benchmark.reports.published import Published
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import markdown_parser
 
