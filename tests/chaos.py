@@ -242,25 +242,15 @@ def main(arguments: list[str] | None = None) -> int:
             if name == "nets":
                 ways = [chaos.worker_killed] * 3 + ways
             elif name == "cluster":
-                ways = [partial(chaos.cluster_worker_killed, stack.enter_context(cluster(Path(folder))))]
+                machines = stack.enter_context(Machines(Path(folder)))
+                machines.workers = [machines.add(worker, preload="") for worker in ("first", "second")]
+                ways = [partial(chaos.cluster_worker_killed, machines)]
             disturb(chaos, ways, n_kills)
             total.update(chaos.happened)
     for what, count in sorted(total.items()):
         print(f"{what:28} {count}")
     print(f"processes killed or interrupted: {total['killed']}; runs lost, repeated or different: 0")
     return 0
-
-
-@contextmanager
-def cluster(folder: Path) -> Iterator[Machines]:
-    """Yields a Dask scheduler with two workers."""
-    machines = Machines(folder)
-    try:
-        machines.begin()
-        machines.workers = [machines.add(name, preload="") for name in ("first", "second")]
-        yield machines
-    finally:
-        machines.stop()
 
 
 def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> None:

@@ -43,9 +43,7 @@ CHUNK: Final = 500
 # Every key of an experiment, on scenarios that are quick to load.
 EXPERIMENT: Final = """
 description = "A table and nets."
-report = "comparison"
 note = "For tests."
-items = []
 stream = "fuzz"
 scenarios = ["S1", "S2"]
 horizon = 200
@@ -53,7 +51,6 @@ evaluation_every = 100
 map_every = 200
 evaluated_from = ["start", "every_cell"]
 settings = { budget = 400, time_limit = 200 }
-effects = [{ name = "random feedback", scenario = "S2", against = "S1" }]
 [algorithms.table]
 algorithm = "q_learning"
 observations = ["index"]
@@ -76,12 +73,17 @@ settings = { gamma = 0.9 }
 algorithm = "dqn"
 check_of = "dqn"
 seeds = 10
-[protocol]
-reference = "table, index"
+[report]
+kind = "comparison"
+question = "Which?"
+items = []
+omit = ["maps"]
+baseline = "table, index"
+pool = "none"
+adjust = "none"
+margins = { success = 0.1, score = 0.05 }
 contrasts = [["dqn, one_hot", "table, index"]]
-success_margin = 0.1
-score_margin = 0.05
-fewest_runs = 10
+effects = [["S2", "S1", "random feedback"]]
 [readings.default]
 question = "How?"
 answer = "So."
@@ -100,10 +102,10 @@ scenario = { "grid.rows" = 12 }
 """
 # What is left out of it, since a report takes some of it alone, or none.
 WITHOUT: Final = (
-    ("readings", "sweep", "effects"),
-    ("readings", "sweep", "effects", "protocol"),
-    ("report", "effects", "protocol"),
-    ("report", "effects", "protocol", "readings"),
+    ("readings", "sweep"),
+    ("readings",),
+    ("report",),
+    ("report", "readings"),
 )
 EXTENSION: Final = """
 extends = "reproduce_smoke"

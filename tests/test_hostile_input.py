@@ -61,10 +61,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     ("text", "expected"),
     [
         (f"a = {'[' * 500}{']' * 500}", "nested too deeply"),
-        (f"a = {'[' * 40}{']' * 40}", "nested too deeply"),
-        (f"a = {'{ b = ' * 300}1{' }' * 300}", "nested too deeply"),
         (f"[{'.'.join('a' * 3000)}]", "nested too deeply"),
-        (f"{'.'.join('a' * 3000)} = 1", "nested too deeply"),
         (f"{EXPERIMENT}[sweep.size.small.scenario]\n'{'.'.join('a' * 1200)}' = 1", "nested too deeply"),
         (
             f"extends = 'reproduce'\ndescription = 'x'\n[changes]\n'{'.'.join('a' * 3000)}' = 1",
@@ -73,14 +70,12 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (f"horizon = {'9' * 5000}", "too many digits"),
         (EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"), "horizon: too many digits"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
-        (EXPERIMENT.replace("= 200", "= 10_001"), "horizon = 10001: "),
         (EXPERIMENT + SWEEP, "10,000 conditions"),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
         ("a = 1\n" * 2, "not valid TOML"),
         (EXPERIMENT.replace("map_every", "x" * 5000), "unknown key xxxxx"),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
         (LONG.replace("= 500", "= 1"), "evaluation_every = 1 with budget = 1000000000: 1,000,000,001 evalu"),
-        (LONG.replace("500", "10000"), "100,001 evaluations"),  # times 120 cells
         # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
         (LONG.replace("500", "20000"), f"records of {120 * 50_001 * 21 / 1e6:,.0f} MB"),
         (
@@ -153,15 +148,11 @@ def test_walk_with_many_ticks_is_refused_before_it_is_laid_out() -> None:
     [
         (["watch", "--save=--"], "the value --"),
         (["run", "reproduce", "--jobs", "9" * 5000], "--jobs"),
-        (["run", "reproduce", "--jobs", "2000"], "--jobs 2000: "),
         (["run", "reproduce", "--seeds", "9" * 5000], "--seeds 999"),
         (["run", "reproduce", "--seeds", "٣"], "--seeds ٣: "),
-        (["watch", "--seed", "9" * 5000], "--seed 999"),
         (["verify", "reproduce", "--runs", "-1"], "--runs -1: "),
-        (["run", "x" * 5000], "unknown experiment xxx"),
         (["run", "\u001b[31mred"], "unknown experiment"),
         (["run"], "EXPERIMENT; 'python -m benchmark run --help'"),
-        (["fly"], "'fly'"),
         ([], "COMMAND"),
         (["run", "reproduce", "--executor", "json:"], "executor json: cannot be imported"),
     ],
@@ -189,7 +180,7 @@ def test_closed_and_full_outputs(tmp_path: Path) -> None:
 
 def test_interrupt_at_any_moment_is_one_line() -> None:
     rng = random.Random(0)
-    for _ in range(6):
+    for _ in range(3):
         process = subprocess.Popen(
             [sys.executable, "-m", "benchmark", "list"],
             cwd=ROOT,

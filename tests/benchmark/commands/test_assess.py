@@ -46,12 +46,10 @@ def test_a_function_is_assessed_and_drawn(tmp_path: Path, capsys: pytest.Capture
     [
         (["--agent", "my_agent:wrong"], "observation 0"),
         (["--agent", "my_agent:nothing"], "my_agent:nothing"),
-        (["--agent", "my_agents:act"], "my_agents:act"),
         (["--agent", "my_agent:act", "--scenario", "S7"], "S7"),
         (["--agent", "my_agent:act", "--stochastic"], "stochastic"),
         (["--agent", "my_agent:act", "--save", "map.gif"], "map.gif"),
         (["--model", "model.zip", "--algorithm", "stable_baselines3:PPO"], "model.zip"),
-        ([], "--agent"),
         (["--agent", "a:b", "--model", "c.zip"], "--agent"),
     ],
 )

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from benchmark.execution.store import NoRunsError, Record, Store
 from envs import InputError
-from tests.support import ROOT
 
 
 def record(digest: str, status: str = "done", arrays: dict[str, NDArray[Any]] | None = None) -> Record:
@@ -312,42 +311,6 @@ def test_interrupted_write_is_put_right_by_whoever_opens_the_file(tmp_path: Path
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert store.damaged("abc") == []
         assert store.statuses() == dict.fromkeys("abc", "done")
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
-def test_unreadable_files_and_folders_are_named(tmp_path: Path) -> None:
-    code = (
-        "import os, sys\n"
-        "from pathlib import Path\n"
-        "from benchmark.execution.store import Store\n"
-        "from envs import InputError\n"
-        "folder = Path(sys.argv[1])\n"
-        "os.setuid(65534)\n"
-        "for name in ('file', 'folder'):\n"
-        "    for read_only in (False, True):\n"
-        "        try: Store(folder / name / 'runs.db', read_only=read_only)\n"
-        "        except InputError as error: print(error)\n"
-    )
-    parents = [tmp_path, *list(tmp_path.parents)[:3]]
-    modes = {parent: parent.stat().st_mode for parent in parents}
-    for name, of_folder, of_file in (("file", 0o755, 0o600), ("folder", 0o700, 0o644)):
-        with Store(tmp_path / name / "runs.db") as store:
-            store.add([record("x")])
-        (tmp_path / name / "runs.db").chmod(of_file)
-        (tmp_path / name).chmod(of_folder)
-    try:
-        for parent in parents:
-            parent.chmod(0o755)
-        arguments = [sys.executable, "-c", code, str(tmp_path)]
-        done = subprocess.run(arguments, capture_output=True, text=True, cwd=ROOT)
-    finally:
-        for parent, mode in modes.items():
-            parent.chmod(mode)
-    starts = [f"{tmp_path}/file/runs.db: cannot be used"] * 2
-    starts += [f"{tmp_path}/folder: cannot be created", f"{tmp_path}/folder: cannot be read"]
-    assert done.stderr == ""
-    assert all(map(str.startswith, done.stdout.splitlines(), starts))
-    assert done.stdout.count("\n") == 4
 
 
 # Interrupts
