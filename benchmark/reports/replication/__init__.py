@@ -22,7 +22,6 @@ REPORT: Final = Report(
         learned.max_q,
         verdicts.sensitivity,
         learned.learning,
-        learned.success,
         learned.optimal,
         learned.optimal_cells,
         learned.q_values,

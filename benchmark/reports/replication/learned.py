@@ -139,46 +139,20 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure:
     return figure
 
 
-@item(
-    "success",
-    "success and share of optimal agents after training, with all agents as well",
-    dict.fromkeys(("scenario", "agents", "success", "optimal_share"), ""),
-)
-def success(data: Data) -> pd.DataFrame:
-    """Tabulates success and the share of optimal agents after training, a row per population."""
+@item("optimal", "the exact optimum, what was learned, success, and the regret, with all agents as well")
+def optimal(data: Data) -> pd.DataFrame:
+    """Tabulates what the greedy policies reach after training, and the exact anchors, by population."""
     rows = []
     for population in [*data.default, *(data.everyone.values() if data.sets else ())]:
         first, *_, last = population.seeds
-        row = {"scenario": population.scenario, "agents": len(population.seeds)}
+        row: dict[str, Any] = {"scenario": population.scenario, "agents": len(population.seeds)}
         row |= {"first_seed": first, "last_seed": last}
         row |= _bounded("success", population.arrays["success"][:, -1])
         row |= _bounded("optimal_share", _is_optimal(population.scores[:, -1]))
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-@success.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says how often agents succeed in S2."""
-    rows = table[table["scenario"] == "S2"].sort_values("agents", ascending=False)
-    texts = [
-        f"{entry(row, 'success', 'success')} with {row['agents']:,} agents" for _, row in rows.iterrows()
-    ]
-    return f"After training the success probability in S2 is {listed(texts)}." if texts else None
-
-
-@item("optimal", "the exact optimum, what was learned, and the regret")
-def optimal(data: Data) -> pd.DataFrame:
-    """Tabulates the exact anchors and what the greedy policies reached at the end of training."""
-    rows = []
-    for population in data.default:
-        scores = population.scores[:, -1]
-        row: dict[str, Any] = {"scenario": population.scenario, "agents": len(scores)}
         for name, (random, best) in population.anchors.items():
             learned = population.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
             row[f"{name}_regret"] = best - learned
-        row["optimal_share"] = _is_optimal(scores).mean()
         model = population.model
         start = model.observation[model.start]
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[start]
@@ -188,14 +162,28 @@ def optimal(data: Data) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+@optimal.sentence
+def _(table: pd.DataFrame, _: Folder) -> str | None:
+    """Says how often agents succeed in S2."""
+    rows = table[table["scenario"] == "S2"].sort_values("agents", ascending=False)
+    texts = [
+        f"{entry(row, 'success', 'optimal')} with {row['agents']:,} agents" for _, row in rows.iterrows()
+    ]
+    return f"After training the success probability in S2 is {listed(texts)}." if texts else None
+
+
 @optimal.shown
 def _(frame: pd.DataFrame) -> pd.DataFrame:
-    keys = [str(key) for key in frame if key != "scenario"]
-    columns = {row["scenario"]: [entry(row, key, "optimal") for key in keys] for _, row in frame.iterrows()}
+    hidden = ("scenario", "agents", "first_seed", "last_seed")
+    keys = [key for key in map(str, frame) if key not in hidden and not key.endswith(("_low", "_high"))]
+    columns = {
+        f"{row['scenario']}, {row['agents']:,}": [entry(row, key, "optimal") for key in keys]
+        for _, row in frame.iterrows()
+    }
     return pd.DataFrame({"": [key.replace("_", " ") for key in keys]} | columns)
 
 
-@optimal.figure("The exact optimum, what learning made of it, and where agents act optimally.")
+@optimal.figure("The exact optimum, what learning made of it, and where agents do not act optimally.")
 def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
     if "optimal_cells" not in frames:
         return None
@@ -203,11 +191,10 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
     by_cell = cells.groupby(["scenario", "row", "column"], sort=False)
     best = by_cell[["q_optimal", "largest_learned", "differs"]].max()
     best["difference"] = best["largest_learned"] - best["q_optimal"]
-    best["agrees"] = 1 - best["differs"]
     labels = {
         "q_optimal": "optimal value of the cell",
         "difference": "learned minus optimal value",
-        "agrees": "share of agents acting optimally",
+        "differs": "share of agents that do not act optimally",
     }
     with figure_of(3, len(models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(models.items()):
