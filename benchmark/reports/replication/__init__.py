@@ -23,7 +23,6 @@ REPORT: Final = Report(
         verdicts.sensitivity,
         learned.learning,
         learned.optimal,
-        learned.optimal_cells,
         learned.q_values,
         explorer_item(lambda data: [Shown(data.arm, data.observation, each) for each in data.default]),
     ),

@@ -79,7 +79,7 @@ def max_q(data: Data) -> pd.DataFrame:
         columns = {"scenario": population.scenario, "step": population.recorded_steps}
         columns |= _spread(population.arrays["max_q"])
         table = _spread(population.arrays["table_max_q"])
-        columns |= {f"table_{name}": table[name] for name in ("mean", "min", "max")}
+        columns |= {f"table_{name}": values for name, values in table.items() if name != "std"}
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -183,18 +183,18 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({"": [key.replace("_", " ") for key in keys]} | columns)
 
 
-@optimal.figure("The exact optimum, what learning made of it, and where agents do not act optimally.")
+@optimal.figure("The exact optimum, what learning made of it, and where agents act optimally.")
 def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
-    if "optimal_cells" not in frames:
+    if "q_values" not in frames:
         return None
-    cells = frames["optimal_cells"]
+    cells = frames["q_values"]
     by_cell = cells.groupby(["scenario", "row", "column"], sort=False)
-    best = by_cell[["q_optimal", "largest_learned", "differs"]].max()
-    best["difference"] = best["largest_learned"] - best["q_optimal"]
+    best = by_cell[["optimal", "largest_learned", "differs"]].max()
+    best = best.assign(difference=best["largest_learned"] - best["optimal"], agrees=1 - best["differs"])
     labels = {
-        "q_optimal": "optimal value of the cell",
+        "optimal": "optimal value of the cell",
         "difference": "learned minus optimal value",
-        "differs": "share of agents that do not act optimally",
+        "agrees": "share of agents acting optimally",
     }
     with figure_of(3, len(models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(models.items()):
@@ -214,40 +214,28 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
     return figure
 
 
-@item("q_values", "final Q over agents of every cell and action")
+@item("q_values", "final Q over agents and Q* of every cell and action, and where policies differ")
 def q_values(data: Data) -> pd.DataFrame:
-    """Tabulates the final Q-values over agents: one row per scenario, cell and action."""
-    frames = [_by_cell(population, **_spread(population.arrays["q"])) for population in data.default]
-    return pd.concat(frames, ignore_index=True)
+    """Tabulates the final Q-values over agents, and Q*: one row per scenario, cell and action.
 
-
-@item("optimal_cells", "Q* and the learned Q of every cell and action, and where policies differ")
-def optimal_cells(data: Data) -> pd.DataFrame:
-    """Tabulates Q* and the learned Q: one row per scenario, cell and action.
-
-    Q* is that of an agent that knows its state, with no wrong PING so far, discounted and with the
-    issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
+    Q* (`optimal`) is that of an agent that knows its state, with no wrong PING so far, discounted and with
+    the issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
     Q in the cell (and so no less than the largest of the means); `differs` is the share of agents whose
     greedy action there is not an optimal one.
     """
     frames = []
     for population in data.default:
         best, q = optimal_values(population), population.arrays["q"]
-        learned = q.mean(axis=0)
-        columns = {"q_learned": learned, "q_optimal": best, "difference": learned - best}
-        columns["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
+        row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
+        columns = {"scenario": population.scenario, "row": row, "column": column}
+        columns["action"] = np.tile(ACTIONS, len(best))
+        values = _spread(q) | {"optimal": best, "difference": q.mean(axis=0) - best}
+        values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
+        columns |= {name: array.ravel() for name, array in values.items()}
         columns["largest_learned"] = q.max(axis=-1).mean(axis=0).repeat(len(ACTIONS))
         columns["differs"] = differing(population).repeat(len(ACTIONS))
-        frames.append(_by_cell(population, **columns))
+        frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
-
-
-def _by_cell(population: Population, **values: NDArray[Any]) -> pd.DataFrame:
-    """Returns a row per cell and action with these values, (O, A) or flat."""
-    row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
-    cells = {"row": row, "column": column, "action": np.tile(ACTIONS, population.model.n_observations)}
-    flat = {name: array.ravel() for name, array in values.items()}
-    return pd.DataFrame({"scenario": population.scenario} | cells | flat)
 
 
 def differing(population: Population) -> NDArray[np.float64]:

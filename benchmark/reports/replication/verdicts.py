@@ -21,8 +21,8 @@ _SIGNS = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _SIGNED = {verdict: f"{sign} {verdict}" for verdict, sign in _SIGNS.items()}
 _STATE_SIGNS = dict(zip(STATES, _SIGNS.values(), strict=True))
 _COLOURS = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # differ in brightness, too
-_SINGULAR = dict(zip(VERDICTS, ("holds", "is undecided", "does not hold"), strict=True))
-_PLURAL = dict(zip(VERDICTS, ("hold", "are undecided", "do not hold"), strict=True))
+_WORDS = (("holds", "hold"), ("is undecided", "are undecided"), ("does not hold", "do not hold"))
+_VERBS = dict(zip(VERDICTS, _WORDS, strict=True))  # of one claim, and of several
 
 
 @item("claims", "every part of every claim, with its 95 % interval, its state and the verdict, by agents")
@@ -116,13 +116,14 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
         ]
         yield f"The verdict depends on the number of agents for {listed(changed) if changed else 'no claim'}."
         n_sets = rows["sets"].iloc[0]
-        some = [
-            f"`{row['claim']}` in {entry(row, 'sets_agreeing', 'claims')}"
+        counts = [
+            f"{entry(row, 'sets_agreeing', 'claims')} for `{row['claim']}`"
             for _, row in rows[rows["sets_agreeing"] < n_sets].iterrows()
         ]
+        counts.append(f"{n_sets} for every {'other ' if counts else ''}claim")
         yield (
-            f"In {n_sets} disjoint sets of {few:,} agents, by consecutive seeds, the verdicts are those of "
-            f"all {many:,} agents{f', except for {listed(some)} of the sets' if some else ''}."
+            f"{n_sets} disjoint sets of {few:,} agents, by consecutive seeds, were judged alone. So many have "
+            f"the verdict of all {many:,} agents: {listed(counts)}."
         )
 
 
@@ -132,14 +133,13 @@ def headline(folder: Folder) -> Finding | None:
         return None
     rows = weakest(folder.frame("claims"), "agents")
     texts: list[str] = []
-    for size in _sizes(rows):
-        which = "as many as the paper has," if texts else f"of the paper's {rows['claim'].nunique()} claims"
-        counts = []
-        for verdict in VERDICTS:
-            found = rows[(rows["agents"] == size) & (rows["verdict"] == verdict)]
-            if len(found):
-                verb = (_SINGULAR if len(found) == 1 else _PLURAL)[verdict]
-                counts.append(f"{link(str(len(found)), 'claims', found)} {verb}")
+    for size, judged in sorted(rows.groupby("agents"), reverse=True):
+        which = "as many as the paper has," if texts else f"of the paper's {len(judged)} claims"
+        counts = [
+            f"{link(str(len(found)), 'claims', found)} {verbs[len(found) > 1]}"
+            for verdict, verbs in _VERBS.items()
+            if len(found := judged[judged["verdict"] == verdict])
+        ]
         texts.append(f"With {size:,} agents per scenario, {which} {listed(counts)}.")
     return Finding("\n\n".join(texts))
 
@@ -175,22 +175,6 @@ def sensitivity(data: Data) -> pd.DataFrame | None:
     columns += ["right_side", "threshold", "state", "verdict"]
     frames = [frame.assign(reading=name)[columns] for name, frame in data.judged_readings.items()]
     return pd.concat(frames, ignore_index=True) if frames else None
-
-
-@sensitivity.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says which verdicts are others under another reading or control."""
-    texts = [
-        f"under `{reading}`, "
-        + listed(
-            f"`{row['claim']}` ({link(row['verdict'], 'sensitivity', row)})" for _, row in rows.iterrows()
-        )
-        for reading, rows in _changed(table).groupby("reading", sort=False)
-    ]
-    if not texts:
-        return None
-    n_agents = table["agents"].iloc[0]
-    return f"Verdicts that differ from those by default, with {n_agents:,} agents: {'; '.join(texts)}."
 
 
 @sensitivity.figure("Verdict on every claim under every reading.")
