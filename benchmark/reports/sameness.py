@@ -14,11 +14,13 @@ import math
 import os
 import platform
 import subprocess
+from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
 from importlib.metadata import distributions
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -79,27 +81,26 @@ def compare(
       The certificate; None if there is no other folder.
     """
     published = published_ids(name) if other is None else ids(other)
-    published = {file: blob for file, blob in published.items() if _is_compared(file)}
+    made, published = (
+        {k: v for k, v in each.items() if _is_compared(k)} for each in (ids(folder), published)
+    )
     if not published:
         return None
-    made = {file: blob for file, blob in ids(folder).items() if _is_compared(file)}
     if other is not None:  # it may hold files of others
-        known = made.keys() | {*stamped(other / STAMP)}
+        known = {*made, *stamped(other / STAMP)}
         published = {file: blob for file, blob in published.items() if file in known}
-    apart = {
-        file for file in made.keys() | published.keys() if any(fnmatchcase(file, each) for each in measured)
-    }
-    compared = sorted((made.keys() | published.keys()) - apart)
-    differing = tuple(file for file in compared if made.get(file) != published.get(file))
+    every = sorted(made.keys() | published.keys())
+    apart = tuple(file for file in every if any(fnmatchcase(file, each) for each in measured))
+    differing = tuple(f for f in every if f not in apart and made.get(f) != published.get(f))
     distance = ""
     if _SUMMARY in differing and _SUMMARY in made and _SUMMARY in published:
         content = (other / _SUMMARY).read_bytes() if other else published_file(name, _SUMMARY)
         distance = _distance(folder / _SUMMARY, content or b"")
     return Certificate(
         name=name,
-        identical=tuple(file for file in compared if file not in differing),
+        identical=tuple(file for file in every if file not in apart + differing),
         differing=differing,
-        measured=tuple(sorted(apart)),
+        measured=apart,
         distance=distance,
         other=f"the files in {other}" if other else "the published results",
     )
@@ -186,28 +187,26 @@ def _distance(path: Path, content: bytes) -> str:
         return ""
     texts = dict.fromkeys(keys, str)
     merged = published.astype(texts).merge(made.astype(texts), on=keys, suffixes=("", "_made"))
-    equal = within = 0
-    outside: list[tuple[float, str]] = []
-    for column in map(str, published):
-        if not {f"{column}_low", f"{column}_high", f"{column}_made"} <= set(map(str, merged)):
+    columns = [column for column in published if {f"{column}_low", f"{column}_made"} <= {*merged}]
+    places: Counter[str] = Counter()
+    farthest = (0.0, "")
+    for column, row in product(columns, merged.to_dict("records")):
+        value, new, low, high = (float(row[f"{column}{end}"]) for end in ("", "_made", "_low", "_high"))
+        if math.isnan(low):
             continue
-        for row in merged.to_dict("records"):
-            value, new, low, high = (float(row[f"{column}{end}"]) for end in ("", "_made", "_low", "_high"))
-            if value == new:
-                equal += not math.isnan(low)
-            elif low <= new <= high:
-                within += 1
-            elif not math.isnan(low):
-                apart = abs(new - value) / (high - low) * 2 if high > low else math.inf
-                where = ", ".join(str(row[key]) for key in keys)
-                text = f"{column} of {where}: {new:.3g}, published {value:.3g} [{low:.3g}, {high:.3g}]"
-                outside.append((apart, text))
-    farthest = f" (the farthest: {max(outside, key=lambda each: each[0])[1]})" if outside else ""
+        place = "equal" if value == new else "within" if low <= new <= high else "outside"
+        places[place] += 1
+        if place == "outside":
+            apart = abs(new - value) / (high - low) if high > low else math.inf
+            where = ", ".join(str(row[key]) for key in keys)
+            text = f"{column} of {where}: {new:.3g}, published {value:.3g} [{low:.3g}, {high:.3g}]"
+            farthest = max(farthest, (apart, text), key=lambda each: each[0])
     n_missing = len(published) - len(merged)
     return (
-        f"{path.name}: of {equal + within + len(outside)} numbers with a 95 % interval, equal to the "
-        f"published ones: {equal}; different, but within the published interval: {within}; outside it: "
-        f"{len(outside)}{farthest}{f'; rows that are missing: {n_missing}' if n_missing else ''}."
+        f"{path.name}: of {places.total()} numbers with a 95 % interval, equal to the published ones: "
+        f"{places['equal']}; different, but within the published interval: {places['within']}; outside it: "
+        f"{places['outside']}{f' (the farthest: {farthest[1]})' if farthest[1] else ''}"
+        f"{f'; rows that are missing: {n_missing}' if n_missing else ''}."
     )
 
 

@@ -76,8 +76,9 @@ def max_q(data: Data) -> pd.DataFrame:
     """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
     frames = []
     for population in data.default:
-        columns = {"scenario": population.scenario, "step": population.recorded_steps}
-        columns |= _spread(population.arrays["max_q"])
+        curves, every = population.arrays["max_q"], population.specification["settings"]["record_every"]
+        columns = {"scenario": population.scenario, "step": np.arange(curves.shape[1]) * every}
+        columns |= _spread(curves)
         table = _spread(population.arrays["table_max_q"])
         columns |= {f"table_{name}": values for name, values in table.items() if name != "std"}
         frames.append(pd.DataFrame(columns))

@@ -122,8 +122,8 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
         ]
         counts.append(f"{n_sets} for every {'other ' if counts else ''}claim")
         yield (
-            f"{n_sets} disjoint sets of {few:,} agents, by consecutive seeds, were judged alone. So many have "
-            f"the verdict of all {many:,} agents: {listed(counts)}."
+            f"Of {n_sets} disjoint sets of {few:,} agents, by consecutive seeds, this many have the "
+            f"verdict of all {many:,} agents: {listed(counts)}."
         )
 
 
