@@ -11,8 +11,8 @@ from agents.contract import (
     DeepTraining,
     LearnerSettings,
     Schedule,
+    SequentialAlgorithm,
     Training,
-    check_request,
     check_training,
 )
 from agents.sb3.imported import algorithm_of, is_sb3_class
@@ -24,26 +24,24 @@ __all__ = [
     "DeepTraining",
     "LearnerSettings",
     "Schedule",
+    "SequentialAlgorithm",
     "Training",
-    "check_request",
     "check_training",
     "load_algorithm",
 ]
 
 ALGORITHMS: Final = {
-    "a2c": "agents.sb3.algorithms:A2C",
-    "compiled_dqn": "agents.nets.learner:DQN",
-    "compiled_ppo": "agents.nets.learner:PPO",
-    "double_q_learning": "agents.tabular.double_q_learning:DOUBLE_Q_LEARNING",
+    "compiled_dqn": "agents.nets.dqn:DQN",
+    "compiled_ppo": "agents.nets.ppo:PPO",
+    "double_q_learning": "agents.tabular.learner:DOUBLE_Q_LEARNING",
     "dqn": "agents.sb3.algorithms:DQN",
-    "expected_sarsa": "agents.tabular.expected_sarsa:EXPECTED_SARSA",
+    "expected_sarsa": "agents.tabular.learner:EXPECTED_SARSA",
     "memoryless": "agents.memoryless:SEARCH",
     "ppo": "agents.sb3.algorithms:PPO",
-    "qrdqn": "agents.sb3.algorithms:QRDQN",
     "q_learning": "agents.tabular.learner:Q_LEARNING",
     "q_learning_plain": "agents.tabular.plain:Q_LEARNING",
-    "sarsa": "agents.tabular.sarsa:SARSA",
-    "watkins_q_lambda": "agents.tabular.watkins_q_lambda:WATKINS_Q_LAMBDA",
+    "sarsa": "agents.tabular.learner:SARSA",
+    "watkins_q_lambda": "agents.tabular.learner:WATKINS_Q_LAMBDA",
 }
 
 

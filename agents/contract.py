@@ -3,17 +3,18 @@
 Axis letters: N agents, T evaluation steps, V map steps, O observations, A actions.
 """
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field
 
+from agents.policy import ALL_ACTIONS
 from envs import Model
 from envs.inputs import Table
 
@@ -89,42 +90,33 @@ class DeepTraining(Training):
     weights: NDArray[np.uint8]  # (N, 32) SHA-256 of all final weights
 
 
-@runtime_checkable
-class Algorithm(Protocol):
-    """A method of learning: its settings, where it runs, and how it trains."""
+def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
+    """Checks the arguments of `Algorithm.train`.
 
-    @property
-    def version(self) -> int:
-        """Part of every run's identity; raised when a change alters what is learned."""
+    Raises:
+      ValueError: There are no seeds, or the schedule is for another budget.
+    """
+    if not seeds:
+        raise ValueError("0 agents; at least one.")
+    budget = settings.budget
+    if schedule.budget != budget:
+        raise ValueError(f"schedule: made for a budget of {schedule.budget}; the settings say {budget}.")
 
-    @property
-    def family(self) -> Literal["tabular", "deep", "planner"]:
-        """Whether an agent learns a table or a net, or is planned by one who knows the model."""
 
-    @property
-    def settings(self) -> type[LearnerSettings]:
-        """The class of its settings."""
+class Algorithm(ABC):
+    """A method of learning: its settings, where it runs, and how it trains. A subclass sets what differs."""
 
-    @property
-    def observations(self) -> tuple[str, ...]:
-        """The forms of observation that it accepts, see `envs.observations`."""
+    settings: type[LearnerSettings]
+    family: Literal["tabular", "deep", "planner"] = "tabular"  # a planner knows the model
+    version: int = 1  # part of every run's identity; raised when a change alters what is learned
+    observations: tuple[str, ...] = ("index",)  # the forms that it accepts, see `envs.observations`
+    packages: tuple[str, ...] = ()  # that it needs beyond the usual ones; a record names their versions
+    batch_size: int = 1  # how many agents one call of `train` should get
+    # Where to call `train`: in a thread if it releases Python's global lock, else in a process.
+    placement: Literal["thread", "process"] = "process"
+    writes_logs: bool = False  # whether it can write TensorBoard logs
 
-    @property
-    def packages(self) -> tuple[str, ...]:
-        """Packages that it needs, in addition to the usual ones; a run's record names their versions."""
-
-    @property
-    def batch_size(self) -> int:
-        """How many agents one call of `train` should get."""
-
-    @property
-    def placement(self) -> Literal["thread", "process"]:
-        """Where to call `train`: in a thread if it releases Python's global lock, else in a process."""
-
-    @property
-    def writes_logs(self) -> bool:
-        """Whether it can write TensorBoard logs."""
-
+    @abstractmethod
     def train(
         self,
         model: Model,
@@ -149,18 +141,59 @@ class Algorithm(Protocol):
         """
 
 
-def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
-    """Checks the arguments of `Algorithm.train`.
+class SequentialAlgorithm(Algorithm):
+    """An algorithm that trains one agent after another."""
 
-    Raises:
-      ValueError: There are no seeds, or the schedule is for another budget.
+    training: type[Training] = Training  # what `train` returns
+
+    @abstractmethod
+    def train_agent(
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seed: SeedSequence,
+        schedule: Schedule,
+        log: Path | None,
+    ) -> dict[str, Any]:
+        """Trains an agent, as `train` does; returns the fields of its `training` without the axis N."""
+
+    def train(
+        self,
+        model: Model,
+        settings: Any,
+        observation: str,
+        seeds: Sequence[SeedSequence],
+        schedule: Schedule,
+        logs: Sequence[Path] = (),
+    ) -> Training:
+        """Trains one agent per seed, see `Algorithm.train`."""
+        check_request(settings, seeds, schedule)
+        folders: Sequence[Path | None] = logs or [None] * len(seeds)
+        agents = [
+            self.train_agent(model, settings, observation, seed, schedule, folder)
+            for seed, folder in zip(seeds, folders, strict=True)
+        ]
+        return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
+
+
+def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> dict[str, NDArray[Any]]:
+    """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
+
+    Args:
+      tables: (T, O, A) action values or probabilities; NaN from where the agent diverged.
+      schedule: When they were taken.
+      is_value: Whether they are action values.
     """
-    if not seeds:
-        raise ValueError("0 agents; at least one.")
-    if schedule.budget != settings.budget:
-        raise ValueError(
-            f"schedule: made for a budget of {schedule.budget}; the settings say {settings.budget}."
-        )
+    is_lost = np.asarray(np.isnan(tables).any(axis=(1, 2)))
+    # As in Stable-Baselines3, the first of several best actions is greedy.
+    greedy = np.where(is_lost[:, None], ALL_ACTIONS, 1 << tables.argmax(axis=-1))
+    probabilities = np.where(is_lost[:, None, None], 1 / tables.shape[-1], tables)
+    return {
+        "greedy": greedy.astype(np.uint8),
+        "stochastic": probabilities[:0] if is_value else probabilities,
+        "values": tables[schedule.is_mapped].astype(np.float32),
+    }
 
 
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
@@ -170,19 +203,15 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
       ValueError: A field has another shape than the contract says, or there are neither action values nor
         probabilities.
     """
-    n_observations, n_actions = model.n_observations, model.next_state.shape[1]
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
-    table = (n_observations, n_actions)
+    table = n_observations, n_actions = model.n_observations, model.next_state.shape[1]
     expected: dict[str, list[tuple[int, ...]]] = {
         "greedy": [(n_agents, n_steps, n_observations)],
         "q": [(n_agents, *table), (n_agents, 0, n_actions)],
         "stochastic": [(n_agents, n_steps, *table), (n_agents, 0, *table)],
         "values": [(n_agents, n_maps, *table)],
-        "disagreements": [(n_agents, n_steps)],
-        "cpu_time_s": [(n_agents, n_steps)],
-        "updates": [(n_agents,)],
-        "parameters": [(n_agents,)],
-        "diverged_at": [(n_agents,)],
+        **{key: [(n_agents, n_steps)] for key in ("disagreements", "cpu_time_s")},
+        **{key: [(n_agents,)] for key in ("updates", "parameters", "diverged_at")},
     }
     for field in fields(training):
         shape = getattr(training, field.name).shape

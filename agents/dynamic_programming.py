@@ -9,7 +9,7 @@ Returns are undiscounted unless a discount is given.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +36,40 @@ class Evaluation:
     zone_steps: NDArray[np.float64]  # (..., 4) steps that end in each of ZONES
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """The optimal values of a model."""
 
     q: NDArray[np.float64]  # (S, A) value of each action if the best actions follow
     value: NDArray[np.float64]  # (S,)
+
+
+class Starts(NamedTuple):
+    """Where episodes start, place by place.
+
+    An episode never leaves the states of its place, so sweeps go through the places one after the other. That
+    keeps what they read in the caches. Place g has the starts first[g] to first[g + 1] - 1, all among the
+    states g * n_block to (g + 1) * n_block - 1.
+    """
+
+    state: NDArray[np.int64]  # those with a probability above 0, rising
+    probability: NDArray[np.float64]  # of each
+    first: NDArray[np.int64]  # (places + 1,)
+    n_block: int  # states of a place
+
+
+def starts_of(model: Model, start: NDArray[np.float64]) -> Starts:
+    """Returns the starts of a distribution over states, (S,)."""
+    states = np.flatnonzero(start)
+    n_block = len(start) // model.n_places
+    first = np.searchsorted(states, n_block * np.arange(model.n_places + 1))
+    return Starts(states, start[states], first, n_block)
+
+
+def dynamics(
+    model: Model,
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int32]]:
+    """Returns what sweeps read of a model: next states, their probabilities, ends and observations."""
+    return model.next_state, model.probability, model.terminated, model.observation
 
 
 def from_starts(model: Model) -> NDArray[np.float64]:
@@ -93,28 +121,17 @@ def evaluate(
     is_over = model.is_over
     if start.shape != is_over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[is_over].any():
         raise ValueError("start: accepted: probabilities of states in which the episode goes on.")
-    starts = np.flatnonzero(start)
-    # An episode never leaves the states of its place, so places are swept one after the other, which keeps
-    # what a sweep reads in the caches.
-    n_block = len(start) // model.n_places
-    group = np.searchsorted(starts, n_block * np.arange(model.n_places + 1))
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
     sums = np.zeros((len(batch), _N_SUMS))
     _sweep(
         batch,
-        model.next_state,
-        model.probability,
+        *dynamics(model),
         model.grid_reward,
         model.issuer_reward,
-        model.terminated,
         model.event == EVENTS.index("target_ping"),
         model.is_wrong_ping,
         model.zone,
-        model.observation,
-        starts,
-        start[starts],
-        group,
-        n_block,
+        *starts_of(model, start),
         horizon,
         sums,
     )
@@ -134,13 +151,13 @@ def _sweep(
     policies: NDArray[np.float64],
     next_state: NDArray[np.int32],
     outcome: NDArray[np.float64],
+    terminated: NDArray[np.bool_],
+    observation: NDArray[np.int32],
     grid_reward: NDArray[np.float64],
     issuer_reward: NDArray[np.float64],
-    terminated: NDArray[np.bool_],
     is_success: NDArray[np.bool_],
     is_wrong_ping: NDArray[np.bool_],
     zone: NDArray[np.int8],
-    observation: NDArray[np.int32],
     starts: NDArray[np.int64],
     start_probability: NDArray[np.float64],
     group: NDArray[np.int64],
@@ -152,9 +169,6 @@ def _sweep(
 
     First it finds the states that the policy can reach, for a greedy policy very few, and lists the
     transitions between them, ordered by target. Then every step is a pass over that list.
-
-    Group g has the starts group[g] to group[g + 1] - 1, all among the states g * n_block to
-    (g + 1) * n_block - 1, which an episode never leaves.
     """
     n_states, n_actions, n_outcomes = next_state.shape
     place = np.full(n_states, -1, dtype=np.int32)  # a state's index in `reached`
@@ -240,9 +254,8 @@ def solve(
 ) -> Solution:
     """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
-    An agent from which something is hidden can reach at most these values. It can reach them where the
-    optimum needs nothing of it, as in the paper's scenarios, where the optimum has no wrong PING. For what
-    such an agent can reach elsewhere, see `agents.memoryless`.
+    An agent from which something is hidden can reach at most these values; it does where the optimum needs
+    nothing of it, as in the paper's scenarios. For what it can reach elsewhere, see `agents.memoryless`.
 
     Args:
       model: Compiled scenario.

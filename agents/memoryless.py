@@ -16,10 +16,8 @@ steps of the search, half of them from each of the two policies.
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -27,12 +25,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from agents.compiled import compiled
-from agents.contract import LearnerSettings, Schedule, Training, check_request
-from agents.dynamic_programming import from_starts, solve
+from agents.contract import LearnerSettings, Schedule, SequentialAlgorithm, snapshots
+from agents.dynamic_programming import dynamics, from_starts, solve, starts_of
 from agents.policy import Policy
 from envs.model import ACTIONS, Model
-
-VERSION: Final = 2  # part of every run's identity: raise it when a change alters what is found
 
 _FIRST_RATE: Final = 1.0  # of a step, per unit of advantage
 _FASTER, _SLOWER, _LEAST_RATE, _MOST_RATE = 1.5, 0.3, 1e-6, 1e6
@@ -45,9 +41,8 @@ class MemorylessSettings(LearnerSettings):
 
     budget: Annotated[int, Field(ge=1, le=10**6)] = 100  # steps of the search
     time_limit: Annotated[int, Field(ge=1, le=1000)] = 200  # of the episodes whose return is improved
-    guidance: Annotated[float, Field(ge=0, le=1000)] = (
-        1.0  # how much the first policy follows the optimal values
-    )
+    # How much the first policy follows the optimal values.
+    guidance: Annotated[float, Field(ge=0, le=1000)] = 1.0
     noise: Annotated[float, Field(ge=0, le=1000)] = 1.0  # standard deviation of what is added to them
 
     @property
@@ -56,60 +51,48 @@ class MemorylessSettings(LearnerSettings):
         return 1.0
 
 
-@dataclass(frozen=True)
-class Memoryless:
-    """The search as an algorithm, see `agents.contract.Algorithm`."""
+class Memoryless(SequentialAlgorithm):
+    """The search as an algorithm."""
 
-    version: int = VERSION
-    family: Literal["tabular", "deep", "planner"] = "planner"
-    settings: type[MemorylessSettings] = MemorylessSettings
-    observations: tuple[str, ...] = ("index",)
-    packages: tuple[str, ...] = ("numba",)
-    batch_size: int = 1
-    placement: Literal["thread", "process"] = "thread"
-    writes_logs: bool = False
+    family = "planner"
+    settings = MemorylessSettings
+    version = 2
+    packages = ("numba",)
+    placement = "thread"
 
-    def train(
+    def train_agent(
         self,
         model: Model,
         settings: MemorylessSettings,
         observation: str,  # noqa: ARG002
-        seeds: Sequence[SeedSequence],
+        seed: SeedSequence,
         schedule: Schedule,
-        logs: Sequence[Path] = (),  # noqa: ARG002
-    ) -> Training:
-        """Searches once per seed.
-
-        Raises:
-          ValueError: There are no seeds, or the schedule is for another budget.
-        """
-        check_request(settings, seeds, schedule)
-        n, n_steps, table = len(seeds), len(schedule.evaluation_steps), (model.n_observations, len(ACTIONS))
-        stochastic, cpu_time_s = np.empty((n, n_steps, *table)), np.empty((n, n_steps))
+        log: Path | None,  # noqa: ARG002
+    ) -> dict[str, Any]:
+        """Searches, see `agents.contract.SequentialAlgorithm`."""
         guide = _guide(model, settings.time_limit)
-        for i, seed in enumerate(seeds):
-            started_s = time.thread_time()
-            first = settings.noise * np.random.default_rng(seed).standard_normal(table)
-            searches = [
-                Search(model, weight * guide + first, settings.time_limit)
-                for weight in (settings.guidance, _MOST_GUIDANCE)
-            ]
-            for t, until in enumerate(schedule.evaluation_steps):
-                for search in searches:
-                    search.climb(math.ceil(until / len(searches)))
-                best = max(searches, key=lambda search: search.expected_return)
-                stochastic[i, t], cpu_time_s[i, t] = best.policy, time.thread_time() - started_s
-        return Training(
-            greedy=(1 << stochastic.argmax(axis=-1)).astype(np.uint8),
-            q=np.empty((n, 0, len(ACTIONS))),
-            stochastic=stochastic,
-            values=stochastic[:, schedule.is_mapped].astype(np.float32),
-            disagreements=np.zeros((n, n_steps), dtype=np.int64),
-            cpu_time_s=cpu_time_s,
-            updates=np.full(n, settings.budget),
-            parameters=np.full(n, model.n_observations * len(ACTIONS)),
-            diverged_at=np.full(n, -1),
-        )
+        started_s = time.thread_time()
+        first = settings.noise * np.random.default_rng(seed).standard_normal(guide.shape)
+        searches = [
+            Search(model, weight * guide + first, settings.time_limit)
+            for weight in (settings.guidance, _MOST_GUIDANCE)
+        ]
+        policies = np.empty((len(schedule.evaluation_steps), *guide.shape))
+        cpu_time_s = np.empty(len(policies))
+        for t, until in enumerate(schedule.evaluation_steps):
+            for search in searches:
+                search.climb(math.ceil(until / len(searches)))
+            policies[t] = max(searches, key=lambda search: search.expected_return).policy
+            cpu_time_s[t] = time.thread_time() - started_s
+        return {
+            **snapshots(policies, schedule, is_value=False),
+            "q": np.empty((0, len(ACTIONS))),
+            "disagreements": np.zeros(len(policies), dtype=np.int64),
+            "cpu_time_s": cpu_time_s,
+            "updates": settings.budget,
+            "parameters": guide.size,
+            "diverged_at": -1,
+        }
 
 
 class Search:
@@ -158,26 +141,9 @@ def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray
       visits of the observation: the derivative of the return by the action's logit, divided by the action's
       probability and the expected number of these visits; 0 where there are none.
     """
-    start = from_starts(model)
-    starts = np.flatnonzero(start)
-    n_block = len(start) // model.n_places
-    first = np.searchsorted(starts, n_block * np.arange(model.n_places + 1))
     gains, visits = np.zeros(policy.shape), np.zeros(len(policy))
-    expected_return = _sweep(
-        policy,
-        model.next_state,
-        model.probability,
-        model.grid_reward,
-        model.terminated,
-        model.observation,
-        starts,
-        start[starts],
-        first,
-        n_block,
-        horizon,
-        gains,
-        visits,
-    )
+    starts = starts_of(model, from_starts(model))
+    expected_return = _sweep(policy, *dynamics(model), model.grid_reward, *starts, horizon, gains, visits)
     gains -= (policy * gains).sum(axis=1, keepdims=True)
     return expected_return, gains / np.where(visits > 0, visits, 1.0)[:, None]
 
@@ -187,9 +153,9 @@ def _sweep(
     policy: NDArray[np.float64],
     next_state: NDArray[np.int32],
     outcome: NDArray[np.float64],
-    reward: NDArray[np.float64],
     terminated: NDArray[np.bool_],
     observation: NDArray[np.int32],
+    reward: NDArray[np.float64],
     starts: NDArray[np.int64],
     start_probability: NDArray[np.float64],
     first: NDArray[np.int64],
@@ -198,10 +164,7 @@ def _sweep(
     gains: NDArray[np.float64],
     visits: NDArray[np.float64],
 ) -> float:
-    """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits.
-
-    As in `agents.dynamic_programming`, the states of a place are swept by themselves.
-    """
+    """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits."""
     n_actions, n_outcomes = reward.shape[1], next_state.shape[2]
     here = np.zeros((horizon + 1, n_block))  # probability of each state before each step
     value, later = np.zeros(n_block), np.zeros(n_block)

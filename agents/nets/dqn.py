@@ -11,18 +11,18 @@ Axis letters: E envs, O observations, A actions, C rows of the replay buffer, B 
 evaluation steps.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Numbers, inlined, like
-from agents.nets.net import Merged, Net, Parameters
-from agents.nets.walk import Walk, count, draw, streams_of, take, walk_of
-from agents.process import N_ACTIONS, Process, process_of
+from agents.nets.learner import Agent, NetAlgorithm
+from agents.nets.net import Memo, Merged, Net, Parameters
+from agents.nets.walk import Walk, count, draw, take
+from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from envs import Model
 
@@ -62,8 +62,7 @@ class Target(NamedTuple):
 
     values: Numbers  # (P,) parameters
     next_value: Numbers  # (O,) the largest action value
-    known_at: NDArray[np.int64]  # (O,) of which synchronisation it is
-    n_synchronised: NDArray[np.int64]  # (1,) synchronisations
+    known: Memo  # of which it is computed since the last synchronisation
 
 
 class Batch(NamedTuple):
@@ -80,7 +79,6 @@ class Batch(NamedTuple):
 class Dqn(NamedTuple):
     """All that the compiled loop reads and changes."""
 
-    process: Process
     constants: Constants
     net: Net
     parameters: Parameters
@@ -91,31 +89,17 @@ class Dqn(NamedTuple):
     stream: NDArray[np.uint64]  # (4,) of the mini-batches
 
 
-class DqnAgent:
-    """An agent that learns action values, see `agents.nets.learner.Agent`."""
+class DqnAgent(Agent):
+    """An agent that learns action values."""
 
     is_value = True
+    outputs = (N_ACTIONS,)
 
-    def __init__(
-        self,
-        model: Model,
-        settings: DqnSettings,
-        observation: str,
-        points: NDArray[np.int64],
-        seed: SeedSequence,
-        kind: type[np.floating[Any]],
-    ) -> None:
-        """Makes an agent that has drawn its first weights and starts."""
-        n_envs, n_updates = settings.n_envs, settings.gradient_steps
-        n_observations = model.n_observations
-        n_rows = max(min(settings.batch_size, n_observations), n_envs)
-        process = process_of(model)
-        hidden = settings.policy_kwargs.net_arch
-        q_net = net.net_of(model, observation, hidden, N_ACTIONS, 0, n_rows, kind, is_relu=True)
-        self.parameters = net.parameters_of(q_net.end, kind)
-        acting, learning, drawing = streams_of(seed)
-        net.draw_uniform(q_net, self.parameters.values, drawing)
-        self.walk = walk_of(process, model, settings, acting, points)
+    def begin(self, model: Model, settings: DqnSettings, kind: type[np.floating[Any]]) -> Dqn:
+        """Draws uniform weights, and makes room for the replay buffer and a mini-batch."""
+        n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
+        (q_net,) = self.nets
+        net.draw_uniform(q_net, self.parameters.values, self.drawing)
         rows = max(settings.arguments["buffer_size"] // n_envs, 1), n_envs
         same = {name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)}
         changed = {
@@ -123,36 +107,24 @@ class DqnAgent:
             "synchronised_every": max(settings.target_update_interval // n_envs, 1),
         }
         batch = (np.zeros(settings.batch_size, dtype) for dtype in ("i4", "i1", kind, kind, "i4"))
-        self._agent = Dqn(
-            process=process,
+        return Dqn(
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
             target=Target(
                 values=self.parameters.values.copy(),
                 next_value=np.zeros(n_observations, kind),
-                known_at=np.full(n_observations, -1),
-                n_synchronised=np.zeros(1, np.int64),
+                known=net.memo_of(n_observations),
             ),
             replay=Replay(*(np.zeros(rows, dtype) for dtype in ("i4", "i1", "f4", "i4", "?"))),
-            batch=Batch(*batch, merged=net.merged_of(n_observations, n_rows)),  # type: ignore[arg-type,misc]
+            batch=Batch(*batch, merged=net.merged_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
             walk=self.walk,
-            stream=learning,
+            stream=self.learning,
         )
 
     def advance(self, until: int) -> None:
         """Trains until so many steps are done, a whole number of rollouts."""
-        _advance(self._agent, until)
-
-    def table(self) -> Numbers:
-        """Returns the action values of all observations, (O, A)."""
-        table = np.empty((self.walk.n_observations, N_ACTIONS), self.parameters.values.dtype)
-        net.read(self._agent.net, self.parameters.values, table)
-        return table
-
-    def weights(self) -> list[Numbers]:
-        """Returns weights (inputs, outputs) and biases (outputs,) of each layer in turn."""
-        return list(net.unpadded(self._agent.net, self.parameters.values))
+        _advance(self.state, until)
 
 
 @inlined
@@ -197,7 +169,7 @@ def _act(agent: Dqn) -> None:
     row = walk.taken[0] // n_envs % len(replay.reward)
     explores = draw(walk.stream) < exploration_rate(agent.constants, walk.taken[0])
     for e in range(n_envs):
-        replay.observation[row, e] = observed[e] = agent.process.observation[walk.state[e]]
+        replay.observation[row, e] = observed[e] = walk.process.observation[walk.state[e]]
     at = 0
     if not explores:
         at = net.forward(agent.net, agent.parameters.values, observed, n_envs)
@@ -205,7 +177,7 @@ def _act(agent: Dqn) -> None:
         action = int(draw(walk.stream) * N_ACTIONS)
         if not explores:
             action = _best(agent.net.hidden, at + e * agent.net.stride)
-        reward, following, truncates = take(agent.process, walk, e, action)
+        reward, following, truncates = take(walk, e, action)
         replay.action[row, e] = action
         replay.reward[row, e] = reward
         replay.next_observation[row, e] = following
@@ -229,7 +201,7 @@ def _synchronise(values: Numbers, target: Target, tau: float) -> None:
     kept, share = like(values, 1.0 - tau), like(values, tau)
     for i in range(len(values)):
         target.values[i] = kept * target.values[i] + share * values[i]
-    target.n_synchronised[0] += 1
+    net.forget(target.known)
 
 
 @inlined
@@ -252,7 +224,10 @@ def _draw_batch(agent: Dqn) -> None:
         for k in range(n_steps):
             total += replay.reward[row, e] * discount
             discount *= gamma
-            ends = replay.next_observation[row, e] == agent.walk.n_observations or replay.truncated[row, e]
+            ends = (
+                replay.next_observation[row, e] == agent.walk.process.n_observations
+                or replay.truncated[row, e]
+            )
             if ends or row == last_row or k + 1 == n_steps:
                 break
             row = (row + 1) % n_rows
@@ -265,10 +240,9 @@ def _draw_batch(agent: Dqn) -> None:
 def _add_next_values(agent: Dqn) -> None:
     """Adds what follows on the returns, by the target net, which is read for what is not known of it."""
     target, batch, q_net, n_unknown = agent.target, agent.batch, agent.net, 0
-    unknown, terminal = q_net.observed, agent.walk.n_observations
+    unknown, terminal = q_net.observed, agent.walk.process.n_observations
     for o in batch.next_observed:
-        if o != terminal and target.known_at[o] != target.n_synchronised[0]:
-            target.known_at[o] = target.n_synchronised[0]
+        if o != terminal and net.is_new(target.known, o):
             unknown[n_unknown] = o
             n_unknown += 1
     if n_unknown:
@@ -295,3 +269,6 @@ def _update(agent: Dqn) -> None:
         q_net.slopes[i] += share * (one if error > one else -one if error < -one else error)
     net.backward(q_net, parameters, merged.distinct, n_distinct)
     net.learn(parameters, agent.constants.learning_rate, _EPSILON, agent.constants.max_grad_norm)
+
+
+DQN: Final = NetAlgorithm(DqnAgent, DqnSettings)

@@ -47,13 +47,19 @@ class Net(NamedTuple):
     zeros: Numbers  # (W,)
 
 
+class Memo(NamedTuple):
+    """Which observations were met since `forget`."""
+
+    met_at: NDArray[np.int64]  # (O,) when each was last met
+    now: NDArray[np.int64]  # (1,) calls of `forget`
+
+
 class Merged(NamedTuple):
     """The observations of a mini-batch, each once."""
 
     distinct: NDArray[np.int32]  # (B,)
     place: NDArray[np.int64]  # (O,) where an observation is among them
-    met_at: NDArray[np.int64]  # (O,) the last call in which it was
-    n_calls: NDArray[np.int64]  # (1,)
+    memo: Memo
 
 
 class Parameters(NamedTuple):
@@ -110,15 +116,18 @@ def net_of(
 def parameters_of(n_parameters: int, kind: type[np.floating[Any]]) -> Parameters:
     """Returns parameters that are zero."""
     values, gradient, first, second = (np.zeros(n_parameters, kind) for _ in range(4))
-    return Parameters(
-        values, gradient, first, second, np.zeros(_SUMS, kind), np.ones(2), np.zeros(1, np.int64)
-    )
+    sums, n_steps = np.zeros(_SUMS, kind), np.zeros(1, np.int64)
+    return Parameters(values, gradient, first, second, sums, np.ones(2), n_steps)
+
+
+def memo_of(n_observations: int) -> Memo:
+    """Returns a memo of nothing."""
+    return Memo(np.full(n_observations, -1), np.zeros(1, np.int64))
 
 
 def merged_of(n_observations: int, n_rows: int) -> Merged:
     """Returns room for `merge`."""
-    place, met_at = np.zeros(n_observations, np.int64), np.zeros(n_observations, np.int64)
-    return Merged(np.zeros(n_rows, np.int32), place, met_at, np.zeros(1, np.int64))
+    return Merged(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64), memo_of(n_observations))
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -130,24 +139,35 @@ def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
 
 
 @inlined
+def forget(memo: Memo) -> None:
+    """Makes all observations new."""
+    memo.now[0] += 1
+
+
+@inlined
+def is_new(memo: Memo, o: int) -> bool:
+    """Returns whether an observation is met for the first time since `forget`."""
+    if memo.met_at[o] == memo.now[0]:
+        return False
+    memo.met_at[o] = memo.now[0]
+    return True
+
+
+@inlined
 def merge(observed: NDArray[np.int32], merged: Merged) -> int:
     """Lists the observations of a mini-batch (B,), each once, and returns how many there are."""
     n_distinct = 0
-    merged.n_calls[0] += 1
+    forget(merged.memo)
     for o in observed:
-        if merged.met_at[o] != merged.n_calls[0]:
-            merged.met_at[o], merged.place[o], merged.distinct[n_distinct] = merged.n_calls[0], n_distinct, o
+        if is_new(merged.memo, o):
+            merged.place[o], merged.distinct[n_distinct] = n_distinct, o
             n_distinct += 1
     return n_distinct
 
 
 @inlined
 def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int) -> int:
-    """Computes the outputs for the first of some observations, at most B.
-
-    Returns:
-      Where the first row of the outputs is in `net.hidden`; rows are W apart.
-    """
+    """Computes the outputs for some observations; returns where they begin in `net.hidden`."""
     hidden, stride, size = net.hidden, net.stride, net.n_rows * net.stride
     width, n_inputs = net.width[0], net.n_inputs
     weights_at, biases_at = net.weights_at[0], net.biases_at[0]
@@ -251,11 +271,11 @@ def _norm(numbers: Numbers, sums: Numbers) -> float:
 
 @inlined
 def _copy(target: Numbers, source: Numbers) -> None:
-    """Copies numbers; numba compiles this faster than a slice."""
     for i in range(len(target)):
         target[i] = source[i]
 
 
+# numba compiles the following loops faster than slices.
 @inlined
 def clear(numbers: Numbers) -> None:
     """Sets numbers to zero."""

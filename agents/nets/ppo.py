@@ -12,18 +12,18 @@ steps.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Numbers, exp, inlined, like, log
-from agents.nets.net import Merged, Net, Parameters
-from agents.nets.walk import Walk, count, draw, streams_of, take, walk_of
-from agents.process import N_ACTIONS, Process, process_of
+from agents.nets.learner import Agent, NetAlgorithm
+from agents.nets.net import Memo, Merged, Net, Parameters
+from agents.nets.walk import Walk, count, draw, take
+from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
 from envs import Model
 
@@ -56,9 +56,8 @@ class Known(NamedTuple):
     probability: Numbers  # (O, A)
     log_probability: Numbers  # (O, A)
     value: Numbers  # (O,)
-    policy_of: NDArray[np.int64]  # (O,) of which rollout the probabilities are
-    value_of: NDArray[np.int64]  # (O,) of which rollout the value is
-    n_rollouts: NDArray[np.int64]  # (1,)
+    policy_of: Memo  # of which the probabilities are known
+    value_of: Memo  # of which the value is known
 
 
 class Rollout(NamedTuple):
@@ -87,7 +86,6 @@ class Batch(NamedTuple):
 class Ppo(NamedTuple):
     """All that the compiled loop reads and changes."""
 
-    process: Process
     constants: Constants
     actor: Net
     critic: Net
@@ -99,37 +97,23 @@ class Ppo(NamedTuple):
     stream: NDArray[np.uint64]  # (4,) of the permutations
 
 
-class PpoAgent:
-    """An agent that learns action probabilities, see `agents.nets.learner.Agent`."""
+class PpoAgent(Agent):
+    """An agent that learns action probabilities."""
 
     is_value = False
+    outputs = (N_ACTIONS, 1)
 
-    def __init__(
-        self,
-        model: Model,
-        settings: PpoSettings,
-        observation: str,
-        points: NDArray[np.int64],
-        seed: SeedSequence,
-        kind: type[np.floating[Any]],
-    ) -> None:
-        """Makes an agent that has drawn its first weights and starts."""
+    def begin(self, model: Model, settings: PpoSettings, kind: type[np.floating[Any]]) -> Ppo:
+        """Draws orthogonal weights, and makes room for a rollout and a mini-batch."""
         n_observations, n_rows = model.n_observations, min(settings.batch_size, settings.rollout)
-        process, hidden = process_of(model), settings.policy_kwargs.net_arch
-        actor = net.net_of(model, observation, hidden, N_ACTIONS, 0, n_rows, kind, is_relu=False)
-        critic = net.net_of(model, observation, hidden, 1, actor.end, n_rows, kind, is_relu=False)
-        self._nets = actor, critic
-        self.parameters = net.parameters_of(critic.end, kind)
-        acting, learning, drawing = streams_of(seed)
-        for each, gain in zip(self._nets, _GAINS, strict=True):
+        actor, critic = self.nets
+        for each, gain in zip(self.nets, _GAINS, strict=True):
             room = np.empty((each.stride, max(each.n_inputs, each.stride)))
-            net.draw_orthogonal(each, self.parameters.values, drawing, (_GAIN, gain), room)
-        self.walk = walk_of(process, model, settings, acting, points)
+            net.draw_orthogonal(each, self.parameters.values, self.drawing, (_GAIN, gain), room)
         constants = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
         table, rollout = (n_observations, N_ACTIONS), ("i4", "i1", "f4", "i4", "?", kind, kind, kind, "i8")
-        self._agent = Ppo(
-            process=process,
+        return Ppo(
             constants=Constants(**constants | endless),
             actor=actor,
             critic=critic,
@@ -138,9 +122,8 @@ class PpoAgent:
                 probability=np.zeros(table, kind),
                 log_probability=np.zeros(table, kind),
                 value=np.zeros(n_observations, kind),
-                policy_of=np.full(n_observations, -1),
-                value_of=np.full(n_observations, -1),
-                n_rollouts=np.zeros(1, np.int64),
+                policy_of=net.memo_of(n_observations),
+                value_of=net.memo_of(n_observations),
             ),
             rollout=Rollout(*(np.zeros(settings.rollout, dtype) for dtype in rollout)),
             batch=Batch(
@@ -150,23 +133,18 @@ class PpoAgent:
                 log_probability=np.zeros((n_rows, N_ACTIONS), kind),
             ),
             walk=self.walk,
-            stream=learning,
+            stream=self.learning,
         )
 
     def advance(self, until: int) -> None:
         """Trains until so many steps are done, a whole number of rollouts, or until the agent diverges."""
-        _advance(self._agent, until)
+        _advance(self.state, until)
 
     def table(self) -> Numbers:
         """Returns the action probabilities for all observations, (O, A)."""
-        table = np.empty_like(self._agent.known.probability)
-        net.read(self._agent.actor, self.parameters.values, table)
-        _softmax(table, self._agent.batch.log_probability[0])
+        table = super().table()
+        _softmax(table, self.state.batch.log_probability[0])
         return table
-
-    def weights(self) -> list[Numbers]:
-        """Returns weights (inputs, outputs) and biases (outputs,) of each layer, actor first."""
-        return [part for each in self._nets for part in net.unpadded(each, self.parameters.values)]
 
 
 @inlined
@@ -198,7 +176,8 @@ def _softmax(logits: Numbers, room: Numbers) -> None:
 def _advance(agent: Ppo, until: int) -> None:
     """Trains an agent until so many steps are done."""
     while agent.walk.taken[0] < until:
-        agent.known.n_rollouts[0] += 1
+        net.forget(agent.known.policy_of)
+        net.forget(agent.known.value_of)
         if not _roll_out(agent):
             return
         _value(agent, agent.rollout.observed)
@@ -213,12 +192,11 @@ def _roll_out(agent: Ppo) -> bool:
     known, rollout, walk, n_steps = agent.known, agent.rollout, agent.walk, agent.constants.n_steps
     for t in range(n_steps):
         for e in range(len(walk.state)):
-            o, i = agent.process.observation[walk.state[e]], e * n_steps + t
+            o, i = walk.process.observation[walk.state[e]], e * n_steps + t
             probability, log_probability = known.probability[o], known.log_probability[o]
-            if known.policy_of[o] != known.n_rollouts[0]:
-                known.policy_of[o] = known.n_rollouts[0]
-                agent.batch.observed[0] = o
-                at = net.forward(agent.actor, agent.parameters.values, agent.batch.observed, 1)
+            if net.is_new(known.policy_of, o):
+                agent.actor.observed[0] = o
+                at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
                     return False
             uniform = draw(walk.stream)
@@ -229,7 +207,7 @@ def _roll_out(agent: Ppo) -> bool:
             rollout.observed[i] = o
             rollout.action[i] = action
             rollout.old_log_probability[i] = log_probability[action]
-            reward, following, truncates = take(agent.process, walk, e, action)
+            reward, following, truncates = take(walk, e, action)
             rollout.reward[i] = reward
             rollout.next_observed[i] = following
             rollout.truncated[i] = truncates
@@ -240,7 +218,7 @@ def _roll_out(agent: Ppo) -> bool:
 @inlined
 def _value(agent: Ppo, observed: NDArray[np.int32]) -> None:
     """Has the critic value the observations of a rollout that are not valued yet."""
-    known, critic, unknown, n_unknown = agent.known, agent.critic, agent.batch.observed, 0
+    known, critic, unknown, n_unknown = agent.known, agent.critic, agent.critic.observed, 0
     for i in range(len(observed) + 1):
         if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
             at = net.forward(critic, agent.parameters.values, unknown, n_unknown)
@@ -249,8 +227,7 @@ def _value(agent: Ppo, observed: NDArray[np.int32]) -> None:
             n_unknown = 0
         if i < len(observed):
             o = observed[i]
-            if o != agent.walk.n_observations and known.value_of[o] != known.n_rollouts[0]:
-                known.value_of[o] = known.n_rollouts[0]
+            if o != agent.walk.process.n_observations and net.is_new(known.value_of, o):
                 unknown[n_unknown] = o
                 n_unknown += 1
 
@@ -268,7 +245,7 @@ def _estimate_advantages(agent: Ppo) -> None:
             reward, o = like(value, rollout.reward[i]), rollout.next_observed[i]
             if rollout.truncated[i]:
                 reward += gamma * value[o]
-            if rollout.truncated[i] or o == agent.walk.n_observations:
+            if rollout.truncated[i] or o == agent.walk.process.n_observations:
                 following = advantage = zero
             elif i == last:
                 following = value[o]
@@ -304,11 +281,7 @@ def _learn(agent: Ppo) -> None:
 
 @inlined
 def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> bool:
-    """Computes the slopes of the clipped surrogate and the entropy by the actor's outputs.
-
-    Returns:
-      Whether the policy has changed by so little that learning goes on.
-    """
+    """Computes the slopes of clipped surrogate and entropy; returns whether learning is to go on."""
     rollout, batch, constants, actor = agent.rollout, agent.batch, agent.constants, agent.actor
     slopes, n_rows = actor.slopes, len(chosen)
     at = net.forward(actor, agent.parameters.values, batch.merged.distinct, n_distinct)
@@ -357,3 +330,6 @@ def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> 
         value = critic.hidden[row]
         if not abs(value - agent.known.value[o]) > constants.clip_range_vf:
             critic.slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)
+
+
+PPO: Final = NetAlgorithm(PpoAgent, PpoSettings)

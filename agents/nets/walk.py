@@ -6,12 +6,11 @@ Axis letters: E envs of the agent, O observations, T evaluation steps.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
-from agents.process import Process, Stream, U, draw_start, draw_word, step, uniform
+from agents.process import Process, Stream, U, draw_start, draw_word, process_of, step, uniform
 from agents.sb3.settings import Sb3Settings
 from envs import Model
 
@@ -19,7 +18,7 @@ from envs import Model
 class Walk(NamedTuple):
     """Where an agent is, and what it has done; all arrays but `points` change."""
 
-    n_observations: int  # O
+    process: Process
     time_limit: int
     stream: NDArray[np.uint64]  # (4,)
     state: NDArray[np.int64]  # (E,)
@@ -33,27 +32,18 @@ class Walk(NamedTuple):
 @inlined
 def draw(stream: NDArray[np.uint64]) -> float:
     """Draws a number from [0, 1) from a stream (4,), which changes."""
-    word, after = draw_word((stream[0], stream[1], stream[2], stream[3]))
+    word, after = draw_word(_words(stream))
     stream[0], stream[1], stream[2], stream[3] = after
     return float(uniform(word))
 
 
-def streams_of(seed: SeedSequence) -> NDArray[np.uint64]:
-    """Returns the streams of an agent, (3, 4): of its acting, its learning, and its first weights."""
-    return np.asarray(seed.generate_state(12, np.uint64), np.uint64).reshape(3, 4)
-
-
 def walk_of(
-    process: Process,
-    model: Model,
-    settings: Sb3Settings,
-    stream: NDArray[np.uint64],
-    points: NDArray[np.int64],
+    model: Model, settings: Sb3Settings, stream: NDArray[np.uint64], points: NDArray[np.int64]
 ) -> Walk:
     """Returns the walk of an agent that has drawn where its first episodes start."""
     n_envs = settings.n_envs
     walk = Walk(
-        n_observations=model.n_observations,
+        process=process_of(model),
         time_limit=settings.time_limit or 2**62,
         stream=stream,
         state=np.zeros(n_envs, np.int64),
@@ -63,48 +53,47 @@ def walk_of(
         points=points,
         counts=np.zeros(len(points), np.int64),
     )
-    _start(process, walk)
+    _start(walk)
     return walk
 
 
 @compiled()
-def _start(process: Process, walk: Walk) -> None:
+def _start(walk: Walk) -> None:
     for e in range(len(walk.state)):
-        _restart(process, walk, e)
+        _restart(walk, e)
 
 
 @inlined
-def _stream(walk: Walk) -> Stream:
-    return walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3]
+def _words(stream: NDArray[np.uint64]) -> Stream:
+    return stream[0], stream[1], stream[2], stream[3]
 
 
 @inlined
-def _restart(process: Process, walk: Walk, e: int) -> None:
+def _restart(walk: Walk, e: int) -> None:
     """Starts an episode."""
-    walk.state[e], stream = draw_start(process.starts, _stream(walk))
+    walk.state[e], stream = draw_start(walk.process.starts, _words(walk.stream))
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
     walk.steps[e] = 0
 
 
 @inlined
-def take(process: Process, walk: Walk, e: int, action: int) -> tuple[float, int, bool]:
+def take(walk: Walk, e: int, action: int) -> tuple[float, int, bool]:
     """Takes a step in an env, and starts an episode if one ends.
 
-    Returns:
-      Reward; next observation before that start, O if the episode terminates; whether the time limit alone
-      truncates it.
+    Returns reward, next observation before that start (O where the episode terminates), and whether the time
+    limit alone truncates it.
     """
-    state = U(walk.state[e])
+    process, state = walk.process, U(walk.state[e])
     first = U(process.first[state]) + U(action) * U(process.n_outcomes)
     walk.disagreements[0] += process.outcomes[first].is_wrong_ping
-    reward, state, following, stream = step(process, state, action, _stream(walk))
+    reward, state, following, stream = step(process, state, action, _words(walk.stream))
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
     walk.state[e] = state
     walk.steps[e] += 1
-    terminates = following == walk.n_observations
+    terminates = following == process.n_observations
     truncates = not terminates and walk.steps[e] >= walk.time_limit
     if terminates or truncates:
-        _restart(process, walk, e)
+        _restart(walk, e)
     return reward, following, truncates
 
 

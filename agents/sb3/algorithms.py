@@ -1,63 +1,62 @@
-"""Algorithms of Stable-Baselines3 and of its contributions as algorithms of this project."""
+"""DQN and PPO of Stable-Baselines3 as algorithms of this project."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from numpy.random import SeedSequence
 
-from agents.contract import Schedule, Training
-from agents.sb3.method import Method
-from agents.sb3.settings import A2cSettings, DqnSettings, PpoSettings, QrdqnSettings, Sb3Settings
+from agents.contract import DeepTraining, Schedule, SequentialAlgorithm
+from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
 from envs.inputs import needed_by
 
-VERSION: Final = 3  # part of every run's identity: raise it when a change alters what is learned
-
 
 @dataclass(frozen=True)
-class Sb3Algorithm:
-    """One of SB3's algorithms, see `agents.contract.Algorithm`."""
+class Sb3Algorithm(SequentialAlgorithm):
+    """One of SB3's algorithms, or of any package with classes like SB3's."""
 
-    method: Method
-    version: int = VERSION
-    family: Literal["tabular", "deep"] = "deep"
-    observations: tuple[str, ...] = ("one_hot", "coordinates")
+    path: str  # `module:class`
+    settings: type[Sb3Settings]
     packages: tuple[str, ...] = ("stable_baselines3", "torch")
-    batch_size: int = 1
-    placement: Literal["thread", "process"] = "process"
-    writes_logs: bool = True
+    # Whether its nets may have modules that differ between training and acting, as dropout does.
+    has_modes: bool = False
 
-    @property
-    def settings(self) -> type[Sb3Settings]:
-        """The method's settings."""
-        return self.method.settings
+    version = 3
+    family = "deep"
+    observations = ("one_hot", "coordinates")
+    writes_logs = True
+    training = DeepTraining
 
-    def train(
+    def load(self) -> Any:
+        """Imports the class.
+
+        Raises:
+          ModuleNotFoundError: A package is not installed.
+        """
+        module, _, name = self.path.partition(":")
+        return getattr(import_module(module), name)
+
+    def train_agent(
         self,
         model: Model,
         settings: Any,
         observation: str,
-        seeds: Sequence[SeedSequence],
+        seed: SeedSequence,
         schedule: Schedule,
-        logs: Sequence[Path] = (),
-    ) -> Training:
-        """Trains by `agents.sb3.training.train`.
+        log: Path | None,
+    ) -> dict[str, Any]:
+        """Trains by `agents.sb3.training.train_agent`.
 
         Raises:
           MissingPackageError: A package is not installed.
         """
-        with needed_by(self.method.path):
-            self.method.load()
+        with needed_by(self.path):
+            self.load()
             from agents.sb3 import training
-        return training.train(self.method, model, settings, observation, seeds, schedule, logs)
+        return training.train_agent(self, model, settings, observation, seed, schedule, log)
 
 
-DQN: Final = Sb3Algorithm(Method("stable_baselines3:DQN", DqnSettings, log_interval=10))
-PPO: Final = Sb3Algorithm(Method("stable_baselines3:PPO", PpoSettings))
-A2C: Final = Sb3Algorithm(Method("stable_baselines3:A2C", A2cSettings, log_interval=100))
-QRDQN: Final = Sb3Algorithm(
-    Method("sb3_contrib:QRDQN", QrdqnSettings, log_interval=10),
-    packages=("sb3_contrib", "stable_baselines3", "torch"),
-)
+DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)
+PPO: Final = Sb3Algorithm("stable_baselines3:PPO", PpoSettings)

@@ -5,7 +5,6 @@ are checked without importing SB3, which would load torch, and SB3's signatures 
 sense. A test compares names and defaults with SB3's signatures.
 """
 
-from abc import abstractmethod
 from typing import Annotated, Any, Final, Self
 
 from pydantic import Field, model_validator
@@ -39,14 +38,20 @@ class Sb3Settings(LearnerSettings):
         return self.gamma
 
     @property
-    @abstractmethod
     def rollout(self) -> int:
         """Environment steps from one round of gradient updates to the next."""
+        values = vars(self)
+        return int(values["train_freq" if "train_freq" in values else "n_steps"]) * self.n_envs
 
     @property
     def arguments(self) -> dict[str, Any]:
         """The arguments of SB3's class, except policy and env."""
-        return self.model_dump(mode="json", exclude=OUR_SETTINGS, exclude_none=True)
+        return self._fitted(self.model_dump(mode="json", exclude=OUR_SETTINGS, exclude_none=True))
+
+    def _fitted(self, arguments: dict[str, Any]) -> dict[str, Any]:
+        """Returns the arguments with a buffer no larger than the budget: the rest would only take memory."""
+        size = vars(self).get("buffer_size")
+        return arguments if size is None else arguments | {"buffer_size": min(size, self.budget)}
 
     @model_validator(mode="after")
     def _rollouts_fill_the_budget(self) -> Self:
@@ -78,81 +83,25 @@ class DqnSettings(Sb3Settings):
     exploration_final_eps: Share = 0.05
     max_grad_norm: Positive = 10.0
 
-    @property
-    def rollout(self) -> int:
-        """`train_freq` steps of every env."""
-        return self.train_freq * self.n_envs
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """The arguments of SB3's class; a buffer larger than the budget would only take memory."""
-        return super().arguments | {"buffer_size": min(self.buffer_size, self.budget)}
-
-
-class QuantileArguments(PolicyArguments):
-    """The part of the `policy_kwargs` of QR-DQN that can be set."""
-
-    n_quantiles: Count = 200
-
-
-class QrdqnSettings(DqnSettings):
-    """Arguments and defaults of SB3-Contrib's QR-DQN (Dabney et al. 2018)."""
-
-    policy_kwargs: QuantileArguments = QuantileArguments()
-    learning_rate: Positive = 5e-5
-    exploration_fraction: Annotated[float, Field(gt=0, le=1)] = 0.005
-    exploration_final_eps: Share = 0.01
-    max_grad_norm: Positive | None = None  # type: ignore[assignment]
-
 
 class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
-    learning_rate: Positive = 3e-4
     n_steps: Count = 2048
-    batch_size: Annotated[int, Field(ge=2, le=10**9)] = 64
-    n_epochs: Count = 10
     gae_lambda: Share = 0.95
-    clip_range: Positive = 0.2
-    clip_range_vf: Positive | None = None
-    normalize_advantage: bool = True
     ent_coef: Annotated[float, Field(ge=0)] = 0.0
     vf_coef: Annotated[float, Field(ge=0)] = 0.5
     max_grad_norm: Positive = 0.5
+    normalize_advantage: bool = True
+    learning_rate: Positive = 3e-4
+    batch_size: Annotated[int, Field(ge=2, le=10**9)] = 64
+    n_epochs: Count = 10
+    clip_range: Positive = 0.2
+    clip_range_vf: Positive | None = None
     target_kl: Positive | None = None
-
-    @property
-    def rollout(self) -> int:
-        """`n_steps` of every env."""
-        return self.n_steps * self.n_envs
 
     @model_validator(mode="after")
     def _advantages_vary(self) -> Self:
         if self.rollout == 1:
             raise ValueError("n_steps * n_envs = 1: accepted: at least 2, or no advantage can be normalized")
-        return self
-
-
-class A2cSettings(Sb3Settings):
-    """Arguments and defaults of SB3's A2C."""
-
-    learning_rate: Positive = 7e-4
-    n_steps: Count = 5
-    gae_lambda: Share = 1.0
-    ent_coef: Annotated[float, Field(ge=0)] = 0.0
-    vf_coef: Annotated[float, Field(ge=0)] = 0.5
-    max_grad_norm: Positive = 0.5
-    rms_prop_eps: Positive = 1e-5
-    use_rms_prop: bool = True
-    normalize_advantage: bool = False
-
-    @property
-    def rollout(self) -> int:
-        """`n_steps` of every env."""
-        return self.n_steps * self.n_envs
-
-    @model_validator(mode="after")
-    def _advantages_vary(self) -> Self:
-        if self.normalize_advantage and self.rollout == 1:
-            raise ValueError("normalize_advantage = true: accepted with n_steps * n_envs of at least 2")
         return self

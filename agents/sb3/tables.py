@@ -32,12 +32,9 @@ class Output:
 def output_of(agent: BaseAlgorithm) -> Output:
     """Returns how to ask an agent's net.
 
-    A Q-network has action values, and so has a quantile network: the means of its quantiles (Dabney et al.
-    2018, eq. 3). Target nets are copies and do not count as learned. Any other policy has to be an actor with
-    a categorical distribution.
-
     Raises:
-      ValueError: The policy has none of these.
+      ValueError: It is neither a Q-network nor a quantile network, whose means are action values (Dabney et
+        al. 2018, eq. 3), nor an actor with a categorical distribution.
     """
     policy: Any = agent.policy
     if isinstance(getattr(policy, "q_net", None), torch.nn.Module):
@@ -73,11 +70,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class, checked.
-
-    Args:
-      agent: An agent with the interface of SB3.
-      observations: (O, ...), as `envs.observations.observation_table` has them.
+    """Returns `policy_table` of an agent of any class.
 
     Raises:
       ValueError: Its policy cannot be read as a finite table with a row per observation.

@@ -19,22 +19,21 @@ import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
-from agents.contract import DeepTraining, Schedule, check_request
-from agents.policy import ALL_ACTIONS
-from agents.sb3.method import Method
+from agents.contract import Schedule, snapshots
+from agents.sb3.algorithms import Sb3Algorithm
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
 from envs import InputError, Model, ProxemicVectorEnv
 from envs.model import ACTIONS
 from envs.observations import observation_table
+from envs.scenario import ScenarioLike
 
 # With AVX-512, sums of MKL have another order for another number of rows, and torch takes another code. Both
 # look at these when they are first used.
@@ -47,114 +46,61 @@ class _DivergedError(Exception):
     """The net's values are no longer finite."""
 
 
-def train(
-    method: Method,
-    model: Model,
-    settings: Sb3Settings,
-    observation: str,
-    seeds: Sequence[SeedSequence],
-    schedule: Schedule,
-    logs: Sequence[Path] = (),
-) -> DeepTraining:
-    """Trains one agent per seed, one after the other.
-
-    Args:
-      method: SB3's algorithm.
-      model: Compiled scenario.
-      settings: The method's settings, the same for all agents.
-      observation: `"one_hot"` or `"coordinates"`.
-      seeds: One per agent.
-      schedule: When to keep policies and values, in environment steps.
-      logs: A TensorBoard folder per agent, or nothing; no result depends on it.
-
-    Raises:
-      ValueError: There are no seeds, or the schedule is for another budget.
-    """
-    check_request(settings, seeds, schedule)
-    folders: list[Path | None] = [*logs] if logs else [None] * len(seeds)
-    agents = [
-        _train_agent(method, model, settings, observation, seed, schedule, folder)
-        for seed, folder in zip(seeds, folders, strict=True)
-    ]
-    return DeepTraining(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
-
-
-def make_agent(method: Method, settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:
-    """Makes an agent of SB3's class, on the CPU, not seeded yet.
-
-    Args:
-      method: SB3's algorithm.
-      settings: The method's settings.
-      env: A vector env of `settings.n_envs` envs.
-    """
+def make_agent(algorithm: Sb3Algorithm, settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:
+    """Makes an agent of SB3's class for an env of `settings.n_envs` envs, on the CPU, not seeded yet."""
     with warnings.catch_warnings():  # the last mini-batch of a rollout is allowed to be smaller
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
-        agent: BaseAlgorithm = method.load()("MlpPolicy", env, device="cpu", **settings.arguments)
+        agent: BaseAlgorithm = algorithm.load()("MlpPolicy", env, device="cpu", **settings.arguments)
     # The same Adam, a step in one call. As an argument it would unset the epsilon that SB3 gives Adam.
     optimizer = getattr(agent.policy, "optimizer", None)
     if isinstance(optimizer, torch.optim.Adam):
         for group in optimizer.param_groups:
             group["fused"] = True
-    if not method.has_modes:  # SB3 walks all modules twice per step to switch modes, of which there are none
+    if not algorithm.has_modes:  # SB3 would walk all modules twice per step to switch modes
         agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
 
 
-def check_method(method: Method, settings: Sb3Settings) -> None:
-    """Makes an untrained agent and reads its policy, so that a class that cannot be trained is found early.
+def check_settings(algorithm: Sb3Algorithm, settings: Sb3Settings) -> None:
+    """Makes an untrained agent and reads its policy, so that what cannot be trained is found early.
 
     Raises:
-      ValueError: The class refuses the settings or discrete actions, its policy cannot be read as a table, or
-        it trains in other rollouts than the settings say.
+      ValueError: The class refuses the settings or discrete actions, or its policy cannot be read as a table.
     """
-    env = SB3VecEnv(
-        ProxemicVectorEnv(settings.n_envs, observation="coordinates", autoreset_mode=AutoresetMode.SAME_STEP)
-    )
+    env = vec_env(settings.n_envs, "S1", "coordinates")
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            agent: Any = make_agent(method, settings, env)
+            agent: Any = make_agent(algorithm, settings, env)
         except Exception as error:  # whatever the class raises
-            raise ValueError(f"{method.path} cannot be made: {first_line(error)}") from error
+            raise ValueError(f"{algorithm.path} cannot be made: {first_line(error)}") from error
         try:
             readable_table(agent, torch.as_tensor(env.reset()))
         except ValueError as error:
-            raise ValueError(f"{method.path} cannot be evaluated: {first_line(error)}") from error
-    frequency = getattr(agent, "train_freq", None)  # SB3 has made it a tuple of a number and a unit
-    n_steps = getattr(agent, "n_steps", None) if frequency is None else frequency[0]
-    if n_steps is not None and n_steps * settings.n_envs != settings.rollout:
-        raise ValueError(
-            f"{method.path} has rollouts of {n_steps * settings.n_envs} steps; accepted: {settings.rollout}, "
-            "as its settings say"
-        )
+            raise ValueError(f"{algorithm.path} cannot be evaluated: {first_line(error)}") from error
 
 
 class _Snapshots(BaseCallback):
-    """Keeps the policy, the count of wrong PINGs and the CPU seconds at each evaluation step.
+    """Keeps what the net says, the count of wrong PINGs and the CPU seconds at each evaluation step.
 
     The policy changes only between rollouts, so the policy at a rollout's start is that of every evaluation
     step from there to the next rollout.
     """
 
     def __init__(
-        self,
-        env: SB3VecEnv,
-        rollout: int,
-        observations: torch.Tensor,
-        points: Sequence[int],
+        self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, points: Sequence[int]
     ) -> None:
         super().__init__()
         self._env = env
         self._rollout = rollout
+        self._next_rollout = 0
         self._observations = observations  # (O, ...)
         self._points = points  # (T,)
-        shape = len(points), len(observations)  # (T, O)
         self._n_policies = 0  # evaluation steps whose policy is kept
         self._n_counts = 0  # evaluation steps whose counts are kept
         self._reading_s = 0.0  # CPU seconds spent on reading policies, which is not training
         self._started_s = time.thread_time()
-        self.greedy = np.full(shape, ALL_ACTIONS, dtype=np.uint8)
-        self.tables = np.full((*shape, len(ACTIONS)), np.nan)  # see `policy_table`
+        self.tables = np.full((len(points), len(observations), len(ACTIONS)), np.nan)  # see `policy_table`
         self.disagreements = np.zeros(len(points), dtype=np.int64)
         self.cpu_time_s = np.zeros(len(points))
         self.diverged_at = -1
@@ -163,12 +109,14 @@ class _Snapshots(BaseCallback):
         self.keep_counts(0)
 
     def _on_rollout_start(self) -> None:
-        if self.model.num_timesteps % self._rollout:
+        step = self.model.num_timesteps
+        if step != self._next_rollout:
             raise InputError(
-                f"{type(self.model).__name__}: a rollout began after {self.model.num_timesteps} steps; "
-                f"accepted: rollouts of {self._rollout} steps, as the settings say."
+                f"{type(self.model).__name__}: a rollout began after {step} steps; accepted: after "
+                f"{self._next_rollout}, since the settings say that a rollout has {self._rollout} steps."
             )
-        self.keep_policy(before=self.model.num_timesteps + self._rollout)
+        self._next_rollout += self._rollout
+        self.keep_policy(before=self._next_rollout)
 
     def _on_step(self) -> bool:
         self.keep_counts(self.model.num_timesteps)
@@ -186,9 +134,7 @@ class _Snapshots(BaseCallback):
             raise _DivergedError
         if self._points[self._n_policies] == self.model.num_timesteps:  # its update is done
             self.cpu_time_s[self._n_policies] = started_s - self._started_s - self._reading_s
-        where = slice(self._n_policies, self._n_policies + due)
-        self.greedy[where] = 1 << table.argmax(axis=1)  # as in SB3, the first of several best ones
-        self.tables[where] = table
+        self.tables[self._n_policies : self._n_policies + due] = table
         self._n_policies += due
         self._reading_s += time.thread_time() - started_s
 
@@ -206,69 +152,69 @@ class _Snapshots(BaseCallback):
         self.keep_counts(2**62)
 
 
-def _train_agent(
-    method: Method,
+def vec_env(n: int, scenario: ScenarioLike, observation: str, time_limit: int | None = None) -> SB3VecEnv:
+    """Returns n envs that step together."""
+    mode = AutoresetMode.SAME_STEP
+    return SB3VecEnv(
+        ProxemicVectorEnv(n, scenario, observation, max_episode_steps=time_limit, autoreset_mode=mode)
+    )
+
+
+def train_agent(
+    algorithm: Sb3Algorithm,
     model: Model,
     settings: Sb3Settings,
     observation: str,
     seed: SeedSequence,
     schedule: Schedule,
     log: Path | None,
-) -> dict[str, NDArray[Any]]:
-    """Returns the fields of `DeepTraining` for one agent."""
+) -> dict[str, Any]:
+    """Trains an agent, see `agents.contract.SequentialAlgorithm`."""
     with _isolated(seed) as (env_seed, action_seed):
-        env = SB3VecEnv(
-            ProxemicVectorEnv(
-                settings.n_envs,
-                model.scenario,
-                observation,
-                max_episode_steps=settings.time_limit,
-                autoreset_mode=AutoresetMode.SAME_STEP,
-            )
-        )
+        env = vec_env(settings.n_envs, model.scenario, observation, settings.time_limit)
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
-        agent = make_agent(method, settings, VecMonitor(env) if log else env)
+        agent = make_agent(algorithm, settings, VecMonitor(env) if log else env)
         # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
         agent.set_logger(configure(str(log), ["tensorboard"]) if log else Logger(None, []))
         agent.action_space.seed(action_seed)
-        snapshots = _Snapshots(env, settings.rollout, observations, schedule.evaluation_steps)
+        kept = _Snapshots(env, settings.rollout, observations, schedule.evaluation_steps)
+        interval: Any = 1 if log else None  # from one line of the log to the next: episodes, or rollouts
+        updates: list[None] = []
+        hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
-            interval: Any = method.log_interval if log else None
-            with _counted_updates() as count:
-                agent.learn(settings.budget, callback=snapshots, log_interval=interval)
+            agent.learn(settings.budget, callback=kept, log_interval=interval)
             if agent.num_timesteps != settings.budget:
                 raise InputError(
-                    f"{method.path}: trained for {agent.num_timesteps} steps; accepted: the budget of "
+                    f"{algorithm.path}: trained for {agent.num_timesteps} steps; accepted: the budget of "
                     f"{settings.budget}."
                 )
-            snapshots.keep_policy(before=settings.budget + 1)
+            kept.keep_policy(before=settings.budget + 1)
         except _DivergedError:
             pass
         except ValueError:  # torch refuses to draw from probabilities that are not finite
             if np.isfinite(policy_table(agent, observations)).all():
                 raise
-            snapshots.diverged()
+            kept.diverged()
+        finally:
+            hook.remove()
         if log:
             agent.logger.dump(agent.num_timesteps)
             agent.logger.close()
+        digest = hashlib.sha256()
+        for name, weights in sorted(agent.policy.state_dict().items()):
+            digest.update(name.encode() + weights.numpy().tobytes())
         output = output_of(agent)
         q = policy_table(agent, observations) if output.is_value else np.empty((0, len(ACTIONS)))
-        if snapshots.diverged_at >= 0:
-            q[:] = np.nan
-        # A policy that is not finite counts as the uniform random one.
-        stochastic = np.where(np.isnan(snapshots.tables), 1 / len(ACTIONS), snapshots.tables)
         return {
-            "greedy": snapshots.greedy,
-            "stochastic": stochastic[:0] if output.is_value else stochastic,
-            "values": snapshots.tables[schedule.is_mapped].astype(np.float32),
-            "disagreements": snapshots.disagreements,
-            "cpu_time_s": snapshots.cpu_time_s,
-            "updates": np.array(len(count)),
-            "parameters": np.array(sum(weights.numel() for weights in output.net.parameters())),
-            "diverged_at": np.array(snapshots.diverged_at),
-            "q": q,
-            "weights": np.frombuffer(_weights_digest(agent), dtype=np.uint8),
+            **snapshots(kept.tables, schedule, is_value=output.is_value),
+            "q": q if kept.diverged_at < 0 else np.full_like(q, np.nan),
+            "disagreements": kept.disagreements,
+            "cpu_time_s": kept.cpu_time_s,
+            "updates": len(updates),
+            "parameters": sum(weights.numel() for weights in output.net.parameters()),
+            "diverged_at": kept.diverged_at,
+            "weights": np.frombuffer(digest.digest(), dtype=np.uint8),
         }
 
 
@@ -283,10 +229,8 @@ def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
       Seeds for the env and for the action space.
     """
     words = seed.generate_state(14, np.uint32)
-    integers = [
-        int.from_bytes(part.astype("<u4").tobytes(), "little")
-        for part in (words[4:6], words[6:10], words[10:])
-    ]
+    parts = words[4:6], words[6:10], words[10:]
+    integers = [int.from_bytes(part.astype("<u4").tobytes(), "little") for part in parts]
     numpy_state = np.random.get_state()  # noqa: NPY002
     threads = torch.get_num_threads()
     try:
@@ -300,27 +244,3 @@ def _isolated(seed: SeedSequence) -> Iterator[tuple[int, int]]:
         torch.set_flush_denormal(False)  # torch's default; it cannot be asked
         torch.set_num_threads(threads)
         np.random.set_state(numpy_state)  # noqa: NPY002
-
-
-@contextmanager
-def _counted_updates() -> Iterator[list[None]]:
-    """Counts the steps of all optimizers.
-
-    Yields:
-      A list with an item for each step so far.
-    """
-    steps: list[None] = []
-    hook = register_optimizer_step_post_hook(lambda *_: steps.append(None))
-    try:
-        yield steps
-    finally:
-        hook.remove()
-
-
-def _weights_digest(agent: BaseAlgorithm) -> bytes:
-    """Returns the SHA-256 of all weights."""
-    digest = hashlib.sha256()
-    for name, weights in sorted(agent.policy.state_dict().items()):
-        digest.update(name.encode())
-        digest.update(weights.numpy().tobytes())
-    return digest.digest()

@@ -15,10 +15,8 @@ class SB3VecEnv(VecEnv):
     """A `ProxemicVectorEnv` with the interface that Stable-Baselines3 expects.
 
     An `info` has only what SB3 reads: `terminal_observation` and `TimeLimit.truncated` where an episode
-    ended. Writing all values for every env would take longer than the step. All arrays are copies. A single
-    generator serves the batch, and each draw for an issuer's reward, an outcome or a start is a new one, so
-    no two envs share draws.
-    `seed(s)` seeds that generator; SB3's envs would seed env i with `s + i`.
+    ended. All arrays are copies. A single generator serves the batch, so no two envs share draws; `seed(s)`
+    seeds it, where SB3's envs would seed env i with `s + i`.
 
     Attributes:
       disagreements: Wrong PINGs of all envs since the last reset.
@@ -95,10 +93,8 @@ class SB3VecEnv(VecEnv):
         """Returns False for every requested env."""
         return [False] * len(list(self._get_indices(indices)))
 
-    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> NoReturn:
-        """Raises: all envs share the attributes of the batch."""
-        raise NotImplementedError(f"set_attr({attr_name!r}): all envs share the attributes of the batch.")
-
     def env_method(self, method_name: str, *_: Any, **__: Any) -> NoReturn:
-        """Raises: all envs share the methods of the batch."""
-        raise NotImplementedError(f"env_method({method_name!r}): all envs share the methods of the batch.")
+        """Refuses what would be for single envs, as does `set_attr`."""
+        raise NotImplementedError(f"{method_name}: accepted: nothing; all envs share what the batch has.")
+
+    set_attr = env_method  # type: ignore[assignment]

@@ -1,8 +1,6 @@
 """The compiled loop that trains tabular agents, one after the other, each from its random stream.
 
-`compile_kernel` makes the loop for one update rule. Each agent acts epsilon-greedily. Its stream is
-xoshiro256++ (Blackman & Vigna 2021), seeded by the caller, so agents that are trained together equal the same
-agents trained one at a time, bit for bit.
+`compile_kernel` makes the loop for one update rule. Each agent acts epsilon-greedily.
 
 A step takes one 64-bit word. Its upper half decides whether to explore; its lower half decides which of the
 candidates to take: all actions when exploring, else the greedy ones. Then follow, each only where there is
@@ -30,15 +28,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import ALL_ACTIONS, contains
-from agents.process import (
-    N_ACTIONS,
-    Process,
-    U,
-    draw_outcome,
-    draw_reward,
-    draw_start,
-    draw_word,
-)
+from agents.process import N_ACTIONS, Process, U, draw_outcome, draw_reward, draw_start, draw_word
 from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
 
 PLACES: Final = 60
@@ -133,7 +123,7 @@ def _take_snapshot(
     greedy: NDArray[np.int64],
     disagreements: int,
 ) -> None:
-    """Keeps what agent n has come to at evaluation step i, which is map step i_map, or none if that is -1."""
+    """Keeps the state of agent n at evaluation step i, which is map step i_map, or none if that is -1."""
     results.disagreements[n, i] = disagreements
     for o in range(len(greedy)):
         results.greedy[n, i, o] = greedy[o]
@@ -146,8 +136,7 @@ def _take_snapshot(
 def _new_tree(n_observations: int, value: float) -> NDArray[np.float64]:
     """Returns a tournament tree over observations whose largest values are all the same.
 
-    Its leaves are these values, each inner node is the larger of its two children, and node 1 is the largest
-    value of the table.
+    Each inner node is the larger of its two children, so node 1 is the largest value of the table.
     """
     leaves = 1
     while leaves < n_observations:
@@ -210,16 +199,8 @@ def _train(
     """
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
-    (
-        rates,
-        visit_exponent,
-        discount,
-        epsilons,
-        initial_value,
-        trace_decay,
-        takes_lowest,
-        time_limit,
-    ) = constants
+    rates, visit_exponent, discount, epsilons, initial_value, trace_decay = constants[:6]
+    takes_lowest, time_limit = constants[6:]
     budget, by_episode, record_every, points, map_index = plan
     n_pairs = n_observations * N_ACTIONS
     has_tree = results.table_max_q.shape[1] > 0
@@ -286,10 +267,9 @@ def _train(
                     if _IS_ON_POLICY:
                         word, stream = draw_word(stream)
                         a_next = choose_action(word, explore_below, greedy[o_next])
+                    best_value, best_actions = highest[o_next], greedy[o_next]
                     value = _bootstrap(
-                        Successor(
-                            q, o_next, highest[o_next], greedy[o_next], epsilon, a_next, tables, learned, best
-                        )
+                        Successor(q, o_next, best_value, best_actions, epsilon, a_next, tables, learned, best)
                     )
                 target = reward + discount * value
                 rate = learning_rate
@@ -299,15 +279,8 @@ def _train(
                 if _HAS_TRACES:
                     if begins or not (greedy[o] >> a) & U(1):
                         n_traces = 0
-                    n_traces = _trace(
-                        traced,
-                        traces,
-                        trace_rates,
-                        n_traces,
-                        discount * trace_decay,
-                        o * U(N_ACTIONS) + a,
-                        rate,
-                    )
+                    pair, decay = o * U(N_ACTIONS) + a, discount * trace_decay
+                    n_traces = _trace(traced, traces, trace_rates, n_traces, decay, pair, rate)
                     error = target - q[o, a]
                     for j in range(n_traces):
                         o_traced, a_traced = divmod(U(traced[j]), U(N_ACTIONS))
@@ -356,12 +329,8 @@ def compile_kernel(
     """Returns the kernel of an update rule, compiled when it is first called.
 
     The kernel is a copy of `_train` whose globals hold the rule. Compiled code is kept on disk by the name of
-    the function, and the rule may come from elsewhere. So the copy's name contains a digest of the rule.
-
-    Args:
-      update: The rule.
-      draws_outcomes: Whether actions have several outcomes, K > 1.
-      counts_visits: Whether learning rates depend on the number of visits.
+    the function. So the copy's name contains a digest of the rule and of the text of the rule's file.
+    It leaves out what is not needed: several outcomes of an action, K > 1, and counts of visits.
     """
     flags = {
         "_IS_ON_POLICY": update.is_on_policy,
@@ -372,15 +341,10 @@ def compile_kernel(
     }
     rule = flags | {"_bootstrap": numba.njit(update.bootstrap)}
     kernel = FunctionType(_train.__code__, globals() | rule, _train.__name__)
-    parts = [flags, *_identity(update.bootstrap)]
+    code = update.bootstrap.__code__
+    cells = [cell.cell_contents for cell in update.bootstrap.__closure__ or ()]
+    text = linecache.getlines(inspect.getfile(update.bootstrap))
+    parts = flags, update.bootstrap.__module__, code.co_code, code.co_consts, code.co_names, cells, text
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
     return compiled(nogil=True)(kernel)
-
-
-def _identity(function: Callable[..., Any]) -> list[object]:
-    """Returns what a function's compiled code depends on: itself, and the text of its file."""
-    code = function.__code__
-    cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    text = linecache.getlines(inspect.getfile(function))
-    return [function.__module__, code.co_code, code.co_consts, code.co_names, cells, text]

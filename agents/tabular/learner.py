@@ -18,7 +18,7 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from agents.contract import LearnerSettings, Schedule, Training, check_request
+from agents.contract import Algorithm, LearnerSettings, Schedule, Training, check_request
 from agents.process import process_of
 from agents.tabular import updates
 from agents.tabular.kernel import Constants, Decay, Plan, Results, compile_kernel
@@ -29,7 +29,6 @@ from envs.model import ACTIONS, Model
 # a version, too; both only rise, so their sum is new after every change.
 VERSION: Final = 3
 
-
 MOST_RECORDS: Final = 10_000_000  # of the largest action value, of one agent
 
 
@@ -37,14 +36,8 @@ class Settings(LearnerSettings):
     """The settings of a tabular learner; the defaults are the paper's."""
 
     later: ClassVar[frozenset[str]] = frozenset(
-        {
-            "initial_value",
-            "final_learning_rate",
-            "learning_rate_fraction",
-            "final_epsilon",
-            "epsilon_fraction",
-            "visit_exponent",
-        }
+        {"initial_value", "final_learning_rate", "learning_rate_fraction"}
+        | {"final_epsilon", "epsilon_fraction", "visit_exponent"}
     )
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
@@ -96,9 +89,7 @@ class Settings(LearnerSettings):
             if last is not None and last > first:
                 raise ValueError(f"final_{key} = {last} is above {key} = {first}; accepted: at most {first}")
         if self.final_learning_rate is not None and self.visit_exponent is not None:
-            raise ValueError(
-                "final_learning_rate and visit_exponent exclude each other; set at most one of them"
-            )
+            raise ValueError("final_learning_rate and visit_exponent exclude each other; set only one")
         if self.budget_unit == "episodes" and self.epsilons.last == 0 and self.time_limit is None:
             key = "epsilon" if self.final_epsilon is None else "final_epsilon"
             raise ValueError(f'budget_unit = "episodes" with {key} = 0 may never end; set time_limit')
@@ -133,20 +124,19 @@ def train(
     record_table: bool = False,
     threads: int = 1,
 ) -> TabularTraining:
-    """Trains one agent per seed.
+    """Trains one agent per seed, see `agents.contract.Algorithm.train`.
 
     Args:
       model: Compiled scenario.
-      settings: The learner's settings, the same for all agents.
-      seeds: One per agent; equal seeds give equal agents.
-      schedule: When to keep policies and values, in units of the budget.
+      settings: The learner's settings.
+      seeds: One per agent.
+      schedule: In units of the budget.
       update: What the agents learn by.
       record_table: Whether to record the largest value of the whole table, too.
       threads: How many threads to use; no result depends on it.
 
     Raises:
-      ValueError: There are no seeds, there is no thread, the schedule is for another budget, or the rule has
-        traces and the settings do not.
+      ValueError: No seed or thread, a schedule for another budget, or traces without their settings.
     """
     check_request(settings, seeds, schedule)
     if update.has_traces and not isinstance(settings, TraceSettings):
@@ -218,23 +208,18 @@ def train(
     return result
 
 
-@dataclass(frozen=True)
-class TabularAlgorithm:
-    """An algorithm that learns a table by an update rule, see `agents.contract.Algorithm`."""
+class TabularAlgorithm(Algorithm):
+    """An algorithm that learns a table by an update rule."""
 
-    update: UpdateRule
-    family: Literal["tabular", "deep"] = "tabular"
-    settings: type[Settings] = Settings
-    observations: tuple[str, ...] = ("index",)  # a table has a row per observation, in whatever form
-    packages: tuple[str, ...] = ("numba",)
-    batch_size: int = 25
-    placement: Literal["thread", "process"] = "thread"
-    writes_logs: bool = False
+    packages = ("numba",)
+    batch_size = 25
+    placement = "thread"
 
-    @property
-    def version(self) -> int:
-        """The version of the kernel and the rule."""
-        return VERSION + self.update.version
+    def __init__(self, update: UpdateRule) -> None:
+        """Takes settings and version from the rule."""
+        self.update = update
+        self.settings = TraceSettings if update.has_traces else Settings
+        self.version = VERSION + update.version
 
     def train(
         self,
@@ -251,3 +236,7 @@ class TabularAlgorithm:
 
 
 Q_LEARNING: Final = TabularAlgorithm(updates.Q_LEARNING)
+SARSA: Final = TabularAlgorithm(updates.SARSA)
+EXPECTED_SARSA: Final = TabularAlgorithm(updates.EXPECTED_SARSA)
+DOUBLE_Q_LEARNING: Final = TabularAlgorithm(updates.DOUBLE_Q_LEARNING)
+WATKINS_Q_LAMBDA: Final = TabularAlgorithm(updates.WATKINS_Q_LAMBDA)

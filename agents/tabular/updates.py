@@ -6,8 +6,6 @@ After action a in observation o, with reward r and next observation o', every ru
 
 and rules differ in `bootstrap` and in which values they move. The bootstrap is left out where the episode
 terminates, and kept where the time limit truncates. See Sutton & Barto (2018), sections 6.4 to 6.7.
-
-This module has the interface and Q-learning; each other rule has a module of its own.
 """
 
 from collections.abc import Callable
@@ -53,11 +51,7 @@ class UpdateRule:
     version: int = 0  # raise it when a change alters what is learned
 
     def __post_init__(self) -> None:
-        """Checks the parts against each other.
-
-        Raises:
-          ValueError: The rule combines traces with two tables or with the next action.
-        """
+        """Refuses, by a ValueError, traces with two tables or with the next action."""
         if self.has_traces and (self.has_two_tables or self.is_on_policy):
             raise ValueError("has_traces: not with is_on_policy or has_two_tables.")
 
@@ -67,4 +61,34 @@ def greatest_value(after: Successor) -> float:
     return after.highest
 
 
+def next_value(after: Successor) -> float:
+    """Returns the value of the next action that the agent takes."""
+    return float(after.q[after.observation, after.action])
+
+
+def expected_value(after: Successor) -> float:
+    """Returns the mean value of the next action; greedy actions are equally good, so ties do not matter."""
+    q, o = after.q, after.observation
+    # Independent sums, so that the processor can overlap them.
+    total = (q[o, 0] + q[o, 1]) + (q[o, 2] + q[o, 3]) + q[o, 4]
+    return float(after.epsilon / 5 * total + (1 - after.epsilon) * after.highest)
+
+
+def other_value(after: Successor) -> float:
+    """Returns the value, by the other table, of the best action by the table that is updated."""
+    return float(after.tables[after.observation, 1 - after.learned, after.best])
+
+
 Q_LEARNING: Final = UpdateRule(greatest_value)
+# Sutton & Barto (2018), section 6.4
+SARSA: Final = UpdateRule(next_value, is_on_policy=True)
+# Ibid., section 6.6
+EXPECTED_SARSA: Final = UpdateRule(expected_value)
+# van Hasselt (2010). The maximum of noisy estimates is on average too high. With two tables that learn from
+# different steps, the errors of choice and value are independent, and this bias disappears.
+DOUBLE_Q_LEARNING: Final = UpdateRule(other_value, has_two_tables=True)
+# Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996): an action
+# has a trace of 1 when it is taken, even if it had one already. Every step multiplies a trace by discount *
+# lambda, and drops it below `agents.tabular.kernel.LEAST_TRACE`. An action that is not greedy drops all
+# traces of earlier ones, because the values of greedy actions do not depend on what follows it.
+WATKINS_Q_LAMBDA: Final = UpdateRule(greatest_value, has_traces=True)

@@ -1,1 +1,1 @@
-"""Populations of agents, intervals and snapshots."""
+"""Populations of agents, and intervals."""

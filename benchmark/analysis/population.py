@@ -19,7 +19,6 @@ from envs import ZONES, InputError, Model, Scenario, compile_scenario
 from envs.model import PING
 
 OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distance, which allows for rounding
-GOOD_SCORE: Final = 0.95  # a policy counts as good from this score on
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ import shutil
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from importlib.metadata import PackageNotFoundError, metadata, version
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from benchmark.experiments import RunSpecification
 
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome")  # the tests of the page need one of them
-_PROJECT: Final = "proxemic-benchmark"
 _CONSTRAINTS: Final = Path(__file__).parents[2] / "constraints.txt"
 _COLOURS: Final = {"ok": "green", "note": "yellow", "problem": "bold red"}
 _LONGEST: Final = 200  # characters of an error
@@ -56,14 +55,18 @@ def main(options: argparse.Namespace) -> int:
     if seeds is not None and options.experiment is None:
         raise InputError("--seeds: accepted only together with an experiment.")
     cache = _cache()
-    runs = []
+    runs, limits = [], ""
     if options.experiment is not None and cache.state == "ok":  # else nothing compiled can be imported
+        from benchmark.commands.run import forecast
         from benchmark.experiments import all_specifications, load_experiment
 
-        runs = all_specifications(load_experiment(options.experiment), seeds)
+        experiment = load_experiment(options.experiment)
+        runs, limits = all_specifications(experiment, seeds), forecast(experiment)
     found = [_installation(), [cache], _machine(options.results), _store(options.results / "runs.db")]
     if options.cluster is not None:
         found.append([_cluster(options.cluster, runs)])
+    if limits:
+        found.append([Finding("note", "verdicts", limits)])
     if runs:
         found.append(_experiment(runs, options))
     console = Console()
@@ -77,33 +80,19 @@ def main(options: argparse.Namespace) -> int:
 
 def _installation() -> Iterator[Finding]:
     """Yields whether packages are there, in which versions, and what records will say of the code."""
-    absent = {extra: [m for m in modules if find_spec(m) is None] for extra, modules in EXTRAS.items()}
-    complete = [extra for extra, modules in absent.items() if not modules]
-    needed = []
-    with suppress(PackageNotFoundError):  # the code is not installed, only on Python's path
-        about = metadata(_PROJECT)
-        needed = [Requirement(f"python {about['Requires-Python'] or ''}")]
-        needed += map(Requirement, about.get_all("Requires-Dist") or ())
-    # An extra that is not complete may bound what others bring.
-    needed = [
-        each
-        for each in needed
-        if not each.marker or any(each.marker.evaluate({"extra": name}) for name in ["", *complete])
-    ]
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
-    published = [Requirement(line) for line in lines if "==" in line and not line.startswith("#")]
-    if wrong := _outside(needed):
-        advice = "install accepted ones, as pip install -e '.[EXTRA]' does"
-        yield Finding("problem", "versions", f"not accepted: {wrong}; {advice}")
-    elif others := _outside(published):
+    if others := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
-        yield Finding("note", "versions", f"other than in constraints.txt: {others}; {advice}")
+        yield Finding("note", "versions", f"other than in constraints.txt: {', '.join(others)}; {advice}")
     else:
         yield Finding("ok", "versions", f"Python {platform.python_version()}, and packages as declared")
-    for extra, modules in absent.items():
-        if modules:
-            text = str(missing_package(f"the extra {extra}", modules[0])).removesuffix(".")
-            yield Finding("note", "packages", f"{text} (packages that are missing: {len(modules)})")
+    complete = []
+    for extra, modules in EXTRAS.items():
+        if missing := [module for module in modules if find_spec(module) is None]:
+            text = str(missing_package(f"the extra {extra}", missing[0])).removesuffix(".")
+            yield Finding("note", "packages", f"{text} (packages that are missing: {len(missing)})")
+        else:
+            complete.append(extra)
     yield Finding("ok", "packages", f"complete extras: {', '.join(complete) or 'none'}")
     commit = provenance.commit(Path(provenance.__file__))
     if commit is not None and commit.endswith("-changed"):
@@ -113,16 +102,15 @@ def _installation() -> Iterator[Finding]:
         yield Finding("ok", "code", f"records will name the commit {commit or '(none: no checkout)'}")
 
 
-def _outside(requirements: Sequence[Requirement]) -> str:
-    """Lists the installed packages, and Python, that are in another version than is required."""
+def _outside(requirements: Iterable[Requirement]) -> list[str]:
+    """Lists the installed packages that are in another version than is required."""
     found = []
     for each in requirements:
         with suppress(PackageNotFoundError):
-            installed = platform.python_version() if each.name == "python" else version(each.name)
-            installed = installed.partition("+")[0]  # a build may add +cpu
+            installed = version(each.name).partition("+")[0]  # a build may add +cpu
             if not each.specifier.contains(installed, prereleases=True):
                 found.append(f"{each.name} {installed} ({each.specifier})")
-    return ", ".join(found)
+    return found
 
 
 def _cache() -> Finding:

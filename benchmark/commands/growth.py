@@ -1,11 +1,5 @@
 """Measures how time and memory grow."""
 
-import argparse
+from benchmark.commands.speed import main
 
-from benchmark.reports import measured
-
-
-def main(options: argparse.Namespace) -> int:
-    """Runs the command; returns the exit code."""
-    measured.measure("growth", options.results, smoke=options.smoke)
-    return 0
+__all__ = ["main"]

@@ -2,11 +2,11 @@
 
 import argparse
 
-from benchmark.commands import parse_jobs, parse_seeds, seeds_text
+from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files
+from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
@@ -22,6 +22,9 @@ def main(options: argparse.Namespace) -> int:
             with files.alone(options.results):
                 for folder in folders:
                     document.write(folder)
+                if options.results.resolve() == sameness.REPOSITORY / "results":
+                    text = document.front(options.results)
+                    files.write_text(sameness.REPOSITORY / "README.md", text)
         print(f"the page is {page.write(options.results)}.")
         return 0
     if form and options.partial:
@@ -30,22 +33,13 @@ def main(options: argparse.Namespace) -> int:
     draw.report_of(experiment)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
-    # With --cluster, --jobs says nothing about this machine.
-    jobs = None if getattr(options, "cluster", None) else getattr(options, "jobs", None)
     with Store(options.results / "runs.db", read_only=True) as store:
         if form:
             directory = directory.with_name(f"{directory.name}_{form}")
             draw.export(experiment, store, directory, seeds, form)
             print(f"{experiment.name}: written to {directory}.")
             return 0
-        made = draw.draw(
-            experiment,
-            store,
-            directory,
-            seeds,
-            partial=options.partial,
-            jobs=parse_jobs(jobs),
-        )
+        made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     is_published = made.certificate is not None and made.certificate.is_identical
     updated = page.update(options.results, directory.name, is_published=is_published)
@@ -75,17 +69,3 @@ def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -
     """
     chosen = f"_seeds_{seeds_text(seeds)}" if seeds is not None else ""
     return f"{experiment.name}{chosen}{'_partial' if partial else ''}"
-
-
-def check(experiment: Experiment, *, is_required: bool) -> None:
-    """Checks that an experiment's report can be drawn of it, see `benchmark.reports.draw.report_of`.
-
-    Args:
-      experiment: As loaded.
-      is_required: Whether it must have a report.
-
-    Raises:
-      InputError: It has none although it must, or its report cannot be drawn.
-    """
-    if is_required or experiment.report is not None:
-        draw.report_of(experiment)

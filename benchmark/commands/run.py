@@ -17,6 +17,7 @@ from benchmark.execution.plan import plan
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
+from benchmark.reports import draw, load_report
 from envs import InputError
 from envs.inputs import missing_package
 
@@ -29,7 +30,8 @@ def main(options: argparse.Namespace) -> int:
     jobs = parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
-    report.check(experiment, is_required=options.report)
+    if options.report or experiment.report is not None:
+        draw.report_of(experiment, is_drawn=options.report)
     fewest = min(
         len(experiment.declared_seeds(arm, condition)) if seeds is None else len(seeds)
         for arm in experiment.algorithms
@@ -42,8 +44,10 @@ def main(options: argparse.Namespace) -> int:
         _check_logs(experiment, options.tensorboard)
     runs = all_specifications(experiment, seeds)
     check_scores(runs)
+    if text := forecast(experiment):
+        print(f"{name}: {text}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
-        if n_damaged := driver.discard_damaged(runs, store):
+        if n_damaged := store.discard_damaged(run.digest for run in runs):
             print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
         todo = driver.pending(runs, store)
         n_done = len(runs) - len(todo)
@@ -58,8 +62,7 @@ def main(options: argparse.Namespace) -> int:
                 stack.callback(cluster.cancel)
                 # A worker finds its next job waiting.
                 jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
-            ended = store.ended(run.digest for run in runs)
-            display = stack.enter_context(Display(experiment, seeds, ended, plan(todo)))
+            display = stack.enter_context(Display(name, runs, store.ended(), plan(todo)))
             logs = options.tensorboard
             errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
         statuses = store.statuses()
@@ -76,6 +79,12 @@ def main(options: argparse.Namespace) -> int:
     which = f", {n_diverged} of them diverged" if n_diverged else ""
     print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
     return report.main(options) if options.report else 0
+
+
+def forecast(experiment: Experiment) -> str:
+    """Returns what an experiment's runs cannot show, in a sentence; empty if it has no report to say so."""
+    report = experiment.report
+    return "" if report is None else load_report(report.kind, experiment.argument).forecast(experiment)
 
 
 def connect(address: str, algorithms: Collection[str]) -> "Cluster":

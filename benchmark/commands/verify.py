@@ -82,7 +82,7 @@ def _problems(
         folder = options.results / folder_name(experiment, None, partial=False)
         is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
         if is_published and all(run.digest in ended for run in runs[experiment.name]):
-            yield from _redrawn(experiment, store, folder, scratch, options.jobs)
+            yield from _redrawn(experiment, store, folder, scratch)
         elif is_published or any(run.digest in ended for run in runs[experiment.name]):
             what = "runs are missing" if is_published else "there is no report"
             print(f"{experiment.name}: not drawn again, since {what}.")
@@ -117,12 +117,12 @@ def _difference(before: Record, after: Record) -> str:
     return f"differs in {', '.join(differing)}{made}" if differing else ""
 
 
-def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path, jobs: int) -> Iterator[str]:
+def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
     """Draws an experiment again; yields what differs from its folder."""
     _, items = draw.report_of(experiment)
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
-    draw.draw(experiment, store, made, jobs=jobs)
+    draw.draw(experiment, store, made)
     found = sameness.compare(made, experiment.name, draw.measured_files(items), folder)
     assert found is not None  # there is a manifest
     if found.is_identical:

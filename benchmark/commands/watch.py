@@ -18,7 +18,7 @@ from benchmark.analysis.population import load_population
 from benchmark.commands import MOST_SEEDS
 from benchmark.drawing.film import Film, Moment, check_animation, end_of, film_of, picture, write
 from benchmark.drawing.text import to_text
-from benchmark.execution.driver import discard_damaged, pending, run
+from benchmark.execution.driver import pending, run
 from benchmark.execution.store import Store
 from benchmark.experiments import (
     DEFAULT_CONDITION,
@@ -63,7 +63,7 @@ def load_film(watched: RunSpecification, store: Store) -> Film:
       InputError: Training failed.
     """
     title = f"{watched.scenario.name}: {watched.arm}, {watched.observation}, seed {watched.seed}"
-    discard_damaged([watched], store)
+    store.discard_damaged([watched.digest])
     if pending([watched], store):
         print(f"training {title} ...", file=sys.stderr)
         errors = run([watched], store, jobs=1)

@@ -16,9 +16,9 @@ from tabulate import tabulate
 LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text, file, rows
 _DIGITS: Final = 6  # significant digits in CSV files: few enough to hide rounding
 _SHOWN_DIGITS: Final = 3
-_ROWS_PER_PAGE: Final = 70  # of a LaTeX table that is scaled to a page
-# A longer one breaks across pages and cannot be scaled. If it is too wide, it reaches into both margins.
-_LONG: Final = r"""\footnotesize
+# A table that breaks across pages cannot be scaled. If it is too wide, it reaches into both margins.
+_LATEX: Final = r"""% Needs \usepackage{longtable}
+{\footnotesize
 \setlength{\tabcolsep}{3pt}
 \setlength{\LTleft}{0pt plus 1fill minus 1fill}
 \setlength{\LTright}{\LTleft}
@@ -32,11 +32,7 @@ _TEXT: Final = re.compile(rf"(^|;)'{_START}")
 # In Markdown: HTML, entities, escapes, formulas, and links that lead neither to a web page nor to a file.
 _ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
 # What starts a heading, quotation, list, rule, block of code or definition of a link.
-_BLOCK: Final = re.compile(r"[#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$)")
-_ESCAPED: Final = str.maketrans(
-    {character: f"\\{character}" for character in "&%$#_{}"}
-    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-)
+_BLOCK: Final = re.compile(r"^(\d*)([#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$))")
 
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
@@ -81,21 +77,16 @@ def paragraph(text: str) -> str:
     >>> print(paragraph("1. See [a](b.csv),\n# [c](javascript:d) & <img> in `S1`"))
     1&#46; See [a](b.csv), # [c]&#40;javascript:d) & &#60;img> in `S1`
     """
-    text = inert(text)
-    first = re.match(r"\d*", text)
-    place = 0 if first is None else first.end()
-    starts = _BLOCK.match(text, place)
-    return text if starts is None else f"{text[:place]}{_entity(starts)}{text[starts.end() :]}"
+    return _BLOCK.sub(lambda found: found[1] + _entity(found[2]), inert(text))
 
 
 def inert(text: str) -> str:
     """Returns a text in one line of Markdown."""
-    return _ACTIVE.sub(_entity, re.sub(r"\s+", " ", text.strip()))
+    return _ACTIVE.sub(lambda found: _entity(found[0]), " ".join(text.split()))
 
 
-def _entity(match: "re.Match[str]") -> str:
-    """Returns a character as an entity of HTML."""
-    return f"&#{ord(match[0])};"
+def _entity(character: str) -> str:
+    return f"&#{ord(character)};"
 
 
 def _format(frame: pd.DataFrame, form: str, escape: Callable[[str], str]) -> str:
@@ -107,22 +98,13 @@ def _format(frame: pd.DataFrame, form: str, escape: Callable[[str], str]) -> str
     return tabulate(texts, names, tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
 
 
-def to_latex(frame: pd.DataFrame, note: str = "") -> str:
-    """Returns a LaTeX table that fits the page, with a note above it."""
-    above = f"\\textbf{{{note.translate(_ESCAPED)}}}\\par\n" if note else ""
-    if len(frame) > _ROWS_PER_PAGE:
-        table = _latex_rows(frame, "latex_longtable")
-        return f"% Needs \\usepackage{{longtable}}\n{above}{{{_LONG}{table}}}\n"
-    limits = r"max width=\textwidth, max totalheight=\textheight"
-    table = f"\\begin{{adjustbox}}{{{limits}}}\n{_latex_rows(frame, 'latex_booktabs')}\\end{{adjustbox}}%\n"
-    return f"% Needs \\usepackage{{booktabs,adjustbox}}\n{above}\\noindent\n{table}"
-
-
-def _latex_rows(frame: pd.DataFrame, form: str) -> str:
-    """Returns a LaTeX table; tabulate escapes its texts but for what follows."""
-    table = _format(frame, form, lambda text: re.sub(r"\s+", " ", text))
+def to_latex(frame: pd.DataFrame) -> str:
+    """Returns a LaTeX table that breaks across pages."""
+    # tabulate escapes texts but for what follows.
+    table = _format(frame, "latex_longtable", lambda text: " ".join(text.split()))
     # A row that starts with one of these would be an argument of the command before it.
-    return re.sub(r"^ (?=[\[*])", " {}", table, flags=re.MULTILINE).replace("|", r"\textbar{}")
+    table = re.sub(r"^ (?=[\[*])", " {}", table, flags=re.MULTILINE).replace("|", r"\textbar{}")
+    return f"{_LATEX}{table}}}\n"
 
 
 def show(value: object) -> str:
@@ -143,16 +125,17 @@ def show(value: object) -> str:
 def _column_texts(column: pd.Series) -> list[str]:
     """Returns the values of a column as a CSV file has them; integers beside floats are floats, too."""
     values = column.tolist()
-    is_missing = column.isna().tolist()
     has_floats = any(isinstance(value, float) for value in values)
     texts = []
-    for value, missing in zip(values, is_missing, strict=True):
-        if missing:
+    for value, is_missing in zip(values, column.isna(), strict=True):
+        if is_missing:
             texts.append("")
-        elif has_floats and isinstance(value, int | float) and not isinstance(value, bool):
+        elif isinstance(value, str):
+            texts.append(_uncomputed(value))
+        elif isinstance(value, float) or (has_floats and type(value) is int):
             texts.append(_float_text(float(value)))
         else:
-            texts.append(_uncomputed(value) if isinstance(value, str) else str(value))
+            texts.append(str(value))
     return texts
 
 

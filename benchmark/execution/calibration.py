@@ -8,9 +8,8 @@ and, for tables, states.
 import math
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from concurrent.futures import wait
-from contextlib import ExitStack, suppress
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -78,26 +77,15 @@ def estimate(
         with suppress(InputError):  # it is damaged where it is read
             costs = _stored(populations, store)
     others = [job for population, job in populations.items() if population not in costs]
-    rates: dict[tuple[str, ...], Cost] = {}  # per unit of work, by kind and by algorithm alone
-    errors = []
-    start_s, started = 0.0, time.monotonic()
-    for kind, job, records in _short_jobs(others, limit_s, executor) if others else ():
-        start_s = start_s or time.monotonic() - started
-        if records[0].error is not None:
-            where = f"{job[0].scenario.name}, {job[0].arm}, {job[0].observation}"
-            errors.append(f"{where}: {records[0].error}")
-        else:
-            cost = _cost(records, "short jobs")
-            rates[kind] = rates[kind[:1]] = replace(cost, seconds=cost.seconds / _work(job[0]))
+    rates, errors = _rates(others, limit_s, executor) if others else ({}, [])
     for run in (job[0] for job in others):
-        if rate := rates.get(_kind(run)) or rates.get(_kind(run)[:1]):
+        if rate := rates.get(_kind(run)):
             costs[run.population] = replace(rate, seconds=rate.seconds * _work(run))
     known = [(job, costs[job[0].population]) for job in planned if job[0].population in costs]
 
     def seconds(exponent: int) -> float:
         times = [len(job) * cost.seconds * DOUBT[cost.source] ** exponent for job, cost in known]
-        start = start_s * DOUBT["short jobs"] ** exponent  # of this command, and then of its workers
-        return 2 * start + max([sum(times) / min(jobs, cores), *times])
+        return max([sum(times) / min(jobs, cores), *times])
 
     n_processes = sum(load_algorithm(job[0].algorithm).placement == "process" for job, _ in known)
     peak = max((cost.peak_memory_mb for _, cost in known), default=0.0)
@@ -130,30 +118,40 @@ def _cost(records: Sequence[Record], source: str) -> Cost:
     return Cost(sum(seconds) / len(records), max(peaks), source)
 
 
-def _short_jobs(
+def _rates(
     jobs: Sequence[Job], limit_s: float, executor: ExecutorFactory
-) -> Iterator[tuple[tuple[str, ...], Job, list[Record]]]:
-    """Executes a short job of every kind of learner until the time is up; yields kinds, jobs and records."""
+) -> tuple[dict[tuple[str, ...], Cost], list[str]]:
+    """Executes a short job of every kind of learner until the time is up.
+
+    Returns:
+      The cost per unit of work, by kind; and the errors of the jobs that failed.
+    """
+    rates: dict[tuple[str, ...], Cost] = {}
+    errors: list[str] = []
     end = time.monotonic() + limit_s
-    of_algorithm: dict[str, dict[tuple[str, ...], Job]] = {}
-    for job in jobs:
-        of_algorithm.setdefault(job[0].algorithm, {})[_kind(job[0])] = _short(job)
-    with ExitStack() as stack:
-        worker = executor(1)
-        stack.callback(worker.cancel)  # kills it if it is busy
-        # One of every algorithm comes before others of any. It is executed twice, as the first time compiles.
-        firsts = [next(iter(kinds.items())) for kinds in of_algorithm.values()]
-        others = [item for kinds in of_algorithm.values() for item in list(kinds.items())[1:]]
-        for kind, job in [*firsts, *others]:
-            for _ in range(2 if (kind, job) in firsts else 1):
+    kinds = {_kind(job[0]): _short(job) for job in jobs}
+    compiled: set[str] = set()  # algorithms
+    worker = executor(1)
+    try:
+        for kind, job in kinds.items():
+            for _ in range(1 if job[0].algorithm in compiled else 2):  # the first time compiles
                 future = worker.submit(job)
-                if not wait([future], timeout=max(0.0, end - time.monotonic())).done:
-                    return
                 try:
-                    records = future.result()
+                    records = future.result(max(0.0, end - time.monotonic()))
+                except TimeoutError:
+                    return rates, errors
                 except Exception as error:  # its process died
                     records = failures(job, error, now(), 0.0)
-            yield kind, job, records
+            compiled.add(job[0].algorithm)
+            if records[0].error is not None:
+                where = f"{job[0].scenario.name}, {job[0].arm}, {job[0].observation}"
+                errors.append(f"{where}: {records[0].error}")
+            else:
+                cost = _cost(records, "short jobs")
+                rates[kind] = replace(cost, seconds=cost.seconds / _work(job[0]))
+    finally:
+        worker.cancel()  # kills it if it is busy
+    return rates, errors
 
 
 def _short(job: Job) -> Job:
@@ -164,11 +162,8 @@ def _short(job: Job) -> Job:
     rollout = getattr(settings, "rollout", 1)
     steps = _idle(run) + (settings.budget - _idle(run)) / _PART
     budget = min(math.ceil(steps / rollout) * rollout, settings.budget)
-    every = min(run.evaluation_every, budget)
-    map_every = min(run.map_every, math.ceil(budget / every) * every)
     settings = settings.model_copy(update={"budget": budget})
-    short = replace(run, settings=settings, evaluation_every=every, map_every=map_every)
-    return [short]
+    return [replace(run, settings=settings, evaluation_every=budget, map_every=budget)]
 
 
 def _kind(run: RunSpecification) -> tuple[str, ...]:

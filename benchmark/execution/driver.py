@@ -95,12 +95,7 @@ def run(
     return errors
 
 
-def discard_damaged(runs: Sequence[RunSpecification], store: Store) -> int:
-    """Removes damaged records, so that their runs are pending again; returns their number."""
-    return store.discard_damaged(store.ended(run.digest for run in runs))
-
-
 def pending(runs: Sequence[RunSpecification], store: Store) -> list[RunSpecification]:
     """Returns the runs that have no valid record."""
-    ended = store.ended(run.digest for run in runs)
+    ended = store.ended()
     return [run for run in runs if run.digest not in ended]

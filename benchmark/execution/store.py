@@ -152,7 +152,8 @@ class Store:
             if not read_only:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
             is_there, is_file = self._path.exists(), self._path.is_file()
-            is_empty = is_file and self._path.stat().st_size == 0  # SQLite leaves it so if it is killed early
+            # SQLite leaves an empty file if it is killed early.
+            has_no_runs = not is_there or (is_file and self._path.stat().st_size == 0)
         except OSError as error:
             folder = self._path.parent
             reason = "it is a file" if folder.is_file() else error.strerror
@@ -160,7 +161,7 @@ class Store:
             raise InputError(f"{folder}: {what}; choose another folder with --results.") from error
         if is_there and not is_file:
             raise self._unusable(f"it is not a file; {_ADVICE[sqlite3.SQLITE_NOTADB]}")
-        if read_only and (is_empty or not is_there):
+        if read_only and has_no_runs:
             raise NoRunsError(f"{self._path}: there are no runs yet; run the experiment first.")
         self._connect()
 
@@ -231,18 +232,9 @@ class Store:
         """Returns the status of every stored run, by digest."""
         return self._do(lambda: dict(self._connection.execute("SELECT digest, status FROM runs")))
 
-    def ended(self, among: Iterable[str] | None = None) -> set[str]:
-        """Returns the digests of the runs with a valid record: those that are done, or diverged.
-
-        Args:
-          among: The digests of the runs that are asked for; by default all. The others cost nothing.
-        """
-        # By this index no record is read; SQLite would choose the other one.
-        query, wanted = "SELECT digest FROM runs INDEXED BY statuses WHERE status != 'failed'", []
-        if among is not None:
-            query += " AND digest IN (SELECT value FROM json_each(?))"
-            wanted = [json.dumps([*among])]
-        return self._do(lambda: {digest for (digest,) in self._connection.execute(query, wanted)})
+    def ended(self) -> set[str]:
+        """Returns the digests of the runs with a valid record: those that are done, or diverged."""
+        return {digest for digest, status in self.statuses().items() if status != "failed"}
 
     def contents(self) -> dict[str, str]:
         """Returns the specification of every run that has ended, by digest."""
@@ -300,14 +292,14 @@ class Store:
         return False
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
-        """Removes the records of these runs that are damaged, all or none; returns how many are.
+        """Removes the records of these runs that have ended and are damaged; returns how many are.
 
         If the structure of the file is damaged, it is replaced by one with its whole records first.
         """
         if self.problem():
             with self._input_errors():
                 self._salvage()
-        damaged = self.damaged(digests)
+        damaged = self.damaged(self.ended().intersection(digests))
 
         def remove() -> int:
             with self._transaction():

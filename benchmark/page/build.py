@@ -37,12 +37,14 @@ _SPEED: Final = "speed"  # the folder with measurements of this project, at the 
 _CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks up mean scores
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
+_MOST_ROWS: Final = 60  # of a table that is shown at once; longer ones are shown on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
 _PLACED: Final = re.compile(f"(?:<p>)?{_PLACE}([^{_PLACE}]*){_PLACE}(?:</p>)?")
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
-_NUMBER: Final = re.compile(r"(-|never|(−?[\d,.]+(e[+-]\d+)?)( ?[%(\[].*)?)")  # a cell of a column of numbers
+# A cell of a column of numbers: a number, perhaps with its interval or a sign.
+_NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
 _LINKED: Final = re.compile(r'href="([^"#]*\.csv)#row=')  # a file whose rows the page links to
 _IMPORT: Final = re.compile(r'^import (?:\{[^}]*\} from )?"\./(\w+\.js)";\n', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
@@ -161,7 +163,11 @@ class _Part:
             is_drawn = document.has_figure(item) and not (has_lead and item is lead)
             figure = self._figure(item) if is_drawn and not (table and item.name in folded) else None
             text = templates.get_template("item.html").render(
-                item=item, table=table, figure=figure, is_folded=item.name in folded, link=self.link
+                item=item,
+                table=table,
+                figure=figure,
+                is_folded=item.name in folded or (table is not None and len(table["rows"]) > _MOST_ROWS),
+                link=self.link,
             )
             return text.strip()
 
@@ -210,15 +216,14 @@ class _Part:
         """Returns a document's sections: heading, id and body of each; what stands first has no heading."""
         sections: list[tuple[Markup, str, list[Token]]] = [(Markup(), "", [])]
         tokens = self._parser.parse(markdown)
-        for i, token in enumerate(tokens):
-            if token.type == "heading_open" and token.tag in ("h1", "h2"):
-                key = re.sub(r"\W+", "-", tokens[i + 1].content.lower()).strip("-")
-                sections.append((self._html([tokens[i + 1]]), f"{self.name}-{key}", []))
-            elif token.tag in ("h1", "h2"):
-                sections[-1][2].clear()  # the end of the heading, and before it its text
-            else:
-                token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 1}", token.tag)
-                sections[-1][2].append(token)
+        for token, following in zip(tokens, [*tokens[1:], Token("", "", 0)], strict=True):
+            if token.type == "heading_open" and (token.tag == "h2" or following.content == _FOLDED):
+                sections.append((self._html([following]), f"{self.name}-{_slug(following.content)}", []))
+                continue
+            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 1}", token.tag)
+            sections[-1][2].append(token)
+            if token.type == "heading_close" and len(sections[-1][2]) == 2:
+                sections[-1][2].clear()  # of the section itself
         return [
             {"heading": heading, "id": key, "is_folded": heading == _FOLDED, "body": self._html(parsed)}
             for heading, key, parsed in sections
@@ -257,11 +262,16 @@ class _Part:
         }
 
 
+def _slug(text: str) -> str:
+    """Returns a text's letters and digits, for an id or a class."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+
+
 def _kind(name: str, texts: Iterable[str]) -> str:
     """Returns the class of a column's cells: names have none."""
     if all(_NUMBER.fullmatch(text) for text in texts):
         return "number"
-    return "verdict" if name == "verdict" else ""
+    return "verdict" if name.startswith("verdict") else ""
 
 
 def _render(parts: Sequence[_Part]) -> str:
@@ -274,6 +284,7 @@ def _render(parts: Sequence[_Part]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    templates.filters["slug"] = _slug
     reports = []
     for part in parts:
         with part.folder.reading():
@@ -282,7 +293,7 @@ def _render(parts: Sequence[_Part]) -> str:
     manifests = [part.folder.manifest for part in parts]
     content = {
         "reports": reports,
-        "partial": [note for note in (each.get("partial") for each in manifests) if note],
+        "partial": [part.inline(note) for part in parts if (note := part.folder.manifest.get("partial"))],
         "scenarios": {
             name: part.inline(inert(declared["description"]))
             for part in parts

@@ -18,7 +18,7 @@ import pandas as pd
 from benchmark.drawing import tables
 from benchmark.reports import files, load_items, load_report
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Finding, Item
+from benchmark.reports.item import Finding, Item, as_written
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"
@@ -68,20 +68,19 @@ class Document:
         """Returns an item's table as readers see it, of Markdown texts."""
         return item.display(self.folder.frame(item.name))
 
-    def render(self, show: Place, fold: Place, template: Path | None = None) -> str:
+    def render(self, show: Place, fold: Place, template: Path | None = None, **more: object) -> str:
         """Returns the document as Markdown.
 
         Args:
           show: Returns what stands in the place of an item.
           fold: The same for an item that is shown on demand.
           template: By default that of the report.
+          more: What the template needs besides.
         """
         named = {item.name: item for item in self.items}
-        placed: set[str] = set()
 
         def place(how: Place) -> Callable[[str], str]:
             def at(name: str) -> str:
-                placed.add(name)
                 return how(named[name]) if self.has(name) else ""
 
             return at
@@ -108,6 +107,7 @@ class Document:
             has=self.has,
             others=others,
             document=self,
+            **more,
         )
         return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
 
@@ -118,19 +118,12 @@ class Document:
             parts = [f"![{item.caption}]({item.name}.png)"] if self.has_figure(item) else []
             frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
             if not frame.empty:
-                frame = frame.map(tables.plain)
+                frame = frame.map(as_written)  # `to_markdown` escapes it
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 
-        self._body = self.render(show, lambda _: "")
-        return self.render(show, lambda _: "", _FRAME) + "\n"
-
-    # For the frame of README
-
-    @property
-    def body(self) -> str:
-        """The document as README has it."""
-        return self._body
+        body = self.render(show, lambda _: "")
+        return self.render(show, lambda _: "", _FRAME, body=body) + "\n"
 
     @property
     def listed(self) -> str:

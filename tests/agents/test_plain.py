@@ -16,7 +16,7 @@ from envs import compile_scenario, load_scenario
 from envs.inputs import InputError, parse
 
 N = 60
-STEPS = (0, 1500, 3000)
+STEPS = (0, 750, 1500)
 
 
 # An issuer that moves between two places at random, two starts, and every number that may change in training.
@@ -28,35 +28,20 @@ MOVES = {
     ],
     "observe": ["agent", "phase"],
 }
-DECAYS = {
-    "initial_value": -0.5,
-    "final_learning_rate": 0.1,
-    "learning_rate_fraction": 0.5,
-    "final_epsilon": 0.1,
-    "epsilon_fraction": 0.7,
-}
+DECAYS = {"final_learning_rate": 0.1, "learning_rate_fraction": 0.5, "final_epsilon": 0.1,
+          "epsilon_fraction": 0.7, "initial_value": -0.5}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("scenario", "overrides", "changes"),
-    [
-        ("S1", {}, {}),
-        ("S2", {}, {}),
-        ("S1", MOVES, {}),
-        ("S2", {}, DECAYS),
-        ("S1", {}, {"visit_exponent": 0.6}),
-    ],
+    [("S1", MOVES, {"visit_exponent": 0.6}), ("S2", {}, DECAYS)],
 )
 def test_it_learns_as_the_compiled_learner_does(
     scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
 ) -> None:
     model = compile_scenario(load_scenario(scenario, overrides))
-    values: dict[str, Any] = {
-        "budget": STEPS[-1],
-        "time_limit": 200,
-        "record_every": STEPS[-1],
-        "epsilon": 0.3,
-    } | changes
+    defaults = {"budget": STEPS[-1], "time_limit": 200, "record_every": STEPS[-1], "epsilon": 0.3}
+    values: dict[str, Any] = defaults | changes
     schedule = Schedule(STEPS[-1], STEPS, (0, STEPS[-1]))
     trained = {}
     for name in ("q_learning", "q_learning_plain"):
@@ -85,13 +70,6 @@ def test_first_updates_by_hand() -> None:
     assert training.q[0, 0].tolist() == pytest.approx([-0.05, -0.05, 0, 0, 0])
     assert training.greedy[0, :, 0].tolist() == [1, 2, 4]
     assert training.values.shape[1] == 0
-
-
-def test_without_a_schedule_it_trains_to_the_end() -> None:
-    model = compile_scenario(load_scenario("S1"))
-    training = Q_LEARNING.train(model, PlainSettings(budget=50), "index", [SeedSequence(0)], Schedule(50))
-    assert (training.q != 0).any()
-    assert training.greedy.shape[1] == 0
 
 
 def test_equal_seeds_give_equal_agents_and_touch_no_global_generator() -> None:

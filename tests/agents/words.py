@@ -1,9 +1,14 @@
-"""The words of a tabular agent's stream, and what they decide, in plain Python."""
+"""Tabular learning in plain Python: the words of a stream, what they decide, and the loops of textbooks."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.random import SeedSequence
+from numpy.typing import NDArray
+
+from agents.tabular.kernel import LEAST_TRACE
+from envs import Model
 
 WORD = 2**64
 
@@ -42,3 +47,119 @@ def choose(word: int, epsilon: float, greedy: Sequence[int]) -> int:
 def uniform(word: int) -> float:
     """Returns a number from [0, 1)."""
     return (word >> 11) / 2**53
+
+
+def decayed(settings: Any, key: str, unit: int) -> float:
+    """Returns a setting that decays linearly over a fraction of the budget."""
+    first, last = getattr(settings, key), getattr(settings, f"final_{key}")
+    if last is None:
+        return float(first)
+    share = unit / round(getattr(settings, f"{key}_fraction") * settings.budget)
+    return float(last if share >= 1 else first + (last - first) * share)
+
+
+def textbook(
+    name: str, model: Model, settings: Any, seed: SeedSequence, points: Sequence[int] = ()
+) -> dict[str, Any]:
+    """Learns by the algorithm of the textbook, from the words of a seed; nothing is updated incrementally.
+
+    Returns:
+      What `TabularTraining` has of an agent.
+    """
+    record: dict[str, Any] = {"greedy": [], "max_q": [], "table_max_q": []}
+    stream = words(seed)
+    tables = np.full((2, model.n_observations, 5), settings.initial_value)  # the second for double Q-learning
+    visits = np.zeros((model.n_observations, 5))
+    traces: dict[tuple[int, int], list[float]] = {}  # weight and learning rate
+    n_tables = 2 if name == "double_q_learning" else 1
+
+    def values(o: int) -> NDArray[np.float64]:
+        return np.asarray(tables[:n_tables, o].mean(axis=0))
+
+    def best_actions(row: NDArray[np.float64]) -> list[int]:
+        best = [action for action in range(5) if row[action] == row.max()]
+        return best[:1] if settings.ties == "lowest" else best
+
+    def start() -> int:
+        n = len(model.starts)
+        return int(model.starts[int(uniform(next(stream)) * n)]) if n > 1 else model.start
+
+    def take_snapshot(unit: int) -> None:
+        if unit in points:
+            rows = map(values, range(model.n_observations))
+            record["greedy"].append([sum(2**action for action in best_actions(row)) for row in rows])
+
+    state, episode_steps, following_action = start(), 0, -1
+    unit = steps = episodes = 0
+    visited: list[float] = []  # the largest values met in a unit of the budget, and those of the table then
+    largest: list[float] = []
+    while unit < settings.budget:
+        if not visited:
+            take_snapshot(unit)
+        epsilon = decayed(settings, "epsilon", unit)
+        o = int(model.observation[state])
+        visited.append(values(o).max())
+        largest.append(tables[:n_tables].mean(axis=0).max())
+        action = following_action
+        if name != "sarsa" or episode_steps == 0:
+            action = choose(next(stream), epsilon, best_actions(values(o)))
+        is_greedy = action in best_actions(values(o))
+
+        after = model.transitions(state)[action]
+        reward = after.grid_reward + after.issuer_reward
+        if after.issuer_noise:
+            reward += after.issuer_noise * (2 * uniform(next(stream)) - 1)
+        outcome = 0
+        if model.n_outcomes > 1:
+            outcome = int((np.cumsum(after.probability)[:-1] <= uniform(next(stream))).sum())
+        next_state = after.next_states[outcome]
+        o_next = int(model.observation[next_state])
+        word = next(stream) if name == "double_q_learning" else 0
+        updated = word >> 63
+
+        target = reward
+        if not after.terminated:
+            row = values(o_next)
+            match name:
+                case "q_learning" | "watkins_q_lambda":
+                    value = row.max()
+                case "sarsa":
+                    following_action = choose(next(stream), epsilon, best_actions(row))
+                    value = row[following_action]
+                case "expected_sarsa":
+                    # In this order, for the last digit.
+                    total = (row[0] + row[1]) + (row[2] + row[3]) + row[4]
+                    value = epsilon / 5 * total + (1 - epsilon) * row.max()
+                case "double_q_learning":
+                    argmax = choose(word, 0.0, best_actions(tables[updated, o_next]))
+                    value = tables[1 - updated, o_next, argmax]
+            target += settings.discount * value
+        rate = decayed(settings, "learning_rate", unit)
+        if settings.visit_exponent is not None:
+            visits[o, action] += 1
+            rate /= visits[o, action] ** settings.visit_exponent
+        if name == "watkins_q_lambda":
+            if episode_steps == 0 or not is_greedy:
+                traces.clear()
+            error = target - tables[0, o, action]
+            for trace in traces.values():
+                trace[0] *= settings.discount * settings.trace_decay
+            traces = {pair: trace for pair, trace in traces.items() if trace[0] >= LEAST_TRACE}
+            traces[o, action] = [1.0, rate]
+            for pair, (weight, pair_rate) in traces.items():
+                tables[0, *pair] += pair_rate * error * weight
+        else:
+            tables[updated, o, action] += rate * (target - tables[updated, o, action])
+
+        state, episode_steps, steps = next_state, episode_steps + 1, steps + 1
+        ends = after.terminated or episode_steps == settings.time_limit
+        if ends:
+            state, episode_steps, episodes = start(), 0, episodes + 1
+        if ends or settings.budget_unit == "steps":
+            if unit % settings.record_every == 0:
+                record["max_q"].append(max(visited))
+                record["table_max_q"].append(max(largest))
+            visited, largest, unit = [], [], unit + 1
+    take_snapshot(settings.budget)
+    q = tables[:n_tables].mean(axis=0)
+    return record | {"q": q, "steps_taken": steps, "episodes_ended": episodes}

@@ -1,6 +1,7 @@
 """The model of any scenario against a second implementation, and the envs against the model."""
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from envs.observations import observation_blocks, observation_table
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.envs.reference import Reference, Tables
 
-MOST_STATES = 600  # that a test compares: all of S1 to S3
+MOST_STATES = 600  # of a shipped scenario that a test compares: all of S1 to S3
 REWARDS = read_toml(SCENARIO_DIRECTORY / "S1.toml")["rewards"] | {"wrong_ping_uncomfortable": -0.6}
 heading = st.sampled_from(["up", "down", "left", "right"])
 feedback = st.one_of(
@@ -69,7 +70,6 @@ def regions(draw: st.DrawFn) -> Tables:
 @st.composite
 def changes(draw: st.DrawFn, kind: str, size: tuple[int, int], position: Any) -> tuple[Tables, Tables]:
     """Draws what is added to the issuer's table, and to the scenario's: a walk, or phases."""
-    is_fixed = isinstance(position[0], int)
     if kind == "none":
         return {}, {}
     if kind == "walk":
@@ -77,11 +77,10 @@ def changes(draw: st.DrawFn, kind: str, size: tuple[int, int], position: Any) ->
         to_row = (row + draw(st.integers(1, size[0] - 1))) % size[0]
         to_column = (column + draw(st.integers(1, size[1] - 1))) % size[1]
         corners = [[row, to_column], [to_row, to_column], [to_row, column]]
-        return {
-            "walk": {"corners": corners[: draw(st.sampled_from([1, 3]))], "steps": draw(st.integers(1, 2))}
-        }, {}
+        n_corners = draw(st.sampled_from([1, 3]))
+        return {"walk": {"corners": corners[:n_corners], "steps": draw(st.integers(1, 2))}}, {}
     optional: dict[str, st.SearchStrategy[Any]] = {"heading": heading, "regions": regions()}
-    optional |= {"position": cells(*size)} if is_fixed else {}
+    optional |= {"position": cells(*size)} if isinstance(position[0], int) else {}
     phases = draw(st.lists(st.fixed_dictionaries({}, optional=optional), min_size=1, max_size=3))
     for name, phase in zip("abc", phases, strict=False):
         others = [other for other in "abc"[: len(phases)] if other != name]
@@ -127,13 +126,13 @@ def scenarios(draw: st.DrawFn) -> Tables:
 
 
 def some_states(model: Model) -> list[int]:
-    """Returns all states, or some of them if there are very many."""
-    n_states = len(model.observation)
-    return sorted(np.random.default_rng(0).permutation(n_states)[:MOST_STATES].tolist())
+    """Returns all states, or some of them if there are many."""
+    most = 60 if model.scenario.name == "drawn" else MOST_STATES
+    return sorted(np.random.default_rng(0).permutation(len(model.observation))[:most].tolist())
 
 
 def assert_follows_the_tables(model: Model, tables: Tables) -> None:
-    """Compares some hundred states, with all actions, with the second implementation."""
+    """Compares some states, with all actions, with the second implementation."""
     reference = Reference(tables)
     assert list(model.scenario.places) == reference.places
     n_delays, n_pings = 1 + reference.is_delayed, tables["ping_limit"]
@@ -262,14 +261,13 @@ def assert_is_a_process(model: Model) -> None:
 def test_any_scenario_follows_its_tables_or_is_refused_in_a_sentence(tables: Tables) -> None:
     try:
         model = compile_scenario(parse(Scenario, tables, "drawn.toml"))
-    except InputError:
-        with pytest.raises(InputError, match=r"^drawn\.toml: [^\n]*[^.]\.$"):
-            parse(Scenario, tables, "drawn.toml")
+    except InputError as error:
+        assert re.fullmatch(r"drawn\.toml: .*[^.]\.", str(error))
         return
     assert_is_a_process(model)
     assert_follows_the_tables(model, tables)
     assert_observes_its_parts(model, tables)
-    assert_envs_agree(model, 60)
+    assert_envs_agree(model, 40)
 
 
 @pytest.mark.parametrize("name", scenario_names())

@@ -4,12 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from envs import ACTIONS, ZONES, InputError, compile_scenario, load_scenario
-from envs.inputs import override, parse, read_toml
-from envs.scenario import SCENARIO_DIRECTORY, Scenario
+from envs import InputError, load_scenario
+from envs.inputs import read_toml
+from envs.scenario import SCENARIO_DIRECTORY
 
 S1 = read_toml(SCENARIO_DIRECTORY / "S1.toml") | {"name": "S1"}
 FLOOR = "\n".join(["............"] * 10)
@@ -33,21 +31,25 @@ def phase(name: str = "a", **more: Any) -> dict[str, Any]:
     return {"name": name, **more}
 
 
+ANYWHERE = {"issuer.position": "anywhere"}
+# 120 cells, two cells of the issuer (phases b and c share one), three phases, 140 wrong PINGs: more
+# observations than the 50,400 states.
+OBSERVING: dict[str, Any] = {
+    "ping_limit": 140,
+    "phases": [phase("a", steps=1), *(phase(name, steps=1, position=[6, 7]) for name in "bc")],
+    "observe": ["agent", "issuer", "phase", "wrong_pings"],
+}
 WALK = {"issuer.walk": {"corners": [[6, 3]]}}
 # Changes of S1, and what the message names.
 MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"grid.start": [5, 7]}, "grid.start = [5, 7]"),
-    ({"grid.start": [6, 8]}, "grid.start = [6, 8]"),
     ({"grid.start": [10, 0]}, "grid.start = [10, 0]"),
     ({"issuer.position": [6, 12]}, "issuer.position = [6, 12]"),
-    ({"issuer.position": [-1, 3]}, "issuer.position = [-1, 3]"),
     ({"regions.uncomfortable_radius": -1}, "regions.uncomfortable_radius = -1"),
     ({"regions.target_radius": 1}, "target_radius = 1"),
     ({"grid.rows": 0}, "grid.rows = 0"),
-    ({"grid.rows": 9.5}, "grid.rows = 9.5"),
     ({"grid.rows": True}, "grid.rows = true"),
     ({"grid.depth": 3}, "[grid]: unknown key depth; accepted: columns, metres_per_cell, rows, start, walls."),
-    ({"grid.colums": 3}, "unknown key colums (did you mean columns?)"),
     ({"rewards.target_ping": "much"}, 'rewards.target_ping = "much"'),
     ({"rewards.target_ping": float("nan")}, "rewards.target_ping"),
     ({"rewards.other": -1e308}, "rewards.other = -1e+308"),
@@ -59,20 +61,8 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"grid.start": [0, 0, 0]}, "grid.start = [0, 0, 0]"),
     ({"ping_limit": 0}, "ping_limit = 0"),
     ({"ping_limit": 10**6}, "120000000 states"),
-    (
-        {"ping_limit": 50, "issuer.position": "anywhere", "issuer.feedback": {"kind": "delayed"}},
-        "1440000 states",
-    ),
-    # 120 cells, two cells of the issuer (phases b and c share one), three phases, 140 wrong PINGs: more
-    # observations than the 50,400 states.
-    (
-        {
-            "ping_limit": 140,
-            "phases": [phase("a", steps=1), *(phase(name, steps=1, position=[6, 7]) for name in "bc")],
-            "observe": ["agent", "issuer", "phase", "wrong_pings"],
-        },
-        "100800 observations",
-    ),
+    (ANYWHERE | {"ping_limit": 50, "issuer.feedback": {"kind": "delayed"}}, "1440000 states"),
+    (OBSERVING, "100800 observations"),
     ({"ping_limit.deep": 1}, "ping_limit is a value, not a table"),
     ({"name": "other"}, "unknown key name"),
     # Walls
@@ -82,21 +72,15 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"grid.walls": "#" + FLOOR[1:]}, "grid.start = [0, 0] is a wall"),
     # Places
     ({"grid.start": []}, "grid.start = []"),
-    ({"grid.start": "nowhere"}, 'grid.start = "nowhere"'),
     ({"grid.start": [[0, 0], [5, 8]]}, "grid.start = [5, 8] lies inside a region of the issuer at [6, 8]"),
     ({"issuer.position": [[6, 8], [1, 1]]}, "issuer.position = [1, 1]"),
-    ({"issuer.position": "anywhere", "regions.target_radius": 11}, "grid.start = [0, 0]"),
-    (
-        {"issuer.position": "anywhere", "grid.start": "anywhere", "regions.target_radius": 11},
-        'issuer.position = "anywhere"',
-    ),
+    (ANYWHERE | {"regions.target_radius": 11}, "grid.start = [0, 0]"),
+    (ANYWHERE | {"grid.start": "anywhere", "regions.target_radius": 11}, 'issuer.position = "anywhere"'),
     # Regions
     ({"regions": {}}, "uncomfortable_radius"),
     ({"regions.target": CIRCLE}, "uncomfortable_radius"),
     ({"regions": {"uncomfortable_radius": 1}}, "uncomfortable_radius"),
-    ({"regions": {"uncomfortable": CIRCLE}}, "uncomfortable_radius"),
     ({"regions": shapes(CIRCLE, CIRCLE)}, "with the issuer at [6, 8], the target region has no cell"),
-    ({"regions": shapes(CIRCLE, {"kind": "round"})}, "regions.target = "),
     ({"regions": shapes(CIRCLE, {"kind": "circle"})}, "the key regions.target.circle.radius is missing"),
     ({"regions": shapes(CIRCLE, CIRCLE | {"width": 1})}, "[regions.target.circle]: unknown key width"),
     ({"regions": shapes(CIRCLE, {"kind": "egg", "front": 0})}, "regions.target.egg.front = 0"),
@@ -124,11 +108,10 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"phases": [phase(n, next={o: 0.6 for o in "abc" if o != n}) for n in "abc"]}, "phases.0.next"),
     ({"phases": [phase(steps=1, position=[20, 0])]}, "phases.0.position = [20, 0]"),
     ({"first_phase": "last"}, 'first_phase = "last"'),
-    ({"issuer.position": "anywhere", "phases": [phase(steps=1, position=[6, 8])]}, "phases with positions"),
+    (ANYWHERE | {"phases": [phase(steps=1, position=[6, 8])]}, "phases with positions"),
     # Walks
     ({"issuer.walk": {"corners": []}}, "issuer.walk.corners = []"),
     ({"issuer.walk": {"corners": [[3, 3]]}}, "issuer.walk.corners: from [6, 8] to [3, 3]"),
-    ({"issuer.walk": {"corners": [[6, 3], [4, 3]]}}, "from [4, 3] to [6, 8]"),
     ({"issuer.walk": {"corners": [[6, 30]]}}, "issuer.walk.corners = [6, 30]"),
     (WALK | {"phases": [phase(steps=1)]}, "issuer.walk and phases"),
     (WALK | {"issuer.position": [[6, 8], [6, 7]]}, "issuer.walk with issuer.position = [[6, 8], [6, 7]]"),
@@ -137,10 +120,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     # Other people
     ({"others": [person([6, 8])]}, "issuer.position = [6, 8]"),
     ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8]"),
-    ({"others": [person([2, 8])] * 2, "issuer.position": "anywhere"}, "others.0.position = [2, 8]"),
-    ({"others": [person([0, 0])]}, "grid.start = [0, 0]"),
     ({"others": [person([0, 1])]}, "another person"),
-    ({"others": [person([2, 20])]}, "others.0.position = [2, 20]"),
     ({"others": [{"position": [2, 8]}]}, "the key others.0.feedback is missing"),
     ({"others": [person([2, 8]) | {"walk": {}}]}, "[others.0]: unknown key walk"),
     # Texts that could take over a terminal
@@ -190,7 +170,10 @@ def test_a_mapping_is_named_by_the_same_rule(name: str) -> None:
     assert load_scenario(S1 | {"name": "my-scene_2"}).name == "my-scene_2"
 
 
-def test_mapping_is_accepted_and_checked() -> None:
+def test_mapping_and_file_are_accepted_and_checked(tmp_path: Path) -> None:
+    (tmp_path / "corridor.toml").write_text(SHIPPED.replace("rows = 10", "rows = 20"))
+    corridor = load_scenario(tmp_path / "corridor.toml")
+    assert corridor == load_scenario(S1 | {"name": "corridor"}, {"grid.rows": 20})
     scenario = load_scenario("S2", {"ping_limit": 3})
     assert load_scenario(scenario.model_dump()) == scenario
     assert load_scenario(S1, {"grid.rows": 20}) == load_scenario("S1", {"grid.rows": 20})
@@ -200,72 +183,3 @@ def test_mapping_is_accepted_and_checked() -> None:
         load_scenario({key: value for key, value in S1.items() if key != "name"})
     with pytest.raises(InputError, match="unknown scenario s1"):
         load_scenario("s1")
-
-
-def test_another_file_is_accepted(tmp_path: Path) -> None:
-    path = tmp_path / "corridor.toml"
-    path.write_text(SHIPPED.replace("rows = 10", "rows = 20"))
-    scenario = load_scenario(path)
-    assert (scenario.name, scenario.grid.rows) == ("corridor", 20)
-
-
-feedback = st.one_of(
-    st.just({"kind": "none"}),
-    st.just({"kind": "distance"}),
-    st.tuples(st.integers(-3, 3), st.integers(-3, 3)).map(
-        lambda bounds: {"kind": "uniform", "low": bounds[0], "high": bounds[1]}
-    ),
-)
-coordinate = st.integers(-2, 9)
-
-
-@given(
-    rows=st.integers(-1, 8),
-    columns=st.integers(-1, 8),
-    start=st.tuples(coordinate, coordinate).map(list),
-    issuer=st.tuples(coordinate, coordinate).map(list),
-    radii=st.tuples(st.integers(-1, 3), st.integers(-1, 4)),
-    ping_limit=st.integers(-1, 4),
-    feedback=feedback,
-)
-def test_any_scenario_compiles_or_is_refused_in_a_sentence(
-    rows: int,
-    columns: int,
-    start: list[int],
-    issuer: list[int],
-    radii: tuple[int, int],
-    ping_limit: int,
-    feedback: dict[str, Any],
-) -> None:
-    data = override(
-        S1,
-        {
-            "grid.rows": rows,
-            "grid.columns": columns,
-            "grid.start": start,
-            "issuer.position": issuer,
-            "issuer.feedback": feedback,
-            "regions.uncomfortable_radius": radii[0],
-            "regions.target_radius": radii[1],
-            "ping_limit": ping_limit,
-        },
-        "drawn",
-    )
-    inside = 0 <= start[0] < rows and 0 <= start[1] < columns and 0 <= issuer[0] < rows
-    distance = max(abs(start[0] - issuer[0]), abs(start[1] - issuer[1]))
-    sound = (
-        inside
-        and 0 <= issuer[1] < columns
-        and 0 <= radii[0] < radii[1] < distance
-        and ping_limit >= 1
-        and (feedback["kind"] != "uniform" or feedback["low"] < feedback["high"])
-    )
-    if not sound:
-        with pytest.raises(InputError, match=r"^drawn: [^\n]*\.$"):
-            parse(Scenario, data, "drawn")
-        return
-    model = compile_scenario(parse(Scenario, data, "drawn"))
-    assert model.next_state.shape == (rows * columns * ping_limit, len(ACTIONS), 1)
-    assert (model.zone_of_cell == ZONES.index("issuer")).sum() == 1
-    assert (model.zone_of_cell == ZONES.index("target")).any()
-    assert ZONES[model.zone[model.start]] == "outside"

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.__main__ import main
-from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, all_specifications, load_experiment, specifications
+from benchmark.experiments import Experiment, all_specifications, specifications
+from tests.benchmark.reports.conftest import experiment_of
 
 UNSWEPT = """
 description = "A table in S1 and S3."
@@ -14,15 +13,8 @@ scenarios = ["S1", "S3"]
 horizon = 200
 evaluation_every = 100
 map_every = 200
-
-[algorithms.q_learning]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 3
-
-[algorithms.q_learning.settings]
-learning_rate = 0.6
-budget = 200
+settings = { learning_rate = 0.6, budget = 200 }
+algorithms.q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
 """
 
 SWEPT = f"""
@@ -37,25 +29,16 @@ question = "Is there a longest episode?"
 answer = "20 steps"
 settings = {{ time_limit = 20 }}
 
-[sweep.learning_rate.paper]
-
-[sweep.learning_rate.low]
-settings = {{ learning_rate = 0.2 }}
-
-[sweep.cost.paper]
-
-[sweep.cost.half]
-scenarios = ["S1"]
-scenario = {{ "rewards.other" = -0.05 }}
+[sweep]
+learning_rate = {{ paper = {{}}, low = {{ settings = {{ learning_rate = 0.2 }} }} }}
+cost = {{ paper = {{}}, half = {{ scenarios = ["S1"], scenario = {{ "rewards.other" = -0.05 }} }} }}
 """
 
 
 @pytest.fixture
 def experiments(tmp_path: Path) -> tuple[Experiment, Experiment]:
     """The experiment without its sweep, and with it."""
-    for name, text in (("unswept", UNSWEPT), ("swept", SWEPT)):
-        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
-    return load_experiment(tmp_path / "unswept.toml"), load_experiment(tmp_path / "swept.toml")
+    return experiment_of(tmp_path / "unswept.toml", UNSWEPT), experiment_of(tmp_path / "swept.toml", SWEPT)
 
 
 def test_conditions_are_the_product_of_readings_and_axes(experiments: tuple[Experiment, Experiment]) -> None:
@@ -89,20 +72,3 @@ def test_sweep_keeps_the_runs_of_the_experiment_without_it(
     unchanged = [run for run in swept if run.condition == "default/learning_rate=paper/cost=paper"]
     assert [run.digest for run in unchanged] == [run.digest for run in plain]
     assert len({run.folder for run in swept}) == len(swept)
-
-
-def test_sweep_runs_to_records(
-    experiments: tuple[Experiment, Experiment], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    results = ["--results", str(tmp_path / "results")]
-    assert main(["run", str(tmp_path / "unswept.toml"), *results]) == 0
-    assert main(["run", str(tmp_path / "swept.toml"), *results]) == 0
-    assert "swept: 30 runs done, 6 were done already" in capsys.readouterr().out
-    swept = all_specifications(experiments[1])
-    with Store(tmp_path / "results" / "runs.db", read_only=True) as store:
-        records = store.get([run.digest for run in swept])
-    assert {record.status for record in records} == {"done"}
-    tables = {record.arrays["q"].tobytes() for record in records}
-    assert len(tables) == len(records)  # every condition learns something else
-    assert main(["run", str(tmp_path / "swept.toml"), "--report", *results]) == 2
-    assert "swept.toml: there is no key report" in capsys.readouterr().err

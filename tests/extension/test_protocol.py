@@ -1,51 +1,81 @@
-"""A protocol of one's own: an experiment with two tables decides which of them succeeds more often."""
+"""Contrasts of one's own, in TOML alone: of two tables, and of the conditions of a sweep and of scenarios."""
 
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
-from benchmark.__main__ import main
+from benchmark.execution.store import Store
+from benchmark.reports import draw
+from tests.benchmark.reports.conftest import experiment_of, trained
 
 EXPERIMENT = """
-description = "Does exploring less pay?"
-report = "comparison"
+description = "Does exploring less pay, and does it when actions are forgotten?"
 scenarios = ["S1", "S2"]
 horizon = 200
 evaluation_every = 1000
 map_every = 5000
 settings = { budget = 10000, time_limit = 200, record_every = 10000 }
 
-[protocol]
-contrasts = [["curious, index", "calm, index"]]
-success_margin = 0.2
+[report]
+kind = "comparison"
+omit = ["agents", "learning", "wrong_pings", "curves", "region"]
+margins = { success = 0.2 }
 fewest_runs = 20
+contrasts = [
+  ["curious, index", "calm, index"],
+  ["default/noise=high", "default/noise=low"],
+  ["curious, index @ S2", "curious, index @ S1"],
+]
+effects = [["default/noise=high", "default/noise=low", "noise"]]
 
-[algorithms.curious]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 30
-settings = { epsilon = 0.6 }
-
+[algorithms]
+curious = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { epsilon = 0.6 } }
 [algorithms.calm]
 algorithm = "q_learning"
 observations = ["index"]
 seeds = 30
 settings = { epsilon = 0.1, learning_rate = 0.2 }
+
+[sweep.noise]
+low = {}
+high = { scenario = { ping_limit = 1 } }
 """
 
 
-def test_protocol_decides(tmp_path: Path) -> None:
-    """In S2, about half of the curious agents succeed and nearly all of the calm ones."""
-    path = tmp_path / "exploring.toml"
-    path.write_text(EXPERIMENT, encoding="utf-8")
-    assert main(["run", str(path), "--report", "--results", str(tmp_path)]) == 0
-    folder = tmp_path / "exploring"
-    (row,) = pd.read_csv(folder / "contrasts.csv").itertuples()
-    success = pd.read_csv(folder / "scores.csv").groupby(["algorithm", "scenario"])["success"].mean()
-    expected = success["curious"].mean() - success["calm"].mean()
-    assert abs(row.success_difference - expected) < 1e-5
-    assert row.success_verdict == "worse"
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The experiment's folder of results."""
+    path = tmp_path_factory.mktemp("exploring")
+    experiment = experiment_of(path / "exploring.toml", EXPERIMENT)
+    with Store(path / "runs.db") as store:
+        trained(experiment, store)
+        draw.draw(experiment, store, path / "exploring")
+    return path / "exploring"
+
+
+def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Path) -> None:
+    contrasts = pd.read_csv(folder / "contrasts.csv")
+    scores = pd.read_csv(folder / "scores.csv")
+    mean = scores.groupby(["algorithm", "condition", "scenario"])["success"].mean()
+    low, high = "default/noise=low", "default/noise=high"
+    expected = [
+        *(mean["curious", condition].mean() - mean["calm", condition].mean() for condition in (low, high)),
+        *(mean[name, high].mean() - mean[name, low].mean() for name in ("curious", "calm")),
+        *(mean["curious", condition, "S2"] - mean["curious", condition, "S1"] for condition in (low, high)),
+    ]
+    assert contrasts["success_difference"].tolist() == pytest.approx(expected, abs=1e-5)
+    assert contrasts["success_verdict"][0] == "worse"  # about half of the curious agents succeed in S2
+    effects = pd.read_csv(folder / "effects.csv")
+    by_scenario = [
+        mean[name, high, s] - mean[name, low, s] for name in ("curious", "calm") for s in ("S1", "S2")
+    ]
+    assert sorted(effects["success_difference"]) == pytest.approx(sorted(by_scenario), abs=1e-5)
+
+
+def test_sentences_name_what_each_contrast_is_of(folder: Path) -> None:
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert "**With 10,000 steps of training, of 1 contrast, 1 is worse.**" in readme
-    assert "`curious, index` is worse than `calm, index` in success: -0." in readme
+    assert "With 10,000 steps of training in S1 and S2, of 6 contrasts, " in readme
+    assert "In default/noise=low, `curious, index` is worse than `calm, index` in success: -0." in readme
+    assert "nan" not in readme
     assert "keep" not in readme.partition("## Comparison")[0]  # there is no deep learner

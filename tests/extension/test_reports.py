@@ -1,122 +1,76 @@
-"""Reports extended from outside: an item of one's making, and a report kind, all of it in this file."""
+"""Reports extended from outside: an item in one short file, and a kind of report in this one."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 import pytest
 
-from benchmark.__main__ import main
 from benchmark.analysis.population import Population, load_population
-from benchmark.drawing.style import figure_of
+from benchmark.drawing.tables import link
 from benchmark.execution.store import Store
 from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
-from benchmark.reports.item import Frames, Item, Report, Section, whole
-from benchmark.reports.published import Published
-from benchmark.reports.view import Columns
+from benchmark.reports import document, draw, load_report
+from benchmark.reports.document import Document
+from benchmark.reports.folder import Folder
+from benchmark.reports.item import Estimate, Finding, Report, item
 from envs import InputError
+from tests.benchmark.reports.conftest import experiment_of, trained
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+ITEM = Path(__file__).with_name("lost.py")
 EXPERIMENT = """
 description = "A small experiment of somebody else."
-report = "{report}"
-items = [{items}]
 scenarios = ["S1", "S3"]
 horizon = 200
 evaluation_every = 200
 map_every = 200
-
-[algorithms.q_learning]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 3
-
-[algorithms.q_learning.settings]
-budget = 400
-record_every = 100
+settings = { budget = 400 }
+algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
+algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 3 }
 """
+KIND = f"{__name__}:REPORT"
 
 
-# An item of the replication: a table with a figure
-
-
-def _visits(data: Any, _: Frames) -> pd.DataFrame:
-    wrong = [(p.scenario, p.arrays["disagreements"][:, -1].mean()) for p in data.default]
-    return pd.DataFrame(wrong, columns=["scenario", "wrong_pings"])
-
-
-def _draw_visits(frames: Frames, context: Any) -> "Figure":
-    frame = frames["wrong_pings"]
-    assert set(context.models) == set(frame["scenario"])
-    with figure_of(1, 1, (4.0, 2.0)) as (figure, axes):
-        axes[0, 0].bar(frame["scenario"], frame["wrong_pings"])
-    return figure
-
-
-WRONG_PINGS = Item(
-    name="wrong_pings",
-    description="how often the issuer disagreed in all of training",
-    section="learning",
-    compute=_visits,
-    display=whole,
-    draw=_draw_visits,
-    caption="Mean number of disagreements in all of training.",
-    view=Columns(
-        file="wrong_pings.csv",
-        caption="Disagreements in all of training",
-        keys=("scenario",),
-        numbers={"wrong_pings": "mean number"},
-    ),
-)
-
-
-# A report kind: the final success of every run
+# A kind of report: the final success of every run
 
 
 class Successes:
-    """The populations of an experiment by scenario."""
+    """The populations of an experiment."""
 
     note = ""
     is_incomplete = False
     context = None
 
     def __init__(self, populations: Sequence[Population]) -> None:
-        """Takes the populations, all of the same algorithm."""
+        """Takes the populations."""
         self.populations = populations
-        self.facts = {"scenarios": len(populations)}
+        self.facts = {"populations": len(populations)}
 
 
 def _load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Successes:
     assert not partial
-    return Successes(
-        [
-            load_population(specifications(experiment, DEFAULT_CONDITION, *names, seeds), store)
-            for names in experiment.populations
-        ]
-    )
+    every = (specifications(experiment, DEFAULT_CONDITION, *names, seeds) for names in experiment.populations)
+    return Successes([load_population(runs, store) for runs in every])
 
 
 def _check(experiment: Experiment) -> None:
-    if len(experiment.algorithms) > 1:
-        raise InputError(f"{experiment.argument}: algorithms: accepted: a single one.")
+    if len(experiment.scenarios) > 2:
+        raise InputError(f"{experiment.argument}: scenarios: accepted: at most two.")
 
 
-def _successes(data: Successes, _: Frames) -> pd.DataFrame:
-    rows = [(p.scenario, p.arrays["success"][:, -1].mean()) for p in data.populations]
-    return pd.DataFrame(rows, columns=["scenario", "success"])
+@item("successes", "success probability", {"scenario": "", "success": "success"})
+def successes(data: Successes) -> Iterator[dict[str, Any]]:
+    """A row for each population."""
+    for each in data.populations:
+        success = each.arrays["success"][:, -1]
+        yield {"scenario": each.scenario, "success": Estimate(success.mean(), success.min(), success.max())}
 
 
-def _headline(published: Published) -> str:
-    row = published.frame("success").iloc[0]
-    return f"Success in {row['scenario']} is [{row['success']:g}](success.csv#row=2)."
-
-
-def _nothing(_: Published) -> list[Any]:
-    return []
+def _headline(folder: Folder) -> Finding:
+    row = folder.frame("successes").iloc[0]
+    return Finding(f"Success in {row['scenario']} is {link(f'{row.success:g}', 'successes', row)}.")
 
 
 REPORT = Report(
@@ -124,100 +78,64 @@ REPORT = Report(
     question="How often does it succeed?",
     check=_check,
     load=_load,
-    items=(
-        Item(
-            name="success",
-            description="success probability by scenario",
-            compute=_successes,
-            display=whole,
-            view=Columns(
-                file="success.csv",
-                caption="Success probability",
-                keys=("scenario",),
-                numbers={"success": "success"},
-            ),
-        ),
-    ),
-    sections=(Section(key="successes", heading="Successes"),),
+    items=(successes,),
+    document=Path(__file__).with_name("successes.md.jinja"),
     headline=_headline,
-    sentences=_nothing,
-    words=_nothing,
 )
 
-NO_ITEM = "text"
+
+def drawn(tmp_path: Path, report: str) -> Path:
+    experiment = experiment_of(tmp_path / "mine.toml", f"{EXPERIMENT}report = {report}\n")
+    with Store(tmp_path / "runs.db") as store:
+        trained(experiment, store)
+        draw.draw(experiment, store, tmp_path / "mine")
+    return tmp_path / "mine"
 
 
-def experiment_file(tmp_path: Path, report: str, *items: str) -> Path:
-    path = tmp_path / "mine.toml"
-    names = ", ".join(f'"{__name__}:{item}"' for item in items)
-    path.write_text(EXPERIMENT.format(report=report, items=names), encoding="utf-8")
-    return path
-
-
-def test_item_appears_in_readme_and_on_the_page(tmp_path: Path) -> None:
-    path = experiment_file(tmp_path, "replication", "WRONG_PINGS")
-    assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
-    folder = tmp_path / "mine"
-    names = {file.name for file in folder.iterdir()}
-    assert {f"wrong_pings.{end}" for end in ("csv", "md", "tex", "png", "svg")} <= names
-    counts = pd.read_csv(folder / "wrong_pings.csv")
-    assert counts["scenario"].tolist() == ["S1", "S3"]
-    assert (counts["wrong_pings"] > 0).all()
+def test_an_item_is_one_short_file_with_table_figure_and_sentence(tmp_path: Path) -> None:
+    assert len(ITEM.read_text(encoding="utf-8").splitlines()) <= 25
+    names = json.dumps([each.name for each in load_report("comparison").items if each.name != "summary"])
+    folder = drawn(
+        tmp_path, f'{{ kind = "comparison", omit = {names}, items = ["tests.extension.lost:lost"] }}'
+    )
+    assert {f"lost.{end}" for end in ("csv", "png")} <= {file.name for file in folder.iterdir()}
+    shares = pd.read_csv(folder / "lost.csv")
+    assert shares["scenario"].tolist() == ["S1", "S3"] * 2
+    assert ((shares["share_low"] <= shares["share"]) & (shares["share"] <= shares["share_high"])).all()
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert "| wrong_pings " in readme  # in the list of files
-    assert "how often the issuer disagreed in all of training" in readme
-    assert "![Mean number of disagreements in all of training.](wrong_pings.png)" in readme
-    assert "Disagreements in all of training:" in readme
-    learning = readme.index("## Learning")
-    assert learning < readme.index("wrong_pings.png") < readme.index("## Files")
-    page = (folder / "index.html").read_text(encoding="utf-8")
-    assert '<a class="n" href="wrong_pings.csv#row=2">' in page
-    assert 'alt="Mean number of disagreements in all of training."' in page
-    # The page and README can be made again from the files alone.
-    (tmp_path / "runs.db").unlink()
-    from benchmark.page import build
-
-    build.write(tmp_path, "mine")
+    assert "| lost.csv, .png" in readme  # in the list of files
+    assert "![Share of runs without any success.](lost.png)" in readme
+    assert f"Mean share without any success: {shares['share'].mean():.3g}." in readme
+    (tmp_path / "runs.db").unlink()  # texts can be made again from the files alone
+    document.write(folder)
     assert (folder / "README.md").read_text(encoding="utf-8") == readme
-    assert (folder / "index.html").read_text(encoding="utf-8") == page
 
 
-def test_report_of_another_kind_has_readme_and_page(tmp_path: Path) -> None:
-    path = experiment_file(tmp_path, f"{__name__}:REPORT")
-    assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 0
-    folder = tmp_path / "mine"
+def test_report_of_another_kind(tmp_path: Path) -> None:
+    folder = drawn(tmp_path, json.dumps(KIND))
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    assert manifest["report"] == f"{__name__}:REPORT"
-    assert manifest["facts"] == {"scenarios": 2}
-    success = pd.read_csv(folder / "success.csv")["success"]
+    assert (manifest["report"]["kind"], manifest["facts"]) == (KIND, {"populations": 4})
+    success = pd.read_csv(folder / "successes.csv")["success"]
     readme = (folder / "README.md").read_text(encoding="utf-8")
     assert f"**Success in S1 is {success[0]:g}.**" in readme
     assert "## Successes" in readme
-    page = (folder / "index.html").read_text(encoding="utf-8")
-    assert "<h1>How often does it succeed?</h1>" in page
-    assert '<section id="successes">' in page
-    assert 'id="explorer"' not in page  # it has no maps of agents
-    assert 'href="success.csv#row=3"' in page
+    assert Document(folder).question == "How often does it succeed?"
 
 
 @pytest.mark.parametrize(
-    ("report", "items", "expected"),
+    ("report", "names"),
     [
-        ("replicasion", (), "unknown report replicasion (did you mean replication?)"),
-        ("nowhere.to:be_found", (), "report nowhere.to:be_found cannot be imported"),
-        ("envs:ACTIONS", (), "envs:ACTIONS is not a report"),
-        ("replication", ("NO_ITEM",), "is not an item"),
-        ("replication", ("NOWHERE",), "cannot be imported"),
-        ("replication", ("WRONG_PINGS", "WRONG_PINGS"), "the report has an item wrong_pings already"),
-        (f"{__name__}:REPORT", ("WRONG_PINGS",), "unknown section of a successes learning"),
+        ('"comparing"', ["comparing", "comparison"]),
+        ('"nowhere.to:be_found"', ["nowhere.to:be_found"]),
+        ('"envs:ACTIONS"', ["envs:ACTIONS"]),
+        (f'{{ kind = "{KIND}", items = ["{__name__}:KIND"] }}', [f"{__name__}:KIND"]),
+        (f'{{ kind = "{KIND}", items = ["{__name__}:NOWHERE"] }}', ["NOWHERE"]),
+        (f'{{ kind = "{KIND}", items = ["{__name__}:successes"] }}', ["successes"]),
     ],
 )
-def test_mistakes_get_one_sentence_before_any_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], report: str, items: tuple[str, ...], expected: str
-) -> None:
-    path = experiment_file(tmp_path, report, *items)
-    assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(tmp_path)]) == 2
-    message = capsys.readouterr().err
-    assert expected in message
-    assert message.count("\n") == 1
-    assert not (tmp_path / "runs.db").exists()
+def test_mistakes_get_one_sentence(tmp_path: Path, report: str, names: list[str]) -> None:
+    experiment = experiment_of(tmp_path / "mine.toml", f"{EXPERIMENT}report = {report}\n")
+    with pytest.raises(InputError) as caught:
+        draw.report_of(experiment)
+    assert [name for name in ["mine.toml", *names] if name not in str(caught.value)] == []
+    assert "\n" not in str(caught.value)

@@ -10,7 +10,9 @@ import pandas as pd
 import pytest
 
 import envs
-from tests.support import command
+from benchmark.execution.store import Store
+from benchmark.reports import draw
+from tests.benchmark.reports.conftest import experiment_of, trained
 
 RIGHT, PING = 3, 4
 CORRIDOR = """
@@ -40,24 +42,15 @@ uncomfortable = -0.75
 other = -0.25
 """
 EXPERIMENT = """
-description = "Q-learning in a corridor."
-report = "replication"
-scenarios = ["SCENARIO"]
+description = "Tables in a corridor, in the paper's room, behind walls and with moods."
+scenarios = ["corridor.toml", "S1", "Walls", "Moody"]
 horizon = 50
 evaluation_every = 500
 map_every = 500
-
-[algorithms.table]
-algorithm = "q_learning"
-observations = ["index"]
-seeds = 3
-
-[algorithms.table.settings]
-learning_rate = 0.5
-discount = 0.9
-epsilon = 0.3
-budget = 2000
-record_every = 10
+settings = { learning_rate = 0.5, discount = 0.9, epsilon = 0.3, budget = 2000, record_every = 1000 }
+report = { kind = "comparison", omit = ["agents", "learning", "wrong_pings"], pool = "none" }
+algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
+algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 3 }
 """
 OPTIMUM = 3 * -0.25 + 2.0  # three moves RIGHT to the nearest cell at distance 2 from the issuer, then PING
 
@@ -97,54 +90,18 @@ print([name for name in gymnasium.registry if "not" in name])
     assert done.stdout.splitlines() == [*expected, "[]"], done.stderr
 
 
-def test_an_experiment_on_it_runs_and_is_drawn(corridor: Path, tmp_path: Path) -> None:
-    experiment = tmp_path / "mine.toml"
-    experiment.write_text(EXPERIMENT.replace("SCENARIO", str(corridor)), encoding="utf-8")
-    done = command("run", experiment, "--report", "--jobs", "1", "--results", tmp_path)
-    assert done.returncode == 0, done.stderr
-    optimal = pd.read_csv(tmp_path / "mine" / "optimal.csv").set_index("scenario")
-    assert optimal.index.tolist() == ["corridor"]
-    assert optimal["agents"]["corridor"] == 3
-    assert optimal["grid_return_optimal"]["corridor"] == pytest.approx(OPTIMUM)
-    assert optimal["grid_return_learned"]["corridor"] == pytest.approx(OPTIMUM)
-    names = {path.name for path in (tmp_path / "mine").iterdir()}
-    assert {"figure.png", "learning.md", "README.md"} < names
-    assert "claims.csv" not in names  # the paper's claims are about S1 to S3
-    assert "Claims of the paper" not in (tmp_path / "mine" / "README.md").read_text(encoding="utf-8")
-
-
-BEYOND = """
-description = "Two tables in scenarios of which one has cell maps."
-report = "REPORT"
-scenarios = ["S1", "Walls", "Moody"]
-horizon = 50
-evaluation_every = 100
-map_every = 200
-settings = { budget = 200 }
-algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
-algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 2 }
-"""
-
-
-def test_scenarios_beyond_the_paper_are_compared_like_any_others(tmp_path: Path) -> None:
-    file = tmp_path / "mine.toml"
-    file.write_text(BEYOND.replace("REPORT", "comparison"), encoding="utf-8")
-    done = command("run", str(file), "--report", "--results", str(tmp_path))
-    assert done.returncode == 0, done.stderr
-    assert {path.name for path in (tmp_path / "mine").glob("agent_*.csv")} == {"agent_S1.csv"}
-    summary = pd.read_csv(tmp_path / "mine" / "summary.csv")
-    assert set(summary["scenario"]) == {"S1", "Walls", "Moody"}
-    assert (tmp_path / "mine" / "index.html").exists()
-    file.write_text(BEYOND.replace("REPORT", "scenarios"), encoding="utf-8")
-    done = command("run", str(file), "--report", "--results", str(tmp_path))  # no deep learner, no protocol
-    assert done.returncode == 0, done.stderr
+def test_it_is_compared_like_any_other(corridor: Path, tmp_path: Path) -> None:
+    text = EXPERIMENT.replace("corridor.toml", str(corridor))
+    experiment = experiment_of(tmp_path / "mine.toml", text)
+    with Store(tmp_path / "runs.db") as store:
+        trained(experiment, store)
+        draw.draw(experiment, store, tmp_path / "mine")
+    scenarios = pd.read_csv(tmp_path / "mine" / "scenarios.csv").set_index("scenario")
+    assert scenarios.index.tolist() == ["corridor", "S1", "Walls", "Moody"]
+    assert scenarios["optimal_return"]["corridor"] == pytest.approx(OPTIMUM)
+    assert scenarios["observations"]["corridor"] == 18
+    summary = pd.read_csv(tmp_path / "mine" / "summary.csv").set_index(["scenario", "algorithm"])
+    assert 0.9 < summary["unbounded_score"]["corridor", "one"] <= 1  # it has nearly the optimum
     assert (tmp_path / "mine" / "scenarios.png").exists()
-
-
-def test_a_replication_takes_scenarios_like_the_papers(tmp_path: Path) -> None:
-    file = tmp_path / "mine.toml"
-    file.write_text(EXPERIMENT.replace("SCENARIO", "Moody"), encoding="utf-8")
-    done = command("run", str(file), "--report", "--results", str(tmp_path))
-    assert done.returncode == 2
-    assert "scenarios: Moody (default): a replication takes scenarios like the paper's" in done.stderr
-    assert not (tmp_path / "runs.db").exists()
+    maps = pd.read_csv(tmp_path / "mine" / "maps.csv")
+    assert set(maps["scenario"]) == {"corridor", "S1"}  # one map does not show the others

@@ -22,7 +22,6 @@ from envs import InputError
 
 _ANSWER_S: Final = 10  # how long to wait for the scheduler: at the start, and when the connection is lost
 _WORKER_S: Final = 60  # how long to wait for the first worker
-_ATTEMPTS: Final = 3  # to find one that answers
 
 
 class Cluster:
@@ -90,19 +89,19 @@ class Cluster:
     def _answers(self, here: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
         """Returns what `refusal` says on each worker, or the exception that it raises there."""
         where = f"--cluster {self._address}"
-        for _ in range(_ATTEMPTS):
-            if not self._client.scheduler_info()["workers"]:
-                print(f"waiting up to {_WORKER_S} s for a worker at {self._address}", file=sys.stderr)
-            try:
-                self._client.wait_for_workers(1, _WORKER_S)
-            except TimeoutError:
-                advice = f"dask worker {self._address} --nthreads 1 starts one"
-                raise InputError(f"{where}: there is no worker; {advice}.") from None
-            answers = self._client.run(refusal, here, on_error="return")
-            # A worker whose connection breaks has died meanwhile.
-            if alive := {worker: each for worker, each in answers.items() if not isinstance(each, OSError)}:
-                return alive
-        raise InputError(f"{where}: its workers die when they are asked; their output may say why.")
+        if not self._client.scheduler_info()["workers"]:
+            print(f"waiting up to {_WORKER_S} s for a worker at {self._address}", file=sys.stderr)
+        try:
+            self._client.wait_for_workers(1, _WORKER_S)
+        except TimeoutError:
+            advice = f"dask worker {self._address} --nthreads 1 starts one"
+            raise InputError(f"{where}: there is no worker; {advice}.") from None
+        answers = self._client.run(refusal, here, on_error="return")
+        # A worker whose connection breaks has died meanwhile.
+        alive = {worker: each for worker, each in answers.items() if not isinstance(each, OSError)}
+        if not alive:
+            raise InputError(f"{where}: its workers die when they are asked; their output may say why.")
+        return alive
 
     async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
         name = job[0].algorithm

@@ -202,16 +202,23 @@ def forecast(experiment: Experiment) -> str:
     reporting = declared.reporting
     if not declared.contrasts:
         return ""
+    sides = [side for pair in declared.contrasts for side in pair]
     n = min(
-        len(experiment.declared_seeds(side.learner.algorithm, condition))
-        for pair in declared.contrasts
-        for side in pair
-        for condition in experiment.conditions
-        if side.learner is not None
+        len(experiment.declared_seeds(learner.algorithm, condition))
+        for side in sides
+        for learner in ([side.learner] if side.learner else declared.families)
+        for condition in ([side.condition] if side.condition else experiment.conditions)
     )
     n_scenarios = len(experiment.scenarios)
     n_pooled = n_scenarios if reporting.pool == "scenarios" else 1
-    n_tests = len(declared.contrasts) * (n_scenarios // n_pooled) * len(experiment.conditions)
+    own = [name for name, each in experiment.algorithms.items() if not each.check_of]
+    n_learners = sum(learner.algorithm in own for learner in declared.families)
+    n_tests = sum(
+        (1 if x.scenario else n_scenarios // n_pooled)
+        * (1 if x.condition else len(experiment.conditions))
+        * (1 if x.learner else n_learners)
+        for x, _ in declared.contrasts
+    )
     return cannot_show(n, n_pooled, n_tests, reporting)
 
 

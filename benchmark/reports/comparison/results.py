@@ -1,19 +1,22 @@
 """Items of a comparison: what each learner reached, how learners differ, and what they know."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
-from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED
+from benchmark.analysis.contrasts import MIXED, NO_VERDICT, UNDECIDED
 from benchmark.analysis.contrasts import Side as Means
 from benchmark.analysis.population import overlap
+from benchmark.drawing.maps import gallery
+from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
-from benchmark.reports.comparison import words
+from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
 from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
 from benchmark.reports.comparison.verdicts import (
@@ -25,15 +28,13 @@ from benchmark.reports.comparison.verdicts import (
     decisive_rows,
     effects_of,
     outcome,
+    winners,
 )
-from benchmark.reports.item import Estimate, Finding, Frames, item
-from envs import ACTIONS, ZONES
+from benchmark.reports.folder import Folder
+from benchmark.reports.item import Estimate, Finding, Frames, item, no_rows
+from envs import ZONES
+from envs.scene import COLOUR_MAP
 from envs.words import listed
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from benchmark.reports.folder import Folder
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
 _FEW: Final = 4  # scenarios whose table readers see; of more, the figure
@@ -75,8 +76,7 @@ def contrasts(runs: Runs) -> list[dict[str, Any]]:
 
 
 @contrasts.figure("The contrasts, with intervals, margins and verdicts.")
-def _(tables: Frames, _: Context) -> "Figure | None":
-    from benchmark.reports.comparison import figures
+def _(tables: Frames, _: Context) -> Figure | None:
 
     if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
         return None
@@ -89,7 +89,7 @@ def _(tables: Frames, _: Context) -> "Figure | None":
 
 
 @contrasts.sentence
-def _(table: pd.DataFrame, __: "Folder") -> Iterator[Finding]:
+def _(table: pd.DataFrame, __: Folder) -> Iterator[Finding]:
     """Tells every contrast, or of many those with a verdict, won or lost."""
     for _, row in table.iterrows():
         if len(table) <= _MOST_TOLD or row["success_verdict"] not in (UNDECIDED, NO_VERDICT):
@@ -97,14 +97,14 @@ def _(table: pd.DataFrame, __: "Folder") -> Iterator[Finding]:
 
 
 @contrasts.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says if the runs could not have shown equivalence."""
     declared = Declared.from_manifest(folder.manifest)
     n_pooled = 1 if "scenario" in table else len(folder.manifest["scenarios"])
     return cannot_show(int(table["n"].min()), n_pooled, len(table), declared.reporting) or None
 
 
-def headline(folder: "Folder") -> Finding | None:
+def headline(folder: Folder) -> Finding | None:
     """Answers whether deep RL earns its keep, for which budget and in which scenarios."""
     declared = Declared.from_manifest(folder.manifest)
     start = words.setting(folder)
@@ -114,16 +114,17 @@ def headline(folder: "Folder") -> Finding | None:
     if declared.baseline is None:
         n = link(str(len(table)), "contrasts", table)
         return Finding(f"{start}, of {n} contrast{'s' * (len(table) != 1)}, {counted(table)}.")
-    if "scenario" not in table:
+    places = words.places(table)
+    if not any(places):
         return _pooled(declared, table, folder, start)
     by_outcome: dict[Outcome, list[str]] = {}
-    for scenario, rows in table.groupby("scenario", sort=False):
-        by_outcome.setdefault(outcome(declared, rows), []).append(str(scenario))
+    for place, rows in table[places != ""].groupby(places, sort=False):
+        by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
     parts = []
     for key in OUTCOMES:
         if names := by_outcome.get(key):
-            rows = table[table["scenario"].isin(names)]
-            parts.append(f"{_OUTCOMES[key]} {link(str(len(names)), 'contrasts', rows)} ({listed(names)})")
+            count = link(str(len(names)), "contrasts", table[places.isin(names)])
+            parts.append(f"{_OUTCOMES[key]} {count} ({listed(names)})")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
@@ -133,21 +134,22 @@ def headline(folder: "Folder") -> Finding | None:
         f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
         "is not worse. The familywise error rate over all scenarios is at most about 5 %."
     )
-    return Finding(f"{start}, with {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
+    return Finding(f"{start} and {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
 
 
-def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: str) -> Finding:
+def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
     """Answers for the mean over scenarios, or for the only one."""
     rows, baseline = decisive_rows(declared, table), declared.baseline
     found = outcome(declared, table)
     means = " (means)" * (len(folder.manifest["scenarios"]) > 1)
     margin = declared.reporting.margins.success
-    winners = listed([f"`{x}`" for x in rows.loc[rows["success_verdict"] == BETTER, "x"]])
+    won = [f"`{x}`" for x in winners(rows)["x"]]
+    more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than `{baseline}`"
     subject = "the deep learner" if len(rows) == 1 else f"each of the {len(rows)} deep learners compared"
     text = {
-        "earns": f"deep RL earns its keep over a table: {winners} succeeds more often than `{baseline}`",
-        "another class": f"{winners} succeeds more often than `{baseline}`, but their policies are of other "
-        "classes, a stochastic and a greedy one, so it is not shown that the net makes the difference",
+        "earns": f"deep RL earns its keep over a table: {more}",
+        "another class": f"{more}, but their policies are of other classes, stochastic and greedy, so it is "
+        "not shown that the net makes the difference",
         "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
         f"`{baseline}`, or equally often within {margin:g}",
         "neither learned": "no learner compared is shown to succeed more often than the random policy",
@@ -194,7 +196,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: "Folder", start: st
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },
-    where=lambda frame: frame.iloc[:0],  # the figure shows it
+    where=no_rows,
 )
 def effects(runs: Runs) -> list[dict[str, Any]]:
     """95 % intervals are not adjusted, and there are no verdicts."""
@@ -202,19 +204,14 @@ def effects(runs: Runs) -> list[dict[str, Any]]:
 
 
 @effects.figure("Differences between two scenarios, by learner.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-
+def _(tables: Frames, context: Context) -> Figure | None:
     frame = tables.get("effects", pd.DataFrame())
     if "algorithm" not in frame:
         return None
     frame = frame[frame["algorithm"].notna()]
     learners = context.declared.compared or figures.learners_in(frame, context)
-    names, labels = (
-        list(frame["effect"].unique()),
-        {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"},
-    )
+    names = list(frame["effect"].unique())
+    labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
     frame = frame.rename(columns=lambda name: str(name).replace("_difference", ""))
     size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
     with figure_of(len(names), len(labels), size) as (figure, axes):
@@ -236,7 +233,7 @@ def _(tables: Frames, context: Context) -> "Figure | None":
 
 
 @effects.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
+def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Tells where an effect on success excludes 0, and all effects that are not one per learner."""
     compared = {str(learner) for learner in Declared.from_manifest(folder.manifest).compared}
     for name, rows in table.groupby("effect", sort=False):
@@ -270,7 +267,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
         "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
         "every_cell_success": "success from any cell",
     },
-    where=lambda frame: frame if frame["scenario"].nunique() <= _FEW else frame.iloc[:0],
+    where=lambda frame: frame if frame["scenario"].nunique() <= _FEW else no_rows(frame),
 )
 def summary(runs: Runs) -> Iterator[dict[str, Any]]:
     """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
@@ -289,18 +286,13 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @summary.figure("How often each learner succeeds after training, and the verdicts.")
-def _(tables: Frames, context: Context) -> "Figure":
-    from benchmark.reports.comparison import figures
-
+def _(tables: Frames, context: Context) -> Figure:
     draw = _dots if tables["summary"]["scenario"].nunique() <= figures.FEW else _heat
     return draw(tables, context)
 
 
-def _dots(tables: Frames, context: Context) -> "Figure":
+def _dots(tables: Frames, context: Context) -> Figure:
     """Draws a panel per scenario, and one of the means over scenarios if these are pooled."""
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-
     frame, baseline = tables["summary"], context.declared.baseline
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
     panels = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
@@ -327,20 +319,16 @@ def _with_tuning(learner: Learner, context: Context) -> str:
     return f"{learner} ({n_tried} tried)" if n_tried else str(learner)
 
 
-def _heat(tables: Frames, context: Context) -> "Figure":
+def _heat(tables: Frames, context: Context) -> Figure:
     """Draws a row per scenario and a column per learner, with the signs of verdicts."""
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-    from envs.scene import COLOUR_MAP
-
     frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
+    frame = frame.assign(scenario=words.places(frame))
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
         rows = contrasts[contrasts["y"] == str(baseline)]
-        verdicts = dict(
-            zip(zip(rows["scenario"], rows["x"], strict=True), rows["success_verdict"], strict=True)
-        )
+        keys = zip(words.places(rows), rows["x"], strict=True)
+        verdicts = dict(zip(keys, rows["success_verdict"], strict=True))
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
     table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
     with figure_of(1, 1, (0.95 * len(learners) + 2.2, 0.32 * len(scenarios) + 2.4)) as (figure, axes):
@@ -366,19 +354,12 @@ def _heat(tables: Frames, context: Context) -> "Figure":
 
 
 @summary.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what the other policy of a stochastic learner does."""
-    parts = []
-    for (algorithm, observation), rows in table[table["policy"] == "stochastic"].groupby(
-        ["algorithm", "observation"], sort=False
-    ):
-        if (
-            "check_of" in folder.manifest["algorithms"][algorithm]
-            and folder.manifest["algorithms"][algorithm]["check_of"]
-        ):
-            continue
-        both = [link(f"{rows[key].mean():.2f}", "summary", rows) for key in ("success", "greedy_success")]
-        parts.append(f"`{Learner(str(algorithm), str(observation))}` {' and '.join(both)}")
+    parts, shown = [], words.compared(table, folder)
+    for key, rows in shown[shown["policy"] == "stochastic"].groupby(["algorithm", "observation"], sort=False):
+        both = [link(f"{rows[name].mean():.2f}", "summary", rows) for name in ("success", "greedy_success")]
+        parts.append(f"`{', '.join(map(str, key))}` {' and '.join(both)}")
     if not parts:
         return None
     means = ", means over scenarios" * (table["scenario"].nunique() > 1)
@@ -389,6 +370,7 @@ def _(table: pd.DataFrame, folder: "Folder") -> str | None:
     "aggregate",
     "every learner over all scenarios, after training",
     {
+        "condition": "",
         "algorithm": "",
         "observation": "",
         "policy": "",
@@ -407,9 +389,9 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
 
     if runs.declared.reporting.pool != "scenarios":
         return
-    for learner, cells in runs.learners.items():
-        row: dict[str, Any] = {**learner._asdict(), "policy": cells[0].policy}
-        row |= {"runs": sum(cell.n for cell in cells), "settings_tried": runs.tuning.get(learner.algorithm)}
+    for names, cells in runs.over_scenarios:
+        row: dict[str, Any] = {**names, "policy": cells[0].policy, "runs": sum(cell.n for cell in cells)}
+        row["settings_tried"] = runs.tuning.get(names["algorithm"])
         for start in cells[0].population.specification["evaluated_from"]:
             for name in ENDPOINTS:
                 means = [cell.means(name, start) for cell in cells]
@@ -422,9 +404,9 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @aggregate.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what was learned away from the path from the start."""
-    if "every_cell_success" not in table:
+    if "every_cell_success" not in table or "condition" in table:
         return None
     parts = [
         f"`{words.name_of(row)}` {words.interval(row, 'every_cell_success', 'aggregate')} against "
@@ -435,8 +417,10 @@ def _(table: pd.DataFrame, folder: "Folder") -> str | None:
 
 
 @aggregate.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str | None:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says how checks and the learners that they check compare."""
+    if "condition" in table:
+        return None
     algorithms, rows = folder.manifest["algorithms"], {words.name_of(row): row for _, row in table.iterrows()}
     parts = [
         f"`{name}` {words.interval(row, 'success', 'aggregate')} and "
@@ -494,83 +478,6 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
             recall=proportion(right / cell.population.in_target.sum()),
             overlap=proportion(_overlap(cell)),
         )
-
-
-@region.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str:
-    """Says how well learners know the personal space."""
-    parts = [
-        f"`{Learner(str(key[0]), str(key[1]))}` {link(f'{rows.overlap.mean():.2f}', 'region', rows)}"
-        for key, rows in words.compared(table, folder).groupby(["algorithm", "observation"], sort=False)
-    ]
-    means = ", means over scenarios" * (table["scenario"].nunique() > 1)
-    return (
-        "Overlap of the cells where an agent values PING with the target region (intersection over "
-        f"union{means}): {'; '.join(parts)}."
-    )
-
-
-@item("maps", "final values of PING in every cell, without checks")
-def maps(runs: Runs) -> pd.DataFrame | None:
-    """`value` is the mean Q over agents, or the mean probability of a stochastic policy.
-
-    `marked` is the share of agents that value PING in the cell.
-    """
-    frames = []
-    for cell in runs.own:
-        if not cell.has_maps:
-            continue
-        population = cell.population
-        row, column = population.model.position.T
-        stochastic, alive = population.arrays["stochastic"], population.arrays["diverged_at"] < 0
-        final = stochastic[:, -1] if stochastic.shape[1] else population.arrays["q"]
-        value = final[alive].mean(axis=0) if alive.any() else np.full(final.shape[1:], np.nan)
-        columns = {
-            **cell.names,
-            "row": row,
-            "column": column,
-            "kind": "probability" if stochastic.shape[1] else "q",
-            "value": value[:, ACTIONS.index("PING")],
-            "marked": population.values_ping.mean(axis=0),
-        }
-        frames.append(pd.DataFrame(columns))
-    return pd.concat(frames, ignore_index=True) if frames else None
-
-
-@maps.shown
-def _(_: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame()  # the figure shows it
-
-
-@maps.figure("Mean final Q of PING, of tables and nets.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from matplotlib.colors import Normalize
-    from matplotlib.lines import Line2D
-
-    from benchmark.drawing.maps import colour_bar, dots, heat, region_legend
-    from benchmark.drawing.style import figure_of
-    from benchmark.reports.comparison import figures
-    from envs.scene import colour_limits, scene_of
-
-    if "maps" not in tables:
-        return None
-    frame = tables["maps"]
-    frame = frame[(frame["kind"] == "q") & ~frame["algorithm"].str.endswith("_default")]
-    learners, scenarios = figures.learners_in(frame, context), list(frame["scenario"].unique())
-    if not learners or len(scenarios) > figures.FEW:
-        return None
-    norm = Normalize(*colour_limits(frame["value"].to_numpy()))
-    with figure_of(len(learners), len(scenarios), (11.0, 2.75 * len(learners) + 0.9)) as (figure, axes):
-        for row, learner in enumerate(learners):
-            for column, scenario in enumerate(scenarios):
-                values = frame[figures.is_of(frame, learner) & (frame["scenario"] == scenario).to_numpy()]
-                heat(axes[row, column], scene_of(context.models[scenario]), values["value"].to_numpy(), norm)
-                dots(axes[row, column], values[values["marked"] > 0.5])
-                axes[row, column].set(title=f"{scenario}: {learner}")
-        colour_bar(figure, list(axes.flat), norm, "mean final Q of PING", extend="both")
-        mark = "where most runs value PING"
-        region_legend(figure, Line2D([], [], ls="", marker="o", color="black", ms=3, label=mark))
-    return figure
 
 
 @item(
@@ -631,14 +538,12 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @scenarios.figure("The scenarios.")
-def _(tables: Frames, context: Context) -> "Figure | None":
-    from benchmark.drawing.maps import gallery
-
+def _(tables: Frames, context: Context) -> Figure | None:
     return gallery(list(context.models.values())) if "scenarios" in tables else None
 
 
 @scenarios.sentence
-def _(table: pd.DataFrame, __: "Folder") -> str | None:
+def _(table: pd.DataFrame, __: Folder) -> str | None:
     """Says what is possible where something is hidden."""
     if "memoryless_score" not in table:
         return None

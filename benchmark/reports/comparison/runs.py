@@ -151,6 +151,15 @@ class Runs:
         return found
 
     @property
+    def over_scenarios(self) -> list[tuple[dict[str, str], list[Cell]]]:
+        """The cells of every learner under every condition, and what names them."""
+        found: dict[tuple[tuple[str, str], ...], list[Cell]] = {}
+        for cell in self.cells:
+            names = tuple((axis, name) for axis, name in cell.names.items() if axis != "scenario")
+            found.setdefault(names, []).append(cell)
+        return [(dict(names), cells) for names, cells in found.items()]
+
+    @property
     def own(self) -> "Runs":
         """The same without checks."""
         return replace(self, cells=[cell for cell in self if cell.learner not in self.checks], checks={})

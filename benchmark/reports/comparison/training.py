@@ -3,32 +3,29 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion_interval, student
-from benchmark.analysis.population import GOOD_SCORE
+from benchmark.drawing import film
 from benchmark.drawing.tables import link
-from benchmark.reports.comparison import words
+from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
-from benchmark.reports.item import Frames, drawing, item, writing
+from benchmark.reports.folder import Folder
+from benchmark.reports.item import Frames, drawing, item, no_rows, writing
 from envs.words import listed
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from benchmark.reports.folder import Folder
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
 _EARLY: Final = 0.15  # of training
 
 
-@item("curves", "success, score and wrong PINGs over training, against environment steps")
+@item("curves", "success, score and wrong PINGs over training, against environment steps", where=no_rows)
 def curves(runs: Runs) -> pd.DataFrame:
     """`wrong_pings` are those per 1,000 steps since the evaluation before, with Student's interval."""
     frames = []
@@ -48,14 +45,8 @@ def curves(runs: Runs) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@curves.shown
-def _(_: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame()  # the figure shows it
-
-
 @curves.figure("Success probability over training, with its 95 % interval.")
-def _(tables: Frames, context: Context) -> "Figure":
-    from benchmark.reports.comparison import figures
+def _(tables: Frames, context: Context) -> Figure:
 
     frame = tables["curves"]
     longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], context)
@@ -74,10 +65,10 @@ def _(tables: Frames, context: Context) -> "Figure":
     "wrong PINGs per 1,000 steps while agents learn",
     "Wrong PINGs per 1,000 steps of training.",
 )
-def wrong_pings(tables: Frames, context: Context) -> "Figure":
+def wrong_pings(tables: Frames, context: Context) -> Figure | None:
     """Draws how often the issuer disagreed while agents learned."""
-    from benchmark.reports.comparison import figures
-
+    if "curves" not in tables:
+        return None
     frame = tables["curves"]
     drawn = context.declared.compared or figures.learners_in(frame, context)
     label = "wrong PINGs\nper 1,000 steps"
@@ -92,31 +83,6 @@ def _first_step(is_good: NDArray[np.bool_]) -> NDArray[np.int_]:
     n_steps = is_good.shape[-1]
     bad_before = n_steps - (~is_good)[..., ::-1].argmax(axis=-1)
     return np.asarray(np.where(is_good.all(axis=-1), 0, bad_before))
-
-
-@item(
-    "threshold",
-    f"when, and in how many runs, the score reaches {GOOD_SCORE:g}, and stays there to the last evaluation",
-    {
-        **CELL,
-        "n": "runs",
-        "reached_share": "share that reaches it",
-        "reached_step_median": "median step",
-        "stays_share": "share that stays",
-        "stays_step_median": "median step to stay",
-    },
-)
-def threshold(runs: Runs) -> Iterator[dict[str, Any]]:
-    """Medians count runs that never get there as infinite, and are infinite if these are half or more."""
-    for cell in runs:
-        good = cell.results("unbounded_score") >= GOOD_SCORE  # (N, T)
-        when = np.array([*cell.steps, np.inf])
-        first = np.where(good.any(axis=1), good.argmax(axis=1), good.shape[1])
-        row = cell.row(n=len(good))
-        for name, places in (("reached", first), ("stays", _first_step(good))):
-            row[f"{name}_share"] = proportion(places < good.shape[1])
-            row[f"{name}_step_median"] = np.median(when[places])
-        yield row
 
 
 @item(
@@ -150,12 +116,13 @@ def steps(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @steps.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> Iterator[str]:
+def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Says which learner was the first to learn each scenario, tables and nets alike."""
     families = {name: each["family"] for name, each in folder.manifest["algorithms"].items()}
     checks = [name for name, each in folder.manifest["algorithms"].items() if each["check_of"]]
     winners: dict[str, list[tuple[str, pd.DataFrame]]] = {}
-    for scenario, here in table[~table["algorithm"].isin(checks)].groupby("scenario", sort=False):
+    own = table[~table["algorithm"].isin(checks)]
+    for scenario, here in own.groupby(words.places(own), sort=False):
         best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
         here_first = {families[name] for name in best["algorithm"]}
         kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
@@ -186,15 +153,17 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
 
     Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
+    It is empty if neither learns, or if one of them succeeds before the first step.
     """
     rng = np.random.default_rng([BOOTSTRAP_SEED, *x.scenario.encode()])
     (x_low, x_high), (y_low, y_high) = _medians(x, rng), _medians(y, rng)
     steps = float(x_high[0]), float(y_high[0])
-    if math.isinf(steps[0]) and math.isinf(steps[1]):
-        return {"x_step": math.inf, "y_step": math.inf, "ratio": math.nan}
+    if min(steps) in (0, math.inf):
+        return {}
     with np.errstate(divide="ignore", invalid="ignore"):
-        low = np.percentile((y_low / x_high)[1:], 2.5, method="lower")
-        high = np.percentile((y_high / x_low)[1:], 97.5, method="higher")
+        lows, highs = y_low / x_high, y_high / x_low
+    low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
+    high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
     ratio = min(steps[1], y.steps[-1]) / min(steps[0], x.steps[-1])
     return {
         "x_step": steps[0],
@@ -203,6 +172,11 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
         "ratio_low": float(low),
         "ratio_high": float(high),
     }
+
+
+def _with_a_ratio(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the rows in which x or y learns; a column without any value is not in a file."""
+    return table[table["ratio"].notna()] if "ratio" in table else table.iloc[:0]
 
 
 @item(
@@ -217,7 +191,6 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
         "y_step": "steps of y",
         "ratio": "ratio, y to x",
     },
-    where=lambda frame: frame[frame["ratio"].notna()],
 )
 def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     """Of every deep learner against every table; a ratio above 1 is in favour of x, the net."""
@@ -226,16 +199,16 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
         by_family[runs.declared.families[cell.learner]].append(cell)
     for x in by_family["deep"]:
         for y in by_family["tabular"]:
-            if (x.scenario, x.condition) == (y.scenario, y.condition):
+            if (x.scenario, x.condition) == (y.scenario, y.condition) and (ratio := _ratio(x, y)):
                 names = {key: name for key, name in x.names.items() if key in ("scenario", "condition")}
-                yield {**names, "x": str(x.learner), "y": str(y.learner), **_ratio(x, y)}
+                yield {**names, "x": str(x.learner), "y": str(y.learner), **ratio}
 
 
 @speedups.sentence
-def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
+def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
     found: dict[str, list[str]] = {"net": [], "table": []}
-    for scenario, here in table[table["ratio"].notna()].groupby("scenario", sort=False):
+    for scenario, here in table.groupby(words.places(table), sort=False):
         fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0]
         low, high, ratio = fastest["ratio_low"], fastest["ratio_high"], fastest["ratio"]
         if low <= 1 <= high:
@@ -295,7 +268,7 @@ def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
 
 
 @ahead.sentence
-def _(table: pd.DataFrame, _: "Folder") -> Iterator[str]:
+def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
     """Says who is ahead early in training, whoever that is."""
     limit = _EARLY * table["largest_at"].max()
     first = table[table["first_step"] <= limit]
@@ -346,7 +319,7 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @cost.sentence
-def _(table: pd.DataFrame, folder: "Folder") -> str:
+def _(table: pd.DataFrame, folder: Folder) -> str:
     """Says what runs cost, relative to a table in plain Python if there is one."""
     algorithms = folder.manifest["algorithms"]
     shown = words.compared(table, folder, with_checks=True)
@@ -378,8 +351,6 @@ def _(table: pd.DataFrame, folder: "Folder") -> str:
 )
 def learning(runs: Runs, directory: Path) -> None:
     """Writes an animation: typical agents of the first table and of the first net, in every scenario."""
-    from benchmark.drawing import film
-
     first: dict[str, Learner] = {}
     for cell in runs.own:
         first.setdefault(runs.declared.families[cell.learner], cell.learner)

@@ -123,15 +123,26 @@ def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
         return "no verdict"
     if ((rows["p_random_x"] > alpha) & (rows["p_random_y"] > alpha)).all():
         return "neither learned"
-    better = rows[(rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= alpha)]
-    winners = better[better["score_verdict"] != WORSE]
-    if (winners["policy_x"] == winners["policy_y"]).any():
+    won = winners(rows)
+    if (won["policy_x"] == won["policy_y"]).any():
         return "earns"
-    if len(winners):
+    if len(won):
         return "another class"
-    if len(better) or MIXED in verdicts:
+    is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= alpha)
+    if is_better.any() or MIXED in verdicts:
         return "mixed"
     return "does not earn" if verdicts <= {WORSE, EQUIVALENT} else "undecided"
+
+
+def winners(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the contrasts in which x is better in success, also than random, and not worse in score.
+
+    If in some of them the policies are of the same class, it is these alone.
+    """
+    is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= 1 - LEVEL)
+    won = rows[is_better & (rows["score_verdict"] != WORSE)]
+    alike = won[won["policy_x"] == won["policy_y"]]
+    return alike if len(alike) else won
 
 
 def decisive_rows(declared: Declared, rows: pd.DataFrame) -> pd.DataFrame:

@@ -21,9 +21,9 @@ _IN_WORDS = {
 def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
     """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
     found = str(row["success_verdict"])
-    place = f"In {row['scenario']}, " if "scenario" in row else ""
+    where = place(row)
     text = _IN_WORDS.get(found, "against `{}` is undecided in success").format(row["y"])
-    text = f"{place}`{row['x']}`{_policy(row, 'x')} {text}{_policy(row, 'y')}"
+    text = f"{f'In {where}, ' if where else ''}`{row['x']}`{_policy(row, 'x')} {text}{_policy(row, 'y')}"
     text += f": {difference(row, 'success', table)}"
     if found == EQUIVALENT and row["success_p_different"] <= 0.05:
         text += f", which is measurable but smaller than {row['success_margin']:g}"
@@ -36,6 +36,21 @@ def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
     wrong = [f"{row[f'wrong_pings_{side}']:.0f}" for side in "xy"]
     text += f" Wrong PINGs per 1,000 steps of training: {link(wrong[0], table, row)} against {wrong[1]}."
     return Finding(text, found)
+
+
+def place(row: pd.Series) -> str:
+    """Returns the scenario and the condition of a row, as far as it names them.
+
+    >>> place(pd.Series({"scenario": "S1", "condition": "noise", "x": "a"})), place(pd.Series({"x": "a"}))
+    ('S1 under noise', '')
+    """
+    names = (row.get(key) for key in ("scenario", "condition"))
+    return " under ".join(name for name in names if isinstance(name, str))
+
+
+def places(table: pd.DataFrame) -> pd.Series:
+    """Returns the place of each row."""
+    return pd.Series([place(row) for _, row in table.iterrows()], index=table.index, dtype=str)
 
 
 def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
@@ -61,24 +76,16 @@ def setting(folder: Folder) -> str:
 
 
 def compared(table: pd.DataFrame, folder: Folder, *, with_checks: bool = False) -> pd.DataFrame:
-    """Returns the rows of the learners that are compared with the baseline, and of all tables."""
-    declared = Declared.from_manifest(folder.manifest)
+    """Returns the rows of the learners that contrasts compare, and on demand of their checks."""
     algorithms = folder.manifest["algorithms"]
-    wanted = {learner.algorithm for learner in declared.decisive or declared.compared}
-    wanted |= {
-        name for name, each in algorithms.items() if each["family"] == "tabular" and not each["check_of"]
-    }
+    wanted = {*Declared.from_manifest(folder.manifest).compared}
+    learners = [Learner(*pair) for pair in zip(table["algorithm"], table["observation"], strict=True)]
     if with_checks:
-        wanted |= {name for name, each in algorithms.items() if each["check_of"] in wanted}
-    seen = {str(learner) for learner in declared.decisive or declared.compared}
-    forms = {learner.observation for learner in declared.decisive} or set(table["observation"])
-    return table[
-        [
-            row["algorithm"] in wanted
-            and (name_of(row) in seen or row["observation"] == "index" or row["observation"] in forms)
-            for _, row in table.iterrows()
-        ]
-    ]
+        checked = {
+            each: Learner(algorithms[each.algorithm]["check_of"], each.observation) for each in learners
+        }
+        wanted |= {check for check, learner in checked.items() if learner in wanted}
+    return table[[learner in wanted for learner in learners]]
 
 
 def name_of(row: pd.Series) -> str:

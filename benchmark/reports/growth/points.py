@@ -12,10 +12,11 @@ import signal
 import subprocess
 import sys
 import time
+import timeit
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,34 +30,34 @@ from benchmark.execution import driver
 from benchmark.execution.executors import Executor
 from benchmark.execution.executors.processes import Processes
 from benchmark.execution.executors.threads import Threads
-from benchmark.execution.plan import plan
 from benchmark.execution.provenance import peak_memory_mb
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
+    RunSpecification,
+    all_specifications,
+    load_experiment,
+    specifications,
+)
 from envs import InputError, Model, compile_scenario, load_scenario
 
-# What a point took: `seconds`, most often `peak_memory_mb` (NaN where the system does not say), and more.
+# What a point took: `seconds`, `peak_memory_mb` (NaN where the system does not say), and sometimes more.
 Values = dict[str, float]
 
 HORIZON: Final = 200  # steps of an exact evaluation in a grid
 STEPS: Final = 1_000_000  # of a table in a grid
 _CALLS: Final = 3  # of what is computed for a grid; the fastest counts
-# Programs whose last line of output is JSON.
-_COMMAND: Final = """
-import sys
-from benchmark.__main__ import main
-if __name__ == "__main__":
-    code = main(sys.argv[1:])
-    from benchmark.execution.provenance import peak_memory_mb
-    print('{"peak_memory_mb": %s}' % (peak_memory_mb() or "NaN"))
-    sys.exit(code)
-"""
-_FUNCTION: Final = """
+# Calls a function, which returns values, nothing, or an exit code. Its last line of output is JSON.
+_PROGRAM: Final = """
 import json, sys
 from importlib import import_module
 if __name__ == "__main__":
     module, name, arguments = sys.argv[1:]
-    print(json.dumps(getattr(import_module(module), name)(*json.loads(arguments))))
+    done = getattr(import_module(module), name)(*json.loads(arguments))
+    if done and isinstance(done, int):
+        sys.exit(done)
+    from benchmark.execution.provenance import peak_memory_mb
+    print(json.dumps({"peak_memory_mb": peak_memory_mb() or float("nan")} | (done or {})))
 """
 
 
@@ -66,24 +67,25 @@ def command(*arguments: str | Path) -> Values:
     Raises:
       InputError: It failed.
     """
-    return _run(f"the command {arguments[0]}", _COMMAND, *map(str, arguments))
+    return _run(f"the command {arguments[0]}", "benchmark.__main__", "main", [arguments])
 
 
-def fresh(function: Callable[..., Values], *arguments: object) -> Values:
+def fresh(function: Callable[..., Values | None], *arguments: object) -> Values:
     """Calls a function of a module in a fresh process, with arguments that JSON has, and paths as texts.
+
+    Returns:
+      What the function returns; else the seconds and the peak memory of its process.
 
     Raises:
       InputError: It raised an exception, or its process died.
     """
-    name, texts = function.__name__, json.dumps(arguments, default=str)
-    return _run(name, _FUNCTION, function.__module__, name, texts)
+    return _run(function.__name__, function.__module__, function.__name__, arguments)
 
 
-def _run(name: str, program: str, *arguments: str) -> Values:
-    """Runs a program of Python; returns what it says in the end, and else how long its process took."""
+def _run(label: str, module: str, name: str, arguments: Sequence[object]) -> Values:
     started = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-c", program, *arguments],
+        [sys.executable, "-c", _PROGRAM, module, name, json.dumps(arguments, default=str)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -98,119 +100,100 @@ def _run(name: str, program: str, *arguments: str) -> Values:
     seconds = time.perf_counter() - started
     if process.returncode:
         reason = errors.splitlines()[-1].removeprefix("error: ") if errors else "it printed no error"
-        raise InputError(f"growth: {name} failed with exit code {process.returncode}: {reason}")
+        raise InputError(f"growth: {label} failed with exit code {process.returncode}: {reason}")
     values: Values = json.loads(output.splitlines()[-1])
     return {"seconds": seconds} | values
 
 
-def tables(experiment: str, results: str) -> Values:
-    """Trains and stores all runs of an experiment, one job at a time in a thread; listing them counts."""
-    return _one_at_a_time(load_experiment(experiment), results)
+# Training and storing, by the real runner. Jobs, and the seconds that they measure themselves, are values, too
+
+
+def tables(experiment: str, size: int, results: str) -> Values:
+    """Trains and stores so many agents per population of an experiment, one job at a time in a thread."""
+    return _train(Threads(1), 1, partial(all_specifications, load_experiment(experiment)), size, results)
 
 
 def nets(size: int, budget: int, results: str) -> Values:
     """Does the same with so many nets of `compare_deep`: DQN from one-hot observations in S1."""
-    declared = load_experiment("compare_deep")
-    arm = declared.algorithms["dqn"].model_copy(update={"observations": ("one_hot",), "seeds": size})
-    changes = {"settings": declared.settings | {"budget": budget}, "scenarios": ("S1",)}
-    experiment = declared.model_copy(update=changes | {"algorithms": {"dqn": arm}})
-    return _one_at_a_time(experiment, results)
+    return _train(Threads(1), 1, partial(deep_runs, "dqn", "one_hot", budget), size, results)
 
 
-def _one_at_a_time(experiment: Experiment, results: str) -> Values:
-    """Trains and stores all runs of an experiment in an empty store."""
-    before = all_specifications(experiment, [0])
-    started = time.perf_counter()
-    runs = all_specifications(experiment)
-    listing = time.perf_counter() - started
-    values = _train(Threads(1), 1, runs, results, before)
-    return values | {"seconds": listing + values["seconds"]}
+def deep_runs(arm: str, observation: str, budget: int, seeds: Sequence[int]) -> list[RunSpecification]:
+    """Lists runs of `compare_deep` in S1, with another budget."""
+    declared = _load("compare_deep")
+    changed = declared.model_copy(update={"settings": declared.settings | {"budget": budget}})
+    return specifications(changed, DEFAULT_CONDITION, "S1", arm, observation, seeds)
 
 
-def workers(kind: str, n: int, n_populations: int, n_seeds: int, results: str) -> Values:
-    """Trains nets of `compare_deep_smoke` in several workers.
+_load = cache(load_experiment)
 
-    Args:
-      kind: "processes" of this machine, or "dask": a cluster on this machine, as `run --cluster` has it.
-      n: The number of workers.
-      n_populations: Of nets; each is one job.
-      n_seeds: Of each population.
-      results: The folder of the store, which is made anew.
+
+def workers(kind: str, n: int, size: int, results: str) -> Values:
+    """Trains the compiled nets of `compare_deep_smoke`, so many of each population, in n workers.
+
+    They are "processes" of this machine, or "dask": a cluster on this machine, as `run --cluster` has it.
     """
-    runs = all_specifications(load_experiment("compare_deep_smoke"), range(n_seeds))
-    runs = [run for run in runs if run.algorithm.startswith("compiled_")]
-    first = dict(list({run.population: run for run in runs}.items())[:n_populations])
-    runs = [run for run in runs if run.population in first]
-    before = [run for run in first.values() for _ in range(n)]
+
+    def listed(seeds: Sequence[int]) -> list[RunSpecification]:
+        runs = all_specifications(_load("compare_deep_smoke"), seeds)
+        return [run for run in runs if run.algorithm.startswith("compiled_")]
+
     if kind == "processes":
-        return _train(Processes(n), n, runs, results, before)
+        return _train(Processes(n), n, listed, size, results)
     from distributed import LocalCluster
 
     from benchmark.execution.executors.cluster import Cluster
 
-    address, folder = "127.0.0.1", f"{results}_dask"
-    options: dict[str, Any] = {
-        "host": address,
-        "dashboard_address": f"{address}:0",
-        "local_directory": folder,
-    }
-    with LocalCluster(n_workers=n, threads_per_worker=1, **options) as local:
+    address = "127.0.0.1"
+    places = {"host": address, "dashboard_address": f"{address}:0", "local_directory": f"{results}_dask"}
+    with LocalCluster(n_workers=n, threads_per_worker=1, **places) as local:
         local.wait_for_workers(n)
-        cluster = Cluster(local.scheduler_address, {run.algorithm for run in runs})
-        return _train(cluster, 2 * n, runs, results, before)
+        cluster = Cluster(local.scheduler_address, {run.algorithm for run in listed([0])})
+        return _train(cluster, 2 * n, listed, size, results)
 
 
 def _train(
     executor: Executor,
     jobs: int,
-    runs: Sequence[RunSpecification],
+    listed: Callable[[Sequence[int]], list[RunSpecification]],
+    size: int,
     results: str,
-    before: Sequence[RunSpecification],
 ) -> Values:
-    """Trains and stores runs by the real runner, with so many jobs under way, and releases the executor.
+    """Lists, trains and stores runs in a new store; workers have imported and compiled before.
 
     Args:
-      executor: Runs the jobs.
+      executor: Runs the jobs, and is released.
       jobs: How many are under way.
-      runs: To be trained.
+      listed: Lists the runs with given seeds.
+      size: The number of seeds.
       results: The folder of the store, which is made anew.
-      before: Executed first and not measured, so that workers have imported and compiled what they need.
-
-    Returns:
-      The seconds, the number of jobs, the seconds of the jobs themselves, and this process's peak memory.
-
-    Raises:
-      RuntimeError: A run failed.
     """
     shutil.rmtree(results, ignore_errors=True)
-    peaks, own = [_peak()], [0.0]
+    peaks: list[float] = []
+    own: list[float] = []  # of each job, its own seconds
+
+    def start(_: object) -> None:
+        peaks.append(peak_memory_mb() or math.nan)  # a job begins by measuring the peak anew
 
     def progress(records: list[Record]) -> None:
-        own.extend(record.provenance["wall_time_s"] for record in records)
+        own.append(sum(record.provenance["wall_time_s"] for record in records))
 
-    wait([executor.submit([run]) for run in before])
+    wait([executor.submit([run]) for run in listed([0]) for _ in range(jobs)])
     started = time.perf_counter()
     with Store(Path(results) / "runs.db") as store:
-        # A job begins by measuring the peak anew.
-        errors = driver.run(
-            runs, store, jobs, progress, lambda _: peaks.append(_peak()), executor=lambda _: executor
-        )
+        errors = driver.run(listed(range(size)), store, jobs, progress, start, executor=lambda _: executor)
     seconds = time.perf_counter() - started
     if errors:
         raise RuntimeError(errors[0])
-    peak = max(*peaks, _peak())
-    return {"seconds": seconds, "jobs": len(plan(runs)), "own_seconds": sum(own), "peak_memory_mb": peak}
+    peak = max(*peaks, peak_memory_mb() or math.nan)
+    return {"seconds": seconds, "jobs": len(own), "own_seconds": sum(own), "peak_memory_mb": peak}
 
 
 def grid(work: str, rows: int, columns: int) -> Values:
     """Measures the fastest of several calls in a grid, after one that loads compiled code.
 
-    The grid is S1 of another size, in which the first wrong PING ends the episode.
-
-    Args:
-      work: "compile", or "solve" with the paper's discount, "evaluate" the random policy, "train" a table.
-      rows: Of the grid.
-      columns: Of the grid.
+    The grid is S1 of another size, in which the first wrong PING ends the episode. The work is to "compile"
+    it, to "solve" it with the paper's discount, to "evaluate" the random policy, or to "train" a table.
     """
     settings = learner.Settings(budget=STEPS, record_every=STEPS)
     changes = {"grid.rows": rows, "grid.columns": columns, "ping_limit": 1}
@@ -227,14 +210,4 @@ def grid(work: str, rows: int, columns: int) -> Values:
     # Compiling does not hold a model meanwhile.
     call = compiled if work == "compile" else partial(calls[work], compiled())
     call()
-    seconds = []
-    for _ in range(_CALLS):
-        started = time.perf_counter()
-        call()
-        seconds.append(time.perf_counter() - started)
-    return {"seconds": min(seconds), "peak_memory_mb": _peak()}
-
-
-def _peak() -> float:
-    """Returns this process's peak memory; NaN where the system does not say."""
-    return peak_memory_mb() or math.nan
+    return {"seconds": min(timeit.repeat(call, number=1, repeat=_CALLS))}

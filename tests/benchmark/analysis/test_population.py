@@ -1,6 +1,5 @@
 """Populations: what they are read from, and what is computed of each."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.population import load_population, optimal_values, overlap
 from benchmark.execution.driver import run
+from benchmark.execution.executors.threads import Threads
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment, specifications
 from envs import InputError
@@ -21,7 +21,7 @@ SMOKE = load_experiment("reproduce_smoke")
 def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
     runs = specifications(SMOKE, "default", "S1", "q_learning", "index", [0])
     with Store(tmp_path / "runs.db") as store:
-        run(runs, store, jobs=1)
+        run(runs, store, 1, executor=Threads)
         with pytest.raises(InputError, match="runs per scenario and learner = 1: accepted: at least 2"):
             load_population(runs, store)
         assert len(load_population(runs, store, fewest=1).scores) == 1
@@ -30,10 +30,10 @@ def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
     runs = specifications(SMOKE, "default", "S2", "q_learning", "index", range(6))
     with Store(tmp_path / "runs.db") as store:
-        run(runs[:2] + runs[3:], store, jobs=2)
+        run(runs[:2] + runs[3:], store, 1, executor=Threads)
         with pytest.raises(InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"):
             load_population(runs, store)
-        run(runs, store, jobs=2)
+        run(runs, store, 1, executor=Threads)
         loaded = load_population(runs[::-1], store)
         assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
         records = store.get([runs[i].digest for i in (5, 0)])
@@ -44,25 +44,11 @@ def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
             assert np.array_equal(loaded.of_agent(i)[name], values)
 
 
-def test_arrays_of_one_agent() -> None:
-    q = np.arange(4 * 120 * 5.0).reshape(4, 120, 5)
-    assert (population(q=q).of_agent(2)["q"] == q[2]).all()
-
-
 def test_scores_lie_between_the_exact_anchors() -> None:
     random, optimal = population().anchors["grid_return"]
     assert optimal == pytest.approx(0.0, abs=1e-12)
     returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
     assert population(n=1, grid_return=returns).scores[0] == pytest.approx([1, 0, 0.5, -1])
-
-
-def test_maps_are_at_some_of_the_evaluation_steps() -> None:
-    made = population()
-    assert made.evaluation_steps == [0, 200, 400, 600]
-    assert made.map_places.tolist() == [0, 1, 2, 3]
-    # Every 400 steps, and at the end.
-    rarer = replace(made, specification={**made.specification, "map_every": 400})
-    assert rarer.map_places.tolist() == [0, 2, 3]
 
 
 def test_target_cells_are_those_of_the_region() -> None:
@@ -77,12 +63,9 @@ def test_ping_is_valued_where_its_value_is_positive() -> None:
     q[0, :, PING] = 0
     q[0, 7, PING] = 0.1
     assert np.flatnonzero(population(n=1, q=q).values_ping[0]).tolist() == [7]
-
-
-def test_what_a_table_began_with_is_no_value_of_ping() -> None:
-    q = np.full((1, 120, 5), 0.5)
-    q[0, 7, PING], q[0, 8, PING] = 0.4, -0.1
-    made = population(n=1, q=q)
+    began = np.full((1, 120, 5), 0.5)  # what a table began with is no value of PING
+    began[0, 7, PING], began[0, 8, PING] = 0.4, -0.1
+    made = population(n=1, q=began)
     made.specification["settings"]["initial_value"] = 0.5
     assert np.flatnonzero(made.values_ping[0]).tolist() == [7]
 
@@ -113,6 +96,7 @@ def test_optimal_values_by_hand() -> None:
 
 def test_subset_is_some_of_the_agents() -> None:
     whole = population(n=4, success=np.arange(16).reshape(4, 4))
+    assert whole.of_agent(2)["success"].tolist() == [8, 9, 10, 11]
     part = whole.subset(1, 3)
     assert list(part.seeds) == [1, 2]
     assert part.arrays["success"].tolist() == whole.arrays["success"][1:3].tolist()

@@ -31,11 +31,6 @@ def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
     assert folder_name(REPRODUCE, seeds, partial=partial) == name
 
 
-def test_readings_with_other_seeds_have_no_seeds_in_common() -> None:
-    assert other_seeds(DECLARED, parse_seeds("0-99")) == range(100)
-    assert other_seeds(DECLARED, parse_seeds("0-999")) == range(1000)
-
-
 def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_arm() -> None:
     later = ARM.model_copy(update={"first_seed": 100})
     for arms, declared in (([later], "100-199"), ([ARM, ARM], "0-99"), ([ARM, later], None)):

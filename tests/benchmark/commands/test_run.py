@@ -64,8 +64,19 @@ def test_runs_that_are_lost_meanwhile_are_not_said_to_be_done(
     assert "tables: 1 runs done, 2 were done already." in capsys.readouterr().out
 
 
+def test_what_runs_cannot_show_is_said_before_they_start(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begin(*_: object) -> list[str]:
+        assert capsys.readouterr().err.startswith("beyond: With 20 runs and 51 contrasts, ")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(driver, "run", begin)
+    assert main(["run", "beyond", "--results", str(tmp_path)]) == 130
+
+
 @pytest.mark.parametrize(
-    ("stem", "arm"), [("..", "one"), ("speed", "one"), ("mine", "../../x"), ("mine", "$x$"), ("mine", "a|b")]
+    ("stem", "arm"), [("..", "one"), ("speed", "one"), ("mine", "../../x"), ("mine", "a|b")]
 )
 def test_nothing_is_written_where_a_name_leads_elsewhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], stem: str, arm: str

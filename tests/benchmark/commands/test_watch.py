@@ -16,7 +16,6 @@ from benchmark.commands import watch
 from benchmark.drawing.film import Film, Moment, picture
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
-from envs import InputError
 from envs.render import Window
 
 COMPARED = load_experiment("compare_deep")
@@ -86,13 +85,6 @@ def test_without_a_screen_there_is_no_window(monkeypatch: pytest.MonkeyPatch) ->
     assert watch.has_window()
     monkeypatch.setattr(watch, "find_spec", lambda _: None)
     assert not watch.has_window()
-
-
-def test_window_that_nobody_sees_is_refused(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "offscreen")  # SDL's choice where there is no screen
-    with pytest.raises(InputError, match="there is no screen"):
-        watch.in_window(film)
 
 
 def test_no_terminal_gets_the_end_of_every_walk(watched: Path, capsys: pytest.CaptureFixture[str]) -> None:

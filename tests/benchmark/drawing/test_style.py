@@ -1,4 +1,4 @@
-"""Colours and markers of arms, and texts in figures."""
+"""Colours and markers of variants, and texts in figures."""
 
 import re
 from pathlib import Path
@@ -7,22 +7,16 @@ import pytest
 import seaborn as sns
 from matplotlib.colors import to_rgba
 
-from benchmark.drawing.style import arm_style, figure_of, write_figure
+from benchmark.drawing.style import figure_of, variant_style, write_figure
 
 
-def test_first_eight_arms_look_as_published() -> None:
+def test_first_eight_variants_look_as_published_and_no_two_look_alike() -> None:
     palette = sns.color_palette("colorblind")
     colours = ["black", "0.5", *(palette[i] for i in (0, 2, 3, 9, 1, 4))]
-    expected = [
-        {"color": colour, "marker": marker} for colour, marker in zip(colours, "osD^vPXh", strict=True)
-    ]
-    assert [arm_style(place) for place in range(8)] == expected
-
-
-def test_no_two_arms_look_alike() -> None:
-    styles = [arm_style(place) for place in range(300)]
-    looks = {(to_rgba(style["color"]), style["marker"]) for style in styles}
-    assert len(looks) == 300
+    styles = [variant_style(place) for place in range(300)]
+    assert [style["color"] for style in styles[:8]] == colours
+    assert [style["marker"] for style in styles[:8]] == list("osD^vPXh")
+    assert len({(to_rgba(style["color"]), style["marker"]) for style in styles}) == 300
 
 
 @pytest.mark.parametrize("text", ["$x^2$", r"$\frac$", "a_b, 5 $", r"\$x$"])
@@ -31,7 +25,7 @@ def test_texts_are_no_mathematics_but_ticks_of_a_logarithmic_axis_are(text: str,
         axes[0, 0].plot([1, 1000], [0, 1], label=text)
         axes[0, 0].set(title=text, xscale="log")
         figure.legend()
-    write_figure(figure, tmp_path / "f")
+    write_figure(figure, tmp_path / "f.svg")
     svg = (tmp_path / "f.svg").read_text(encoding="utf-8")
 
     def glyphs(shown: str) -> list[int]:

@@ -15,6 +15,8 @@ from benchmark.execution.provenance import machine
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment, specifications
 
+COMPARED = load_experiment("compare_deep")
+
 
 class Planted:
     """Executes nothing: a job takes as long as a formula says, in its records alone.
@@ -29,13 +31,11 @@ class Planted:
 
     def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
         assert logs is None
+        compiles = job[0].algorithm not in {small[0].algorithm for small in self.jobs}
         self.jobs.append(job)
-        is_first = [small[0].algorithm for small in self.jobs].count(
-            job[0].algorithm
-        ) == 1  # it also compiles
         future: Future[list[Record]] = Future()
         if (seconds := self._seconds(job)) is not None:
-            each = (seconds + 9.0 * is_first) / len(job)
+            each = (seconds + 9.0 * compiles) / len(job)
             future.set_result([record(run, each, 300.0, error=self._error) for run in job])
         return future
 
@@ -52,22 +52,16 @@ def record(
     return Record(run.digest, run.content, "done" if error is None else "failed", measured, arrays, error)
 
 
-def dqn() -> list[RunSpecification]:
-    """A hundred runs, a job each, with a budget of 10,000 steps, which learn from step 100 on."""
-    experiment = load_experiment("compare_deep")
-    return specifications(experiment, "default", "S1", "dqn_sb3", "one_hot", range(100))
-
-
-def tables() -> list[RunSpecification]:
-    """A hundred runs in jobs of 25."""
-    return specifications(load_experiment("compare_deep"), "default", "S1", "q_learning", "index")
+# A hundred runs, a job each, which learn from step 100 of 10,000 on; and as many in jobs of 25.
+NETS = specifications(COMPARED, "default", "S1", "dqn_sb3", "one_hot", range(100))
+TABLES = specifications(COMPARED, "default", "S1", "q_learning", "index")
 
 
 @pytest.mark.parametrize(
     ("runs", "seconds", "a_run"),
     [
-        (dqn(), lambda job: 3e-3 * (job[0].settings.budget - 100), 3e-3 * 9900),
-        (tables(), lambda job: 2e-5 * len(job) * job[0].settings.budget, 0.2),
+        (NETS, lambda job: 3e-3 * (job[0].settings.budget - 100), 3e-3 * 9900),
+        (TABLES, lambda job: 2e-5 * len(job) * job[0].settings.budget, 0.2),
     ],
 )
 def test_time_is_in_proportion_to_runs_and_budget(
@@ -75,9 +69,8 @@ def test_time_is_in_proportion_to_runs_and_budget(
 ) -> None:
     worker = Planted(seconds)
     estimated = estimate(runs, None, jobs=4, cores=2, executor=lambda _: worker)
-    low, high = estimated.seconds
-    assert low == pytest.approx(100 * a_run / 2 / DOUBT["short jobs"], rel=0.01)
-    assert high == pytest.approx(100 * a_run / 2 * DOUBT["short jobs"], rel=0.01)
+    expected = (100 * a_run / 2 / DOUBT["short jobs"], 100 * a_run / 2 * DOUBT["short jobs"])
+    assert estimated.seconds == pytest.approx(expected, rel=0.01)
     assert estimated.sources == {"short jobs": 1}
     assert sum(seconds(job) for job in worker.jobs) < a_run * 10
     assert worker.is_cancelled
@@ -94,49 +87,35 @@ def test_one_short_job_stands_for_all_of_its_kind() -> None:
 
 
 def test_stored_runs_of_such_a_machine_are_believed(tmp_path: Path) -> None:
-    runs = dqn()
     with Store(tmp_path / "runs.db") as store:
-        store.add(record(run, 3.0, 450.0) for run in runs[:25])
-        store.add([record(runs[25], 1e6, 450.0, "another machine")])
-        store.add([record(runs[26].with_seed(7), 3.0, 500.0)])  # a seed that is not declared
-        estimated = estimate(runs[50:], store, 2, 2, executor=lambda _: pytest.fail("nothing is executed"))
-        few = estimate(runs[98:], store, jobs=64, cores=2)
+        store.add(record(run, 3.0, 450.0) for run in NETS[:25])
+        store.add([record(NETS[25], 1e6, 450.0, "another machine")])
+        store.add([record(NETS[26].with_seed(700), 3.0, 500.0)])  # a seed that is not declared
+        estimated = estimate(NETS[50:], store, 2, 2, executor=lambda _: pytest.fail("nothing is executed"))
+        few = estimate(NETS[98:], store, jobs=64, cores=2)
     assert estimated.seconds == pytest.approx((75 / DOUBT["stored runs"], 75 * DOUBT["stored runs"]))
-    assert estimated.size == 50 * runs[0].record_size
+    assert estimated.size == 50 * NETS[0].record_size
     assert few.seconds == pytest.approx((3 / DOUBT["stored runs"], 3 * DOUBT["stored runs"]))
     for each in (estimated, few):  # two jobs, each in a process of its own
         assert each.peak_memory == 2 * 500 * 2**20
         assert each.sources == {"stored runs": 1}
 
 
-def test_time_is_up_whatever_is_running_and_kinds_that_are_left_cost_what_others_of_their_algorithm_do() -> (
-    None
-):
-    experiment = load_experiment("compare_deep")
-    arms = ("q_learning", "q_learning_tuned", "dqn_sb3")
-    observations = ("index", "index", "one_hot")
-    runs = [
-        run
-        for arm, observation in zip(arms, observations, strict=True)
-        for run in specifications(experiment, "default", "S1", arm, observation)
-    ]
+def test_kinds_are_unknown_if_the_time_is_up_or_a_job_fails() -> None:
     worker = Planted(lambda job: 0.1 if job[0].arm == "q_learning" else None)
-    estimated = estimate(runs, None, 2, 2, limit_s=1.0, executor=lambda _: worker)
+    estimated = estimate([*TABLES, *NETS], None, 2, 2, limit_s=0.1, executor=lambda _: worker)
     assert worker.is_cancelled
-    assert (estimated.sources, estimated.unknown) == ({"short jobs": 2}, ["dqn_sb3"])
-
-
-def test_failing_jobs_are_reported() -> None:
-    worker = Planted(lambda _: 1.0, "ValueError: planted")
-    estimated = estimate(dqn(), None, 2, 2, executor=lambda _: worker)
+    assert (estimated.sources, estimated.unknown) == ({"short jobs": 1}, ["dqn_sb3"])
+    failing = Planted(lambda _: 1.0, "ValueError: planted")
+    estimated = estimate(NETS, None, 2, 2, executor=lambda _: failing)
     assert estimated.errors == ["S1, dqn_sb3, one_hot: ValueError: planted"]
     assert (estimated.unknown, estimated.sources) == (["dqn_sb3"], {})
 
 
-@pytest.mark.parametrize("experiment", ["compare_deep", "beyond"])
-def test_short_jobs_fill_rollouts_and_have_maps_among_evaluations(experiment: str) -> None:
+def test_short_jobs_are_valid_runs() -> None:
+    """They fill rollouts, and have maps among evaluations."""
     worker = Planted(lambda _: 1e-9)
-    runs = [run for run in all_specifications(load_experiment(experiment)) if run.scenario.name in "S1 S2"]
+    runs = [run for run in all_specifications(COMPARED) if run.scenario.name == "S1"]
     estimate(runs, None, 2, 2, executor=lambda _: worker)
     assert len(worker.jobs) > 5
     for run, *_ in worker.jobs:

@@ -27,7 +27,7 @@ from benchmark.experiments import (
     specifications,
 )
 from envs import Model, compile_scenario
-from envs.inputs import override, parse, read_toml
+from envs.inputs import parse, read_toml
 
 SMALL = load_experiment("reproduce_smoke")
 
@@ -43,7 +43,7 @@ class Settings(LearnerSettings):
 
 @dataclass
 class Toy:
-    """An algorithm that learns a number, which depends on the seed, or raises an error."""
+    """An algorithm whose tables hold a number that depends on the seed, or that raises an error."""
 
     error: Exception | None = None
     version: int = 1
@@ -64,7 +64,7 @@ class Toy:
         schedule: Schedule,
         logs: Sequence[Path] = (),  # noqa: ARG002
     ) -> Training:
-        """Fills the tables of action values with the number that is learned."""
+        """Fills the tables of action values."""
         if self.error is not None:
             raise self.error
         learned = np.array([seed.generate_state(1)[0] for seed in seeds], dtype=np.float64)
@@ -87,15 +87,12 @@ FICKLE = Toy()
 
 def toy_runs(name: str, seeds: Sequence[int]) -> list[RunSpecification]:
     """Runs of one of the algorithms above."""
-    data = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml") | {"readings": {}, "scenarios": ["S1"]}
-    arm = {"algorithm": f"{__name__}:{name}", "observations": ["index"], "seeds": 10, "settings": {}}
-    changes = {"algorithms": {"toy": arm}, "readings.default": {"question": "?", "answer": "!"}}
-    experiment = parse(Experiment, override(data, changes, "test"), "test", name="toy")
+    data = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
+    arm = {"algorithm": f"{__name__}:{name}", "observations": ["index"], "seeds": 10}
+    data = {key: data[key] for key in ("description", "horizon", "evaluation_every", "map_every")}
+    data |= {"scenarios": ["S1"], "algorithms": {"toy": arm}, "settings": {"budget": 10_000}}
+    experiment = parse(Experiment, data, "test", name="toy")
     return specifications(experiment, "default", "S1", "toy", "index", seeds)
-
-
-def learned(store: Store, runs: Sequence[RunSpecification]) -> list[float]:
-    return [float(record.arrays["q"][0, 0]) for record in store.get([run.digest for run in runs])]
 
 
 def test_every_run_is_reported_once(tmp_path: Path) -> None:

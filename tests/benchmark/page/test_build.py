@@ -199,6 +199,27 @@ def test_page_is_written_when_a_file_has_changed(made: Path, tmp_path: Path) -> 
     assert "[mine](mine/README.md)" in (tmp_path / "README.md").read_text(encoding="utf-8")
 
 
+def test_texts_of_all_folders_and_the_page_are_written_again(results: Path, tmp_path: Path) -> None:
+    shutil.copytree(results, tmp_path / "results", ignore=shutil.ignore_patterns("README.md", "index.html"))
+    shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "mine")
+    assert main(["report", "--results", str(tmp_path / "results")]) == 0
+    for file in ("index.html", "compare_deep/README.md", "reproduce/README.md"):
+        made, there = ((path / file).read_text(encoding="utf-8") for path in (tmp_path / "results", results))
+        assert made == there, file
+    assert (tmp_path / "results" / "mine" / "README.md").exists()
+
+
+@pytest.mark.parametrize(
+    ("form", "files"),
+    [("svg", ["curves.svg", "highest.svg"]), ("tex", ["curves.tex", "summary.tex"])],
+)
+def test_other_forms_have_a_folder_of_their_own(made: Path, form: str, files: list[str]) -> None:
+    arguments = ["report", str(made.parent / "mine.toml"), "--results", str(made.parent), "--format", form]
+    assert main(arguments) == 0
+    assert sorted(path.name for path in made.with_name(f"mine_{form}").iterdir()) == files
+    assert main([*arguments, "--partial"]) == 2
+
+
 def test_script_has_all_modules_each_after_its_imports(results: Path) -> None:
     text = (results / "index.html").read_text(encoding="utf-8")
     places = {}

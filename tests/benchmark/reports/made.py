@@ -1,48 +1,200 @@
-"""Populations made by hand, for tests of what reports compute from them."""
+"""Comparisons made by hand, for tests of what reports compute from them and say of them."""
 
 import json
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from agents import load_algorithm
 from agents.policy import ALL_ACTIONS
 from benchmark.analysis.population import Population
-from benchmark.experiments import load_experiment, specifications
-from benchmark.reports.comparison.data import Data
-from benchmark.reports.comparison.protocol import Learner
+from benchmark.drawing.tables import write_csv
+from benchmark.reports.comparison import REPORT
+from benchmark.reports.comparison.declared import Declared, Learner
+from benchmark.reports.comparison.runs import Cell, Runs
+from benchmark.reports.document import Document
+from benchmark.reports.draw import tables_of
+from benchmark.reports.item import Item
+from envs import compile_scenario, load_scenario
+
+BUDGET, EVERY, POINTS = 400, 100, 5  # steps of training, between evaluations, and how many evaluations
+_ALGORITHMS = {"tabular": "q_learning", "deep": "compiled_dqn", "planner": "memoryless"}
 
 
-def compared(scenario: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:
-    """Returns runs of the small comparison with these arrays, in which otherwise nothing was learned.
+class Made(NamedTuple):
+    """A learner made by hand, with the same runs in every scenario unless `success` is by scenario."""
 
-    They are evaluated at 0, 100, 200, 300 and 400 steps.
-    """
-    experiment = load_experiment("compare_deep_smoke")
-    specification = specifications(experiment, "default", scenario, "q_learning", "index", [0])[0]
-    blank: dict[str, NDArray[Any]] = {
-        "q": np.zeros((n, 120, 5)),
-        "stochastic": np.zeros((n, 0, 120, 5)),
-        "greedy": np.full((n, 5, 120), ALL_ACTIONS, dtype=np.uint8),
-        "disagreements": np.zeros((n, 5), dtype=np.int64),
-        "diverged_at": np.full(n, -1),
+    family: str
+    success: float | Sequence[float]  # share of runs, the first of which succeed
+    n: int = 100  # runs in each scenario
+    score: float | Sequence[float] | None = None  # of every run; by default as its success
+    policy: str = "greedy"
+    check_of: str = ""
+    every_run: bool = False  # whether the success is that of every run instead of a share of them
+
+
+def population(
+    scenario: str = "S1", n: int = 4, algorithm: str = "q_learning", **arrays: NDArray[Any]
+) -> Population:
+    """Returns runs with these arrays, in which otherwise nothing was learned, evaluated at `POINTS` steps."""
+    settings = load_algorithm(algorithm).settings.model_validate({"budget": BUDGET}).model_dump(mode="json")
+    specification = {
+        "scenario": load_scenario(scenario).model_dump(mode="json"),
+        "algorithm": algorithm,
+        "settings": settings,
+        "horizon": 200,
+        "evaluation_every": EVERY,
+        "map_every": BUDGET,
+        "evaluated_from": ["start"],
     }
-    for prefix, points in (("", 5), ("every_cell_", 5), ("stochastic_", 0), ("stochastic_every_cell_", 0)):
+    n_observations = compile_scenario(load_scenario(scenario)).n_observations
+    blank: dict[str, NDArray[Any]] = {
+        "q": np.zeros((n, n_observations, 5)),
+        "stochastic": np.zeros((n, 0, n_observations, 5)),
+        "greedy": np.full((n, POINTS, n_observations), ALL_ACTIONS, dtype=np.uint8),
+        "disagreements": np.zeros((n, POINTS), dtype=np.int64),
+        "diverged_at": np.full(n, -1),
+        "updates": np.zeros(n),
+        "parameters": np.zeros(n),
+    }
+    for prefix in ("", "stochastic_"):
         for field in ("grid_return", "success", "steps", "wrong_pings"):
-            blank[f"{prefix}{field}"] = np.zeros((n, points))
-        blank[f"{prefix}zone_steps"] = np.zeros((n, points, 4))
-    return Population(json.loads(specification.content), blank | arrays, range(n), [{}] * n)
+            blank[f"{prefix}{field}"] = np.zeros((n, POINTS))
+        blank[f"{prefix}zone_steps"] = np.zeros((n, POINTS, 4))
+    provenance = [{"cpu_time_s": [0.5], "peak_memory_mb": None}] * n
+    return Population(json.loads(json.dumps(specification)), blank | arrays, range(n), provenance)
 
 
-def with_scores(scores: NDArray[np.float64], scenario: str = "S1") -> Population:
-    """Returns runs whose greedy policies have these scores, (N, T) or, at the end of training, (N,)."""
-    random, optimal = compared().anchors["grid_return"]
-    if scores.ndim == 1:
-        scores = np.column_stack([np.zeros((len(scores), 4)), scores])
-    return compared(scenario, len(scores), grid_return=random + scores * (optimal - random))
+def over_training(final: ArrayLike) -> NDArray[np.float64]:
+    """Returns (N, T) numbers that are 0 until the last evaluation, from (N,) or (N, T)."""
+    values = np.asarray(final, dtype=float)
+    return values if values.ndim == 2 else np.column_stack([np.zeros((len(values), POINTS - 1)), values])
 
 
-def data_of(**learners: Mapping[str, Population]) -> Data:
-    """Returns a comparison of learners with these populations by scenario."""
-    return Data({Learner(name, "index"): populations for name, populations in learners.items()})
+def cell(
+    name: str,
+    success: ArrayLike,
+    scenario: str = "S1",
+    *,
+    score: ArrayLike | None = None,
+    family: str = "tabular",
+    policy: str = "greedy",
+    condition: str = "default",
+    **arrays: NDArray[Any],
+) -> Cell:
+    """Returns runs with this success and score, (N,) after training or (N, T)."""
+    success = over_training(success)
+    score = success if score is None else over_training(score)
+    prefix = "" if policy == "greedy" else "stochastic_"
+    random, optimal = population(scenario).anchors["grid_return"]
+    arrays = {
+        f"{prefix}success": success,
+        f"{prefix}grid_return": random + score * (optimal - random),
+        **arrays,
+    }
+    made = population(scenario, len(success), _ALGORITHMS[family], **arrays)
+    return Cell(scenario, condition, Learner(name, "index"), made, policy, condition != "default")
+
+
+def runs_of(
+    cells: Sequence[Cell],
+    contrasts: Sequence[tuple[str, str]] = (),
+    baseline: str = "",
+    *,
+    checks: Mapping[str, str] | None = None,
+    missing: str = "",
+    planners: Sequence[Cell] = (),
+    **reporting: Any,
+) -> Runs:
+    """Returns a comparison of cells; contrasts and the baseline name learners without their observation."""
+    axes = {
+        "scenarios": list(dict.fromkeys(each.scenario for each in cells)),
+        "conditions": list(dict.fromkeys(each.condition for each in cells)),
+    }
+    learners = {str(each.learner): each.population.algorithm.family for each in cells}
+
+    def side(name: str) -> str:
+        parts = [f"{part}, index" if f"{part}, index" in learners else part for part in name.split(" @ ")]
+        return " @ ".join(parts)
+
+    reporting["effects"] = [(side(x), side(y), name) for x, y, name in reporting.get("effects", ())]
+    pairs = [(side(x), side(y)) for x, y in contrasts]
+    declared = {"kind": "comparison", "contrasts": pairs, "baseline": side(baseline), **reporting}
+    facts = {"declared": json.dumps(declared), "learners": learners, "axes": axes}
+    return Runs(
+        cells,
+        planners,
+        Declared.from_manifest({"facts": facts, "experiment": "made"}),
+        groups={},
+        checks={Learner(x, "index"): Learner(y, "index") for x, y in (checks or {}).items()},
+        tuning={},
+        missing=missing,
+    )
+
+
+def compared(
+    learners: Mapping[str, Made],
+    contrasts: Sequence[tuple[str, str]] = (),
+    baseline: str = "",
+    scenarios: Sequence[str] = ("S1", "S2", "S3"),
+    **more: Any,
+) -> Runs:
+    """Returns a comparison of learners; without contrasts, of each with the baseline."""
+    cells = []
+    for name, made in learners.items():
+        success, score = (
+            each if isinstance(each, Sequence) else [each] * len(scenarios)
+            for each in (made.success, made.score)
+        )
+        for scenario, share, each in zip(scenarios, success, score, strict=False):
+            assert share is not None
+            reached = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
+            scored = None if each is None else np.full(made.n, each)
+            cells.append(cell(name, reached, scenario, score=scored, family=made.family, policy=made.policy))
+    pairs = contrasts or [(name, baseline) for name in learners if baseline and name != baseline]
+    checks = {name: made.check_of for name, made in learners.items() if made.check_of}
+    return runs_of(cells, pairs, baseline, checks=checks, **more)
+
+
+def item(name: str) -> Item:
+    """Returns an item of the comparison."""
+    return next(each for each in REPORT.items if each.name == name)
+
+
+def folder_of(path: Path, runs: Runs, *names: str) -> Document:
+    """Writes tables and the manifest of a comparison, as its folder of results has them; by default all."""
+    path.mkdir(parents=True, exist_ok=True)
+    items = [each for each in REPORT.items if not names or each.name in names]
+    for name, frame in tables_of(items, runs).items():
+        write_csv(frame, path / f"{name}.csv")
+    checks = {str(check): str(checked.algorithm) for check, checked in runs.checks.items()}
+    algorithms = {
+        each.learner.algorithm: {
+            "family": each.population.algorithm.family,
+            "packages": [],
+            "policy": each.policy,
+            "check_of": checks.get(str(each.learner), ""),
+            "settings": each.population.specification["settings"],
+        }
+        for each in runs
+    }
+    manifest = {
+        "experiment": "made",
+        "description": "Made by hand.",
+        "note": "",
+        "command": "none",
+        "argument": "made",
+        "report": runs.declared.reporting.model_dump(mode="json"),
+        "facts": runs.facts,
+        "scenarios": {name: {} for name in runs.scenarios},
+        "algorithms": algorithms,
+        "partial": runs.note,
+        "horizon": 200,
+        "runs": 1,
+        "looks": [],
+    }
+    (path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    return Document(path)

@@ -1,4 +1,4 @@
-"""Texts of somebody else's experiment and scenario, in every file that reports write of them."""
+"""Texts of somebody else's experiment and scenario, in every form of file that reports write of them."""
 
 import csv
 import html
@@ -6,16 +6,17 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from html.parser import HTMLParser
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 from markdown_it.token import Token
 
-from benchmark.__main__ import main
-from benchmark.reports.published import Published
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment
+from benchmark.reports import draw
+from benchmark.reports.folder import Folder
 from envs.scenario import SCENARIO_DIRECTORY
+from tests.benchmark.reports.conftest import experiment_of, trained
 from tests.support import markdown_parser
 
 # A formula, HTML, an entity, a script's link, ill-formed mathematics, LaTeX, and blocks of Markdown.
@@ -31,81 +32,56 @@ $\frac$ \input{x} % # ^ ~
 | 1 | 2 |
 """
 EFFECT = r"@1+1 <img src=x onerror=alert(1)> | $\x_$ [a](javascript:b)"
-PHASE = r"<b>|$\frac$ [red]_"
-GROUP = r"_=$\x^$ <i>&amp;|"
-BASE = f"""
+PHASE, GROUP = r"<b>|$\frac$ [red]_", r"_=$\x^$ <i>&amp;|"
+EXPERIMENT = f"""
 description = {json.dumps(TEXT)}
 note = {json.dumps(TEXT)}
 horizon = 50
 evaluation_every = 100
 map_every = 200
 settings = {{ budget = 200 }}
-"""
-SCENARIOS = f"""{BASE}
-report = "REPORT"
-scenarios = ["S1", "mood-1.toml"]
+scenarios = ["S1", "FOLDER/mood-1.toml"]
 algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 2, group = GROUP }}
 algorithms.2_two = {{ algorithm = "sarsa", observations = ["index"], seeds = 2, group = GROUP }}
-"""
-EFFECTS = f"""effects = [{{ name = {json.dumps(EFFECT)}, scenario = "mood-1", against = "S1" }}]"""
-READINGS = f"""{BASE}
-report = "replication"
-scenarios = ["S1", "S2", "S3"]
-algorithms.one-1 = {{ algorithm = "q_learning", observations = ["index"], seeds = 3 }}
-readings.default = {{ question = {json.dumps(TEXT)}, answer = {json.dumps(TEXT)} }}
-readings.other-1 = {{ question = "=1?", answer = "-1", settings = {{ epsilon = 0.1 }} }}
+
+[report]
+kind = "comparison"
+omit = ["agents", "learning", "wrong_pings"]
+pool = "none"
+contrasts = [["one-1, index", "2_two, index"]]
+effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT], ["mood-1", "S1", EFFECT]]
 """
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A folder of results of each kind of report on these texts."""
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Path]:
+    """An experiment with these texts, and its folder of results."""
     folder = tmp_path_factory.mktemp("texts")
     moody = (SCENARIO_DIRECTORY / "Moody.toml").read_text(encoding="utf-8")
     moody = moody.replace('"calm"', json.dumps(PHASE)).replace("{ calm =", f"{{ {json.dumps(PHASE)} =")
     moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
-    texts = {
-        "scenarios": SCENARIOS.replace("REPORT", "scenarios") + EFFECTS,
-        "comparison": SCENARIOS.replace("REPORT", "comparison"),
-        "replication": READINGS,
-    }
-    for report, text in texts.items():
-        path = folder / f"{report}-1.toml"
-        text = text.replace("mood-1.toml", str(folder / "mood-1.toml")).replace("GROUP", json.dumps(GROUP))
-        path.write_text(text, encoding="utf-8")
-        assert main(["run", str(path), "--report", "--jobs", "1", "--results", str(folder)]) == 0
-    return {report: folder / f"{report}-1" for report in texts}
+    text = EXPERIMENT.replace("FOLDER", str(folder))
+    text = text.replace("EFFECT", json.dumps(EFFECT)).replace("GROUP", json.dumps(GROUP))
+    experiment = experiment_of(folder / "mine-1.toml", text)
+    with Store(folder / "runs.db") as store:
+        trained(experiment, store)
+        draw.draw(experiment, store, folder / "mine-1")
+    return experiment, folder / "mine-1"
 
 
-REPORTS = pytest.mark.parametrize("report", ["scenarios", "comparison", "replication"])
-
-
-def in_one_line(text: str) -> str:
-    return " ".join(text.split())
-
-
-# CSV
-
-
-@REPORTS
-def test_no_spreadsheet_computes_a_text(folders: dict[str, Path], report: str) -> None:
-    for path in folders[report].glob("*.csv"):
+def test_no_spreadsheet_computes_a_text_and_all_are_read_back(hostile: tuple[Experiment, Path]) -> None:
+    folder = hostile[1]
+    for path in folder.glob("*.csv"):
         with path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.reader(file))
         assert {len(row) for row in rows} == {len(rows[0])}, path.name
         for cell in (cell for row in rows for cell in row if cell.startswith(tuple("=+-@\t\r"))):
             float(cell)  # raises ValueError unless it is a number
-
-
-def test_texts_are_read_as_they_were_written(folders: dict[str, Path]) -> None:
-    published = Published(folders["scenarios"])
-    assert set(published.frame("effects")["effect"]) == {EFFECT}
-    assert published.frame("scenarios")["description"].tolist()[1] == TEXT
-    assert published.frame("scenarios")["scenario"].tolist() == ["S1", "mood-1"]
-
-
-# Markdown
+    read = Folder(folder)
+    assert set(read.frame("effects")["effect"]) == {EFFECT}
+    assert read.frame("scenarios")["description"].tolist()[1] == TEXT
+    assert read.frame("scenarios")["scenario"].tolist() == ["S1", "mood-1"]
 
 
 def walk(tokens: list[Token] | None) -> Iterator[Token]:
@@ -114,116 +90,57 @@ def walk(tokens: list[Token] | None) -> Iterator[Token]:
         yield from walk(token.children)
 
 
-def rendered(path: Path) -> tuple[list[Token], str]:
-    """Returns a file of Markdown as tokens, and the text that readers see."""
-    parser = markdown_parser()
-    text = path.read_text(encoding="utf-8")
-    words = html.unescape(re.sub("<[^>]+>", " ", parser.render(text)))
-    return list(walk(parser.parse(text))), in_one_line(words)
+def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(
+    hostile: tuple[Experiment, Path],
+) -> None:
+    parser, text = markdown_parser(), (hostile[1] / "README.md").read_text(encoding="utf-8")
+    tokens = list(walk(parser.parse(text)))
+    kinds = Counter(token.type for token in tokens)
+    assert not kinds["html_block"] + kinds["html_inline"]
+    targets = [str(token.attrGet("src") or token.attrGet("href") or "") for token in tokens]
+    assert not [target for target in targets if ":" in target]
+    headings = [tokens[i + 1].content for i, token in enumerate(tokens) if token.type == "heading_open"]
+    assert (headings[0], headings[-1]) == ("mine-1", "Files")
+    assert "heading" not in headings
+    cells = kinds["th_open"] + kinds["td_open"]
+    rows = [line.count(" | ") + 1 for line in text.splitlines() if line.startswith("| ")]
+    assert cells == sum(rows)
+    words = " ".join(html.unescape(re.sub("<[^>]+>", " ", parser.render(text))).split())
+    assert words.count(" ".join(TEXT.split())) == 3  # of the experiment, its note and the scenario
+    assert f"Exploratory, {EFFECT}: the difference" in words
 
 
-@REPORTS
-def test_markdown_has_no_structure_but_that_of_the_report(folders: dict[str, Path], report: str) -> None:
-    for path in folders[report].glob("*.md"):
-        tokens, _ = rendered(path)
-        kinds = Counter(token.type for token in tokens)
-        assert not kinds["html_block"] + kinds["html_inline"], path.name
-        targets = [str(token.attrGet("src") or token.attrGet("href") or "") for token in tokens]
-        assert not [target for target in targets if ":" in target]
-        headings = [tokens[i + 1].content for i, token in enumerate(tokens) if token.type == "heading_open"]
-        assert "heading" not in headings
-        if path.name == "README.md":
-            assert (headings[0], headings[-1]) == (f"{report}-1", "Terms")
-        else:
-            assert kinds["table_open"] == 1
-            rows = kinds["tr_open"]
-            assert kinds["th_open"] + kinds["td_open"] == kinds["th_open"] * rows
+@pytest.fixture(scope="module")
+def exported(hostile: tuple[Experiment, Path]) -> Path:
+    """The experiment's tables for LaTeX, and its figures as SVG files."""
+    experiment, folder = hostile
+    with Store(folder.parent / "runs.db", read_only=True) as store:
+        for form in ("tex", "svg"):
+            draw.export(experiment, store, folder.parent / form, None, form)
+    return folder.parent
 
 
-def test_markdown_shows_texts_as_they_are(folders: dict[str, Path]) -> None:
-    for report, folder in folders.items():
-        _, words = rendered(folder / "README.md")
-        # description and note; that of the scenario, or question and answer, whose first letter is a capital
-        expected = {"scenarios": 3, "comparison": 2, "replication": 4}[report]
-        assert words.count(in_one_line(TEXT)) == expected
-    _, words = rendered(folders["scenarios"] / "README.md")
-    assert f"{EFFECT}: mood-1 minus S1, in success" in words
-    _, words = rendered(folders["scenarios"] / "effects.md")
-    assert words.count(EFFECT) == 2  # learners
-
-
-# HTML
-
-
-class Page(HTMLParser):
-    """A page's elements and texts; its tags must match."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.elements: Counter[str] = Counter()
-        self.attributes: list[tuple[str, str]] = []
-        self.text = ""
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements[tag] += 1
-        self.attributes += [(name, value or "") for name, value in attrs]
-        if tag not in ("meta", "link", "img", "br", "input"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-
-@REPORTS
-def test_page_has_no_elements_but_its_own(folders: dict[str, Path], report: str) -> None:
-    folder = folders[report]
-    page = Page((folder / "index.html").read_text(encoding="utf-8"))
-    assert page.open == []
-    assert page.elements["script"] == 2  # its data and its script
-    assert page.elements["img"] <= len(list(folder.glob("*.png")))
-    assert not [name for name, _ in page.attributes if name.startswith("on")]
-    assert not [value for name, value in page.attributes if name in ("href", "src") and "script:" in value]
-    words = in_one_line(page.text)
-    assert words.count(in_one_line(TEXT)) >= 3  # two of the description, one of the note
-    if report == "scenarios":
-        assert f"{EFFECT}: mood-1 minus S1, in success" in words
-
-
-# Figures, and LaTeX
-
-
-@REPORTS
-def test_figures_have_the_texts_as_characters(folders: dict[str, Path], report: str) -> None:
-    pictures = {path.stem: path.read_text(encoding="utf-8") for path in folders[report].glob("*.svg")}
-    assert pictures
-    for text in pictures.values():
-        ElementTree.fromstring(text)  # raises ParseError unless it is XML
-    # Ill-formed mathematics could not have been drawn. Matplotlib repeats a text beside its outlines.
-    comments = {name: html.unescape("".join(re.findall("<!--(.*?)-->", text, re.DOTALL)))
-                for name, text in pictures.items()}  # fmt: skip
-    if report == "scenarios":
-        assert f"{EFFECT}: mood-1 − S1" in comments["effects"]
-        assert PHASE in comments["scenarios"]
-    if report == "comparison":
-        assert f"S1, {GROUP}" in comments["curves"]
-
-
-@REPORTS
-def test_latex_has_no_commands_but_its_own(folders: dict[str, Path], report: str) -> None:
+def test_latex_has_no_commands_but_its_own(exported: Path) -> None:
     own = {
         "adjustbox", "begin", "bottomrule", "end", "ensuremath", "midrule", "noindent", "par",
         "textasciitilde", "textbackslash", "textbar", "textbf", "textheight", "textwidth", "toprule",
         "usepackage",
     }  # fmt: skip
-    for path in folders[report].glob("*.tex"):
-        text = path.read_text(encoding="utf-8")
-        assert set(re.findall(r"\\([A-Za-z]+)", text)) <= own, path.name
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in (exported / "tex").glob("*.tex")}
+    assert r"\textbackslash{}input\{x\}" in texts["scenarios"]
+    for name, text in texts.items():
+        assert set(re.findall(r"\\([A-Za-z]+)", text)) <= own, name
         rows = [line for line in text.splitlines() if line.endswith(r"\\")]
-        assert len({len(re.findall(r"(?<!\\)&", row)) for row in rows}) == 1
+        assert len({len(re.findall(r"(?<!\\)&", row)) for row in rows}) <= 1
         assert not re.findall(r"(?<!\\)[$#]|\|", text)
+
+
+def test_figures_have_the_texts_as_characters(exported: Path) -> None:
+    """Ill-formed mathematics could not have been drawn. Matplotlib repeats a text beside its outlines."""
+    comments = {
+        path.stem: html.unescape("".join(re.findall("<!--(.*?)-->", path.read_text(), re.DOTALL)))
+        for path in (exported / "svg").glob("*.svg")
+    }
+    assert f"{EFFECT}: mood-1" in comments["effects"]
+    assert PHASE in comments["scenarios"]
+    assert f"S1, {GROUP}" in comments["curves"]

@@ -1,0 +1,141 @@
+"""What a comparison declares, what follows if it declares none, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmark.experiments import Experiment, load_experiment
+from benchmark.reports.comparison.declared import Declared, Learner, forecast
+from benchmark.reports.comparison.runs import Runs
+from benchmark.reports.draw import report_of
+from envs import InputError
+from tests.benchmark.reports.conftest import experiment_of
+
+BASE = """
+description = "Tables and nets."
+scenarios = ["S1", "S2"]
+horizon = 50
+evaluation_every = 100
+map_every = 100
+settings = { budget = 200 }
+algorithms.other = { algorithm = "q_learning", observations = ["index"], seeds = 20 }
+algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 20 }
+algorithms.net = { algorithm = "compiled_dqn", observations = ["one_hot", "coordinates"], seeds = 20 }
+algorithms.net_sb3 = { check_of = "net", algorithm = "dqn", seeds = 20 }
+sweep.noise = { high = {}, low = { settings = { time_limit = 40 } } }
+"""
+TABLE, NET = Learner("table", "index"), Learner("net", "one_hot")
+CONTRAST = '["net, one_hot", "table, index"]'
+
+
+def declared(tmp_path: Path, reporting: str = "") -> Experiment:
+    return experiment_of(tmp_path / "mine.toml", f'{BASE}\n[report]\nkind = "comparison"\n{reporting}\n')
+
+
+def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:
+    found = Declared.of(declared(tmp_path))
+    assert found.baseline == Learner("other", "index")
+    assert found.decisive == [NET, Learner("net", "coordinates")]  # a check is no learner of its own
+    assert [y.learner for _, y in found.contrasts] == [found.baseline] * 2
+    assert (found.reporting.margins.success, found.reporting.margins.score) == (0.1, 0.05)
+    assert (found.reporting.fewest_runs, found.reporting.pool, found.reporting.adjust) == (
+        10,
+        "scenarios",
+        "holm",
+    )
+
+
+def test_declared_contrasts_are_taken_and_survive_the_manifest(tmp_path: Path) -> None:
+    more = f"""
+    baseline = "table, index"
+    contrasts = [{CONTRAST}, ["table, index", "other, index"], ["net, one_hot @ S1", "net, one_hot @ S2"],
+                 ["default/noise=high", "default/noise=low"]]
+    margins = {{ success = 0.2 }}
+    fewest_runs = 30
+    """
+    experiment = declared(tmp_path, more)
+    found = Declared.of(experiment)
+    assert (found.baseline, found.decisive) == (TABLE, [NET])
+    assert [sorted(x.axes) for x, _ in found.contrasts] == [
+        ["learner"], ["learner"], ["learner", "scenario"], ["condition"]
+    ]  # fmt: skip
+    assert found.contrasts[2][1] == ("S2", None, NET)
+    facts = Runs([], [], found, {}, {}, {}).facts | {
+        "axes": {"scenarios": ["S1", "S2"], "conditions": [*experiment.conditions]}
+    }
+    assert Declared.from_manifest({"facts": facts, "experiment": "mine"}) == found
+
+
+def test_shipped_comparisons_are_accepted() -> None:
+    for name in ("compare_deep", "beyond", "ablation", "equivalence"):
+        report, _ = report_of(load_experiment(name))
+        assert report.name == "comparison"
+
+
+@pytest.mark.parametrize(
+    ("reporting", "names"),
+    [
+        ('omit = ["summery"]', ["report.omit", "summery", "summary"]),
+        ('items = ["nowhere.to:be_found"]', ["nowhere.to:be_found"]),
+        ('items = ["envs:ACTIONS"]', ["envs:ACTIONS"]),
+        ('contrasts = [["net, one-hot", "table, index"]]', ["report.contrasts.0", "net, one-hot", "one_hot"]),
+        ('effects = [["S1", "S4", "noise"]]', ["report.effects.0", "S4"]),
+        ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
+        ('contrasts = [["net, one_hot", "S1"]]', ["report.contrasts.0", "S1"]),
+        ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),
+        (f"contrasts = [{CONTRAST}, {CONTRAST}]", ["report.contrasts.1", "twice"]),
+        (f'contrasts = [{CONTRAST}, ["table, index", "net, one_hot"]]', ["report.contrasts.1", "twice"]),
+        (f'baseline = "net, one_hot"\ncontrasts = [{CONTRAST}]', ["report.baseline", "net, one_hot"]),
+        (f'baseline = "tables, index"\ncontrasts = [{CONTRAST}]', ["report.baseline", "table, index"]),
+        (f'baseline = "other, index"\ncontrasts = [{CONTRAST}]', ["report.contrasts", "other, index"]),
+        ('baseline = "table, index"', ["report.contrasts", "table, index"]),
+        (
+            'baseline = "table, index"\ncontrasts = [["table, index", "net, one_hot"]]',
+            ["report.contrasts.0", "second"],
+        ),
+        ("fewest_runs = 9", ["report.fewest_runs", "9"]),
+        ("margins = { success = 0.0 }", ["report.margins.success", "0.0"]),
+        ("margin = 0.1", ["margin"]),
+    ],
+)
+def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str, names: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        report_of(declared(tmp_path, reporting))
+    message = str(caught.value)
+    assert [name for name in ["mine.toml", *names] if name not in message] == []
+    assert "\n" not in message
+
+
+def test_experiments_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
+    experiment = declared(tmp_path)
+    names = [f"net_{i}" for i in range(5)]  # two observations each
+    many = experiment.algorithms | dict.fromkeys(names, experiment.algorithms["net"])
+    search = experiment_of(tmp_path / "planner.toml", BASE.partition("algorithms.other")[0] + """
+        algorithms.search = { algorithm = "memoryless", observations = ["index"], seeds = 2 }
+        report = "comparison"
+    """)  # fmt: skip
+    episodes = experiment.model_copy(update={"settings": experiment.settings | {"budget_unit": "episodes"}})
+    for refused, word in (
+        (experiment.model_copy(update={"algorithms": many}), "contrasts"),
+        (search, "planner"),
+        (episodes, "budget_unit"),
+        (experiment.model_copy(update={"report": None}), "report"),
+    ):
+        with pytest.raises(InputError) as caught:
+            report_of(refused)
+        assert word in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_forecast_says_before_any_run_that_equivalence_cannot_be_shown(tmp_path: Path) -> None:
+    """Equivalence within 0.1 needs 29 runs for one test, and 66 for 51 (see `analysis.test_contrasts`)."""
+    none = forecast(declared(tmp_path, 'pool = "none"\nadjust = "none"'))
+    assert "29 runs" in none
+    assert "20 runs" in none
+    assert forecast(declared(tmp_path, "margins = { success = 0.5 }")) == ""
+    sweep = declared(tmp_path, 'pool = "none"\ncontrasts = [["default/noise=high", "default/noise=low"]]')
+    assert "8 contrasts" in forecast(sweep)  # four learners, two scenarios
+    beyond = load_experiment("beyond")
+    assert "51 contrasts" in forecast(beyond)
+    assert "66 runs" in forecast(beyond)
+    assert forecast(load_experiment("compare_deep")) == ""

@@ -1,0 +1,209 @@
+"""Folders of results: what is in them, that drawing again gives the same, and what marks them."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import pyplot as plt
+
+from benchmark.execution.store import Record, Store
+from benchmark.experiments import Experiment, all_specifications, specifications
+from benchmark.reports import document, draw, load_report
+from benchmark.reports.comparison.declared import Learner
+from benchmark.reports.comparison.runs import load
+from benchmark.reports.document import Document
+from benchmark.reports.folder import Folder
+from envs import InputError
+from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
+from tests.benchmark.reports.sentences import check_links, check_verdicts
+from tests.support import ROOT, mistyped_columns
+
+PUBLISHED = [
+    path.parent
+    for path in sorted((ROOT / "results").glob("*/manifest.json"))
+    if json.loads(path.read_text())["report"].__class__ is dict
+    and json.loads(path.read_text())["report"]["kind"] == "comparison"
+]
+
+
+def without(experiment: Experiment, *names: str, **reporting: Any) -> Experiment:
+    """Returns the experiment without some algorithms, and with other keys in its report."""
+    arms = {name: arm for name, arm in experiment.algorithms.items() if name not in names}
+    assert experiment.report is not None
+    report = experiment.report.model_copy(update=reporting)
+    return experiment.model_copy(update={"algorithms": arms, "report": report})
+
+
+def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
+    names = {path.name for path in drawn.folder.iterdir()}
+    figures = ["contrasts", "summary", "curves", "effects", "wrong_pings"]
+    tables = [*figures[:-1], "aggregate", "steps", "ahead", "region", "cost", "scores"]  # none has learned
+    expected = {f"{name}.csv" for name in tables} | {f"{name}.png" for name in figures}
+    assert names == expected | {"README.md", "manifest.json", ".stamp", "learning.webp"}
+    assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
+    scores = pd.read_csv(drawn.folder / "scores.csv")
+    assert len(scores) == len(all_specifications(drawn.experiment))
+    assert scores["score"].between(0, 1).all()
+    assert (scores["policy"] == "stochastic").equals(scores["algorithm"] == "ppo")
+    readme = (drawn.folder / "README.md").read_text(encoding="utf-8")
+    for name in expected | {"learning.webp"}:
+        assert f"| {name.removesuffix('.png').removesuffix('.csv')}" in readme, name
+    manifest = json.loads((drawn.folder / "manifest.json").read_text())
+    assert manifest["digest"] == draw.digest_of([run.digest for run in all_specifications(drawn.experiment)])
+    assert manifest["algorithms"]["check"]["check_of"] == "table"
+
+
+def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
+    for name, has_checks in (("summary", True), ("aggregate", True), ("curves", True), ("cost", True),
+                             ("effects", False)):  # fmt: skip
+        frame = pd.read_csv(drawn.folder / f"{name}.csv")
+        assert ("check" in set(frame["algorithm"])) == has_checks, name
+    with Store(drawn.results / "runs.db", read_only=True) as store:
+        runs = load(drawn.experiment, store, None, False)
+    assert [learner.algorithm for learner in runs.learners] == ["table", "check", "sarsa", "ppo", "net"]
+    assert runs.context.algorithms == ["table", "sarsa", "ppo", "net"]  # a check takes no colour
+    assert "hollow: checks, 2 runs" in runs.context.check_note
+
+
+@pytest.mark.parametrize("folder", ["drawn", *PUBLISHED], ids=str)
+def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -> None:
+    found = Document(drawn.folder if isinstance(folder, str) else folder)
+    check_links(found, fewest=10)
+    check_verdicts(found)
+    if "aggregate.csv" not in found.folder:  # nothing is pooled
+        return
+    aggregate, scores = (pd.read_csv(found.folder.path / f"{name}.csv") for name in ("aggregate", "scores"))
+    keys = ["algorithm", "observation"]
+    means: Any = scores.groupby([*keys, "scenario"])[["success", "score"]].mean().groupby(keys).mean()
+    for row in aggregate.to_dict("records"):
+        expected = means.loc[(row["algorithm"], row["observation"])]
+        assert [row["success"], row["score"]] == pytest.approx(expected.tolist(), abs=1e-5)
+    if "scenario" not in (contrasts := found.folder.frame("contrasts")):
+        for row in contrasts.to_dict("records"):
+            x, y = (means.loc[tuple(Learner.of(row[side]))] for side in "xy")
+            assert row["success_difference"] == pytest.approx(x["success"] - y["success"], abs=2e-5)
+
+
+# Identity
+
+
+def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> None:
+    with Store(drawn.results / "runs.db", read_only=True) as store:
+        assert not draw.draw(drawn.experiment, store, drawn.folder).is_new  # it is up to date
+        assert draw.draw(drawn.experiment, store, tmp_path / "small").is_new
+    for path in drawn.folder.iterdir():
+        assert path.read_bytes() == (tmp_path / "small" / path.name).read_bytes(), path.name
+    (tmp_path / "small" / "README.md").unlink()
+    document.write(tmp_path / "small")  # from the files alone
+    assert (tmp_path / "small" / "README.md").read_bytes() == (drawn.folder / "README.md").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["curves", "summary", "contrasts", "aggregate"])
+def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, name: str) -> None:
+    experiment = without(drawn.experiment, omit=(name,))
+    with Store(drawn.results / "runs.db", read_only=True) as store:
+        data = load(experiment, store, None, False)
+    _, items = draw.report_of(experiment)
+    frames = draw.tables_of(items, data)
+    figures = [item.draw(frames, data.context) for item in items if item.draw]
+    assert len([*filter(None, figures)]) >= 3
+    plt.close("all")
+
+
+def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) -> None:
+    omit = tuple(
+        item.name for item in load_report("comparison").items if item.name not in ("contrasts", "ahead")
+    )
+    looks = []
+    with Store(drawn.results / "runs.db", read_only=True) as store:
+        for n in (4, 4, 12):
+            small = without(drawn.experiment, "ppo", "check", omit=omit)
+            arms = {name: arm.model_copy(update={"seeds": n}) for name, arm in small.algorithms.items()}
+            draw.draw(small.model_copy(update={"algorithms": arms}), store, tmp_path / "small")
+            looks.append(json.loads((tmp_path / "small" / "manifest.json").read_text())["looks"])
+            said = "looked at before" in (tmp_path / "small" / "README.md").read_text()
+            assert said == bool(looks[-1])
+            (tmp_path / "small" / ".stamp").unlink()
+    assert looks == [[], [], [4]]
+
+
+# Runs that are missing
+
+
+def test_missing_runs_are_refused_or_marked(drawn: Drawn, tmp_path: Path) -> None:
+    omit = tuple(
+        item.name for item in load_report("comparison").items if item.name not in ("summary", "scores")
+    )
+    small = without(drawn.experiment, "sarsa", omit=omit, contrasts=(("net, one_hot", "table, index"),))
+    runs = all_specifications(small)
+    failed = specifications(small, "default", "S1", "net", "one_hot", [1])[0]
+    absent = specifications(small, "default", "S3", "ppo", "one_hot", [0, 1])
+    lost = {run.digest for run in (failed, *absent)}
+    with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        other.add(store.get([run.digest for run in runs if run.digest not in lost]))
+        other.add([Record(failed.digest, failed.content, "failed", {}, {}, "RuntimeError: oh")])
+        with pytest.raises(
+            InputError, match=f"3 of {len(runs)} runs are missing, 1 of them failed"
+        ) as caught:
+            draw.draw(small, other, tmp_path / "whole")
+        assert "net, one_hot in S1 has 11 of 12; ppo, one_hot in S3 has 0 of 2" in str(caught.value)
+        assert not (tmp_path / "whole").exists()
+        draw.draw(small, other, tmp_path / "partial", partial=True)
+    assert "**Partial: 3 of " in (tmp_path / "partial" / "README.md").read_text()
+    shown = pd.read_csv(tmp_path / "partial" / "summary.csv")
+    assert set(shown["algorithm"]) == {"table", "check", "net"}  # ppo has no run in S3
+
+
+def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_path: Path) -> None:
+    lost = {("table", "S1", seed) for seed in range(6)} | {("table", "S3", seed) for seed in range(6, 12)}
+    runs = [
+        run
+        for run in all_specifications(drawn.experiment)
+        if (run.arm, run.scenario.name, run.seed) not in lost
+    ]
+    with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
+        other.add(store.get([run.digest for run in runs]))
+        found = load(drawn.experiment, other, None, True)
+        assert {learner.algorithm for learner in found.learners} == {"sarsa", "ppo", "net"}  # no common seed
+        assert {"`table, index`", "`check, index`"} <= set(re.findall("`[^`]*`", found.missing))
+        assert found.checks == {}
+        with pytest.raises(InputError, match="at least two learners"):
+            load(without(drawn.experiment, "sarsa", "ppo"), other, None, True)
+
+
+def test_divergence_is_shown(tmp_path: Path) -> None:
+    text = EXPERIMENT.replace("batch_size = 8,", "batch_size = 8, learning_rate = 1e38,")
+    experiment = without(experiment_of(tmp_path / "diverging.toml", text), "ppo", "check")
+    with Store(tmp_path / "runs.db") as store:
+        trained(experiment, store)
+        tables = draw.tables_of(load_report("comparison").items[:-2], load(experiment, store, None, False))
+    summary, scores = tables["summary"], tables["scores"]
+    nets = summary[summary["algorithm"] == "net"]
+    assert nets["diverged"].tolist() == [12, 12]
+    assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
+    assert np.isfinite(scores["diverged_at"]).equals(scores["algorithm"] == "net")
+
+
+# Figures, drawn by workers and by the process itself
+
+
+def test_damaged_folders_are_refused_in_one_sentence(tmp_path: Path, drawn: Drawn) -> None:
+    (tmp_path / "small").mkdir()
+    manifest = tmp_path / "small" / "manifest.json"
+    for text in ("{", '{"report": "comparison"}', None):
+        if text is not None:
+            manifest.write_text(text)
+        with pytest.raises(InputError) as caught:
+            Document(tmp_path / "small")
+        assert "\n" not in str(caught.value)
+        assert "manifest.json" in str(caught.value)
+        manifest.unlink(missing_ok=True)
+    manifest.write_bytes((drawn.folder / "manifest.json").read_bytes())
+    (tmp_path / "small" / "steps.csv").write_text("algorithm\ntable\n")
+    with pytest.raises(InputError, match=re.escape(str(tmp_path / "small"))):
+        document.write(tmp_path / "small")
+    assert "steps.csv" in Folder(tmp_path / "small")

@@ -1,0 +1,330 @@
+"""What a comparison concludes: rules by hand, headlines that must not be drawn, and sides told alike."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from agents.dynamic_programming import evaluate
+from agents.policy import uniform_policy
+from benchmark.analysis.contrasts import Side, contrast, holm
+from benchmark.drawing.tables import plain
+from benchmark.reports.comparison.runs import Runs
+from benchmark.reports.comparison.verdicts import contrasts_of, outcome
+from benchmark.reports.document import Document
+from envs import compile_scenario, load_scenario
+from tests.benchmark.reports.made import Made, cell, compared, folder_of, item, runs_of
+
+TABLE, WEAK = Made("tabular", (1.0, 0.9, 1.0)), Made("tabular", 0.3)
+WINNER, EQUAL, LOSER = Made("deep", 1.0), Made("deep", (1.0, 0.9, 1.0)), Made("deep", 0.05)
+PHRASES = {
+    "earns": ", deep RL earns its keep over a table: `net, index` succeeds more often than `table, index`",
+    "another class": "so it is not shown that the net makes the difference",
+    "does not earn": ", deep RL does not earn its keep over a table",
+    "neither learned": ", no learner compared is shown to succeed more often than the random policy",
+    "mixed": ", results are mixed",
+    "undecided": ", it is undecided whether deep RL earns its keep",
+    "no verdict": ", there is no verdict on whether deep RL earns its keep",
+}
+
+
+def outcome_of(runs: Runs) -> str:
+    frame = item("contrasts").table(runs)
+    assert frame is not None
+    return outcome(runs.declared, frame)
+
+
+def headline(document: Document) -> str:
+    assert document.headline is not None
+    return plain(document.headline.text)
+
+
+def random_success(scenario: str) -> float:
+    model = compile_scenario(load_scenario(scenario))
+    return float(evaluate(model, uniform_policy(model), 200).success)
+
+
+CASES: list[tuple[dict[str, Made], str]] = [
+    ({"table": WEAK, "net": WINNER}, "earns"),
+    ({"table": WEAK, "net": WINNER, "other": LOSER}, "earns"),
+    ({"table": Made("tabular", 0.0), "net": WINNER}, "earns"),
+    ({"table": TABLE, "net": LOSER}, "does not earn"),
+    ({"table": TABLE, "net": LOSER, "other": EQUAL}, "does not earn"),
+    ({"table": TABLE, "net": EQUAL}, "does not earn"),  # equivalent: nothing is gained
+    ({"table": TABLE, "net": EQUAL._replace(n=12)}, "undecided"),
+    ({"table": TABLE, "net": LOSER, "other": EQUAL._replace(n=12)}, "undecided"),
+    ({"table": WEAK, "net": WINNER._replace(n=9)}, "no verdict"),
+    ({"table": WEAK._replace(n=9), "net": WINNER}, "no verdict"),
+    ({"table": WEAK, "net": WINNER, "other": LOSER._replace(n=2)}, "no verdict"),
+    ({"table": Made("tabular", 0.0), "net": Made("deep", 0.0)}, "neither learned"),
+    # A check wins, but no verdict rests on checks.
+    ({"table": TABLE, "net": LOSER, "net_sb3": WINNER._replace(check_of="net")}, "does not earn"),
+    # Better in success, worse in score: not "earns".
+    ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.5)}, "mixed"),
+    ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.9)}, "earns"),
+    # One net is better in success and worse in score, another is better in both.
+    ({"table": WEAK, "other": WINNER._replace(score=0.0), "net": WINNER}, "earns"),
+]
+
+
+@pytest.mark.parametrize(("learners", "expected"), CASES)
+def test_outcome_and_headline(tmp_path: Path, learners: dict[str, Made], expected: str) -> None:
+    deep = [name for name, made in learners.items() if made.family == "deep" and not made.check_of]
+    runs = compared(learners, [(name, "table") for name in deep], "table")
+    assert outcome_of(runs) == expected
+    document = folder_of(tmp_path, runs)
+    assert document.headline is not None
+    assert document.headline.verdict == expected
+    text = headline(document)
+    assert [name for name, phrase in PHRASES.items() if phrase in text] == [expected]
+    # It names budget and scenarios, and never says "here" of what it does not name.
+    assert text.startswith("With 400 steps of training in S1, S2 and S3 (means), ")
+    assert not re.search(r"\bhere\b", text)
+    assert "net_sb3" not in text
+
+
+# Headlines that an earlier rule drew, and that are false
+
+
+def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_at_0(tmp_path: Path) -> None:
+    """As PPO with a learning rate of 1e-12 in TurningHidden: better than the table, and never trained."""
+    random = random_success("TurningHidden")
+    assert 0.05 < random < 0.5
+    net = Made("deep", random, 100, policy="stochastic", every_run=True)
+    for table in (Made("tabular", 0.0), Made("tabular", 0.0, policy="stochastic")):
+        runs = compared({"table": table, "net": net}, baseline="table", scenarios=["TurningHidden"])
+        (row,) = contrasts_of(runs)
+        assert row["success_verdict"] == "better"
+        assert row["random_success"] == pytest.approx(random)
+        assert outcome_of(runs) == "neither learned"
+    assert "keep" not in headline(folder_of(tmp_path, runs))
+    learned = {"table": table, "net": net, "dqn": Made("deep", 1.0, policy="stochastic")}
+    text = headline(folder_of(tmp_path, compared(learned, baseline="table", scenarios=["TurningHidden"])))
+    assert "keep over a table: `dqn, index` succeeds more often" in text  # the other one has not learned
+
+
+def test_two_learners_at_the_random_policy_decide_nothing() -> None:
+    """After four steps in AnyStart: equivalent, and neither has learned anything."""
+    random = random_success("AnyStart")
+    learners = {name: Made(family, random, 200, every_run=True) for name, family in
+                (("table", "tabular"), ("net", "deep"))}  # fmt: skip
+    runs = compared(learners, baseline="table", scenarios=["AnyStart"])
+    assert contrasts_of(runs)[0]["success_verdict"] == "equivalent"
+    assert outcome_of(runs) == "neither learned"
+    learned = learners | {"table": Made("tabular", 1.0, 200)}
+    assert outcome_of(compared(learned, baseline="table", scenarios=["AnyStart"])) == "does not earn"
+
+
+def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
+    random = random_success("S1")
+    row = contrasts_of(
+        compared({"x": Made("deep", 0.4, 20), "y": Made("tabular", 0.05, 20)}, [("x", "y")], scenarios=["S1"])
+    )[0]
+    for side, count in (("x", 8), ("y", 1)):
+        expected = stats.binomtest(count, 20, random, alternative="greater").pvalue
+        assert row[f"p_random_{side}"] == pytest.approx(min(expected, 1.0), rel=1e-6)
+
+
+def test_a_mean_does_not_cancel(tmp_path: Path) -> None:
+    learners = {"x": Made("deep", (1.0, 0.85, 0.85)), "y": Made("tabular", (0.7, 1.0, 1.0))}
+    runs = compared(learners, baseline="y")
+    (row,) = contrasts_of(runs)
+    assert row["success_difference"] == pytest.approx(0)
+    assert row["success_p_equivalent"] < 0.05  # of the mean alone
+    assert (row["success_verdict"], row["success_except"]) == ("mixed", "S1, S2, S3")
+    assert outcome_of(runs) == "mixed"
+    (told, *_) = folder_of(tmp_path, runs).findings
+    assert told.verdict == "mixed"
+    assert "S1, S2, S3" in told.text
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "verdict", "apart"),
+    [
+        ((1.0, 1.0, 0.7), (0.2, 0.2, 0.9), "mixed", "S3"),  # better on average, and worse in one by 0.2
+        ((0.2, 0.2, 0.9), (1.0, 1.0, 0.7), "mixed", "S3"),
+        ((1.0, 1.0, 0.85), (0.2, 0.2, 0.9), "better", "S3"),  # in S3 it may be worse by more than 0.1
+        ((0.2, 0.2, 0.9), (1.0, 1.0, 0.85), "worse", "S3"),
+        ((1.0, 1.0, 1.0), (0.2, 0.2, 0.9), "better", ""),
+        ((1.0, 1.0, 0.95), (1.0, 1.0, 1.0), "equivalent", "S3"),
+        ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0), "equivalent", ""),
+    ],
+)
+def test_scenarios_that_stand_apart_are_named(
+    tmp_path: Path, x: tuple[float, ...], y: tuple[float, ...], verdict: str, apart: str
+) -> None:
+    runs = compared({"x": Made("deep", x), "y": Made("tabular", y)}, baseline="y")
+    (row,) = contrasts_of(runs)
+    assert (row["success_verdict"], row["success_except"]) == (verdict, apart)
+    for name, own, other in zip(("S1", "S2", "S3"), x, y, strict=True):
+        alone = contrast(Side([own], [100]), Side([other], [100]), 0.1)
+        is_shown = {"better": alone.low_90 > -0.1, "worse": alone.high_90 < 0.1,
+                    "equivalent": alone.low_90 > -0.1 and alone.high_90 < 0.1}  # fmt: skip
+        if verdict != "mixed":
+            assert is_shown[verdict] == (name not in apart), name
+    document = folder_of(tmp_path, runs)
+    told = document.findings[0].text.partition("In score")[0]
+    assert ("S3" in told) == ("S3" in apart)
+    if verdict != "mixed":  # then the outcome itself says that results are mixed
+        assert bool(re.search(r"not shown in S3", headline(document))) == bool(apart)
+
+
+def test_a_stochastic_policy_that_beats_a_greedy_table_is_of_another_class(tmp_path: Path) -> None:
+    """As PPO in MoodyHidden, where no greedy policy over what is seen can succeed often."""
+    ppo, table = Made("deep", 0.6, policy="stochastic"), Made("tabular", 0.0)
+    runs = compared({"table": table, "ppo": ppo}, baseline="table", scenarios=["MoodyHidden"])
+    assert outcome_of(runs) == "another class"
+    document = folder_of(tmp_path, runs)
+    assert "earns its keep over a table:" not in headline(document)
+    assert "`ppo, index` (stochastic policy) is better than `table, index`" in plain(
+        document.findings[0].text
+    )
+    assert "(greedy policy)" in document.findings[0].text
+    # A net of the same class that wins, too, makes the difference.
+    more = {"table": table, "ppo": ppo, "dqn": Made("deep", 0.6)}
+    assert outcome_of(compared(more, baseline="table", scenarios=["MoodyHidden"])) == "earns"
+
+
+def test_twenty_runs_and_51_contrasts_cannot_show_equivalence(tmp_path: Path) -> None:
+    for n_nets, n, needed in ((51, 20, 66), (1, 28, 29), (1, 29, None)):
+        learners = {"table": Made("tabular", 1.0, n)}
+        learners |= {f"net_{i}": Made("deep", 1.0, n) for i in range(n_nets)}
+        runs = compared(learners, baseline="table", scenarios=["S1"])
+        document = folder_of(tmp_path / f"{n_nets}_{n}", runs, "contrasts")
+        verdicts = set(document.folder.frame("contrasts")["success_verdict"])
+        assert verdicts == {"equivalent" if needed is None else "undecided"}
+        said = [each.text for each in document.findings if "equivalence" in each.text]
+        assert len(said) == (needed is not None)
+        assert all(f"{needed} runs" in text and f"{n} runs" in text for text in said)
+
+
+# Wins and losses are told alike
+
+
+MIRROR = {"better": "worse", "worse": "better"}
+
+
+def mirrored(text: str) -> str:
+    """Exchanges what stands for x with what stands for y in a sentence, and better with worse."""
+    words = {**MIRROR, "`x, index`": "`y, index`", "`y, index`": "`x, index`"}
+    return re.sub("|".join(words), lambda match: words[match[0]], text)
+
+
+@pytest.mark.parametrize("y", [(0.2, 0.2, 0.9), (1.0, 0.9, 1.0), (0.9, 1.0, 0.3), (0.0, 0.0, 0.0)])
+def test_exchanging_x_and_y_exchanges_better_and_worse_and_nothing_else(
+    tmp_path: Path, y: tuple[float, ...]
+) -> None:
+    learners = {"x": Made("tabular", (1.0, 1.0, 0.7)), "y": Made("tabular", y)}
+    (one,), (other,) = (contrasts_of(compared(learners, [pair])) for pair in (("x", "y"), ("y", "x")))
+    for endpoint in ("success", "score"):
+        verdict = one[f"{endpoint}_verdict"]
+        assert other[f"{endpoint}_verdict"] == MIRROR.get(verdict, verdict)
+        assert one[f"{endpoint}_except"] == other[f"{endpoint}_except"]
+        assert one[f"{endpoint}_difference"] == pytest.approx(-other[f"{endpoint}_difference"])
+        assert one[f"{endpoint}_difference_low"] == pytest.approx(-other[f"{endpoint}_difference_high"])
+        for key in ("p_different", "p_equivalent"):
+            assert one[f"{endpoint}_{key}"] == pytest.approx(other[f"{endpoint}_{key}"], nan_ok=True)
+    first, second = (
+        plain(folder_of(tmp_path / x, compared(learners, [(x, y)])).findings[0].text)
+        for x, y in (("x", "y"), ("y", "x"))
+    )
+    numbers = r"[-+]?\d+\.\d+( \[[^]]*\])?"  # they change their signs
+    assert re.sub(numbers, "#", mirrored(second)) == re.sub(numbers, "#", first)
+
+
+def learning_at(step: int | None, n: int = 20) -> np.ndarray[Any, Any]:
+    """Returns (N, T) success of runs that learn at an evaluation, or never."""
+    reached = np.zeros((n, 5)) if step is None else np.tile(np.arange(0, 500, 100) >= step, (n, 1))
+    return reached.astype(float)
+
+
+@pytest.mark.parametrize("late", [400, None])
+def test_ratios_of_steps_are_told_alike_of_nets_and_of_tables(tmp_path: Path, late: int | None) -> None:
+    told = {}
+    for fast, slow in (("net", "table"), ("table", "net")):
+        families = {"net": "deep", "table": "tabular"}
+        steps = {fast: 100, slow: late}
+        cells = [cell(name, learning_at(steps[name]), family=families[name]) for name in families]
+        document = folder_of(tmp_path / fast, runs_of(cells))
+        (told[fast],) = [plain(each.text) for each in document.findings if "fastest" in each.text]
+    words = {"net": "table", "table": "net"}
+    exchanged = re.sub("net|table", lambda match: words[match[0]], told["table"])
+    assert exchanged == told["net"]
+    assert ("at least 4.0 times" in told["net"] or "at least 4 times" in told["net"]) == (late is None)
+
+
+# Each scenario by itself, and families of tests
+
+
+def test_every_scenario_has_its_own_verdict_and_all_are_adjusted_together(tmp_path: Path) -> None:
+    learners = {"x": Made("deep", (1.0, 0.25), 20), "y": Made("tabular", 1.0, 20)}
+    rows = contrasts_of(compared(learners, baseline="y", scenarios=["S1", "S2"], pool="none"))
+    assert [row["scenario"] for row in rows] == ["S1", "S2"]
+    assert [row["success_verdict"] for row in rows] == ["undecided", "worse"]
+    raw = [contrast(Side([share], [20]), Side([1.0], [20]), 0.1) for share in (1.0, 0.25)]
+    for key in ("p_different", "p_equivalent"):
+        expected = holm([getattr(each, key) for each in raw])
+        assert [row[f"success_{key}"] for row in rows] == pytest.approx(expected)
+    plain_rows = contrasts_of(
+        compared(learners, baseline="y", scenarios=["S1", "S2"], pool="none", adjust="none")
+    )
+    assert [row["success_p_different"] for row in plain_rows] == [each.p_different for each in raw]
+    everywhere = {
+        "table": Made("tabular", (0.0, 1.0, 1.0, 0.0)),
+        "net": Made("deep", (1.0, 0.1, 1.0, 0.0)),
+    }
+    scenarios = ["S1", "S2", "S3", "Hall"]
+    runs = compared(everywhere, baseline="table", scenarios=scenarios, pool="none")
+    text = headline(folder_of(tmp_path, runs))
+    assert "With 400 steps of training in S1, S2, S3 and Hall and 100 runs per learner" in text
+    assert "deep RL earns its keep in 1 (S1); it does not in 2 (S2 and S3); " in text
+    assert "better than the random policy in 1 (Hall)" in text
+
+
+def test_conditions_have_verdicts_of_their_own(tmp_path: Path) -> None:
+    """A net that wins under one condition only does not earn its keep under all."""
+    cells = [
+        cell(name, np.full(100, share), family=family, condition=condition)
+        for condition, net in (("default/noise=low", 0.0), ("default/noise=high", 1.0))
+        for name, family, share in (("net", "deep", net), ("table", "tabular", 0.4))
+    ]
+    for pool in ("scenarios", "none"):
+        runs = runs_of(cells, [("net", "table")], "table", pool=pool)
+        rows = contrasts_of(runs)
+        assert [(row["condition"], row["success_verdict"]) for row in rows] == [
+            ("default/noise=low", "worse"),
+            ("default/noise=high", "better"),
+        ]
+        document = folder_of(tmp_path / pool, runs)
+        answer = headline(document).partition("\n\n")[0]
+        assert re.search(
+            r"earns its keep in 1 \([^;]*noise=high\); it does not in 1 \([^;]*noise=low\)", answer
+        )
+        told = [each.text for each in document.findings if each.verdict]
+        assert ["noise=low" in text for text in told] == [True, False]
+        assert ["noise=high" in text for text in told] == [False, True]
+
+
+def test_missing_runs_and_learners_leave_no_verdict(tmp_path: Path) -> None:
+    learners = {"table": WEAK, "net": WINNER, "other": WINNER}
+    whole = compared(learners, baseline="table")
+    partial = compared(learners, baseline="table", missing="1 of 900 runs are missing")
+    assert {row["success_verdict"] for row in contrasts_of(partial)} == {"no verdict"}
+    assert "there is no verdict" in headline(folder_of(tmp_path / "partial", partial))
+    for gone, name in (({"other"}, "some"), ({"net", "other"}, "all")):
+        cells = [each for each in whole if each.learner.algorithm not in gone]
+        left = Runs(cells, [], whole.declared, {}, {}, {}, missing="runs are missing")
+        text = headline(folder_of(tmp_path / name, left))
+        assert "no verdict" in text
+        assert "earns its keep over" not in text.replace("whether deep RL earns its keep over", "")
+
+
+def test_how_little_room_a_table_leaves_is_said(tmp_path: Path) -> None:
+    for share, expected in ((1.0, "at all"), (0.95, "by more than 0.050"), (0.7, "")):
+        runs = compared({"table": Made("tabular", share), "net": LOSER}, baseline="table", scenarios=["S1"])
+        text = headline(folder_of(tmp_path / str(share), runs))
+        assert ("could succeed more often than `table, index`" in text) == bool(expected)
+        assert expected in text
