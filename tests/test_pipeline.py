@@ -38,9 +38,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_everything_is_there(results: Path) -> None:
     tables = ("claims", "sensitivity", "learning", "optimal")
     names = {f"{figure}.png" for figure in ("figure", *tables)}
-    names |= {
-        f"{frame}.csv" for frame in (*tables, "q_values", "max_q", "optimal_cells", "success", "claim_sets")
-    }
+    names |= {f"{frame}.csv" for frame in (*tables, "q_values", "max_q", "claim_sets")}
     names |= {"README.md", "agents.json.gz", "manifest.json", "index.html"}
     assert contents(results / "reproduce_smoke").keys() == names
     for path in (results / "reproduce_smoke").glob("*.csv"):
@@ -50,7 +48,10 @@ def test_everything_is_there(results: Path) -> None:
 def test_csv_files_have_the_published_form(results: Path) -> None:
     folder = results / "reproduce_smoke"
     q_values = pd.read_csv(folder / "q_values.csv")
-    assert list(q_values) == ["scenario", "row", "column", "action", "mean", "std", "min", "max"]
+    assert list(q_values) == [
+        "scenario", "row", "column", "action", "mean", "std", "min", "max", "optimal", "difference",
+        "is_optimal", "largest_learned", "differs",
+    ]  # fmt: skip
     assert len(q_values) == 1800
     claims = pd.read_csv(folder / "claims.csv")
     assert len(claims) == 2 * PARTS
@@ -74,6 +75,10 @@ def test_csv_files_have_the_published_form(results: Path) -> None:
     counts = agreeing.drop_duplicates(["claim", "first_seed", "agents"]).groupby(["claim", "agents"]).size()
     for row in claims.itertuples():
         assert row.sets_agreeing == counts.get((row.claim, row.agents), 0)
+    success = pd.read_csv(folder / "optimal.csv")
+    assert success["agents"].tolist() == [6, 6, 6, 12, 12, 12]
+    learning = pd.read_csv(folder / "learning.csv")
+    assert success["success"].tolist()[:3] == learning[learning["step"] == 600]["success"].tolist()
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["runs"] == 156
     assert manifest["versions"][0]["numpy"]
@@ -97,13 +102,13 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
         forged, *_ = store.get(sorted(store.ended()))
         arrays = dict(forged.arrays) | {"q": np.nextafter(forged.arrays["q"], 1)}
         store.add([dataclasses.replace(forged, arrays=arrays)])
-    (tmp_path / "reproduce_smoke" / "success.csv").write_text("success\n1.0\n")
+    (tmp_path / "reproduce_smoke" / "optimal.csv").write_text("success\n1.0\n")
     (tmp_path / "reproduce_smoke" / "notes.txt").write_text("a reader's own")
     names = {path.name for path in tmp_path.iterdir()}
     assert main([*verify, "--runs", "156"]) == 1
     found = capsys.readouterr()
     assert f"({forged.digest[:12]}): differs in q." in found.err
-    assert "success.csv" in found.err
+    assert "optimal.csv" in found.err
     assert "notes.txt" not in found.err
     assert found.out.splitlines() == [
         "checksums: correct in all 156 records.",

@@ -78,18 +78,13 @@ class Population:
         last = len(self.evaluation_steps) - 1
         return np.array([*range(0, last, every), last])
 
-    @cached_property
-    def recorded_steps(self) -> NDArray[np.int_]:
-        """(R,) when max Q was recorded, in units of the learner's budget."""
-        return np.arange(self.arrays["max_q"].shape[1]) * int(self.specification["settings"]["record_every"])
-
     @property
     def weights(self) -> NDArray[np.float64]:
         """(RESAMPLES + 1, N) how often each agent counts, see `resample`."""
         return resample(len(self.seeds), self.scenario)
 
     @property
-    def anchors(self) -> dict[str, tuple[float, float]]:
+    def anchors(self) -> Mapping[str, tuple[float, float]]:
         """Exact returns from the start, see `anchors`."""
         return anchors(self.model, self.horizon, "start")
 
@@ -118,11 +113,11 @@ class Population:
 
     def subset(self, start: int, stop: int) -> "Population":
         """Returns the population of some of the agents, from place `start` to before `stop`."""
-        arrays: Mapping[str, NDArray[Any]]
-        if isinstance(self.arrays, _Stacked):
-            arrays = _Stacked(self.arrays.agents[start:stop])
+        arrays = self.arrays
+        if isinstance(arrays, _Stacked):
+            arrays = _Stacked(arrays.agents[start:stop])
         else:
-            arrays = {name: values[start:stop] for name, values in self.arrays.items()}
+            arrays = {name: values[start:stop] for name, values in arrays.items()}
         return Population(self.specification, arrays, self.seeds[start:stop], self.provenance[start:stop])
 
     @cached_property
@@ -135,16 +130,15 @@ class Population:
         """(N, F) in which fresh states an agent values PING after training.
 
         With action values, where PING's is above zero, and is not what the table began with; with
-        probabilities, where PING is the likeliest action. A learner that has both counts by its
-        probabilities.
+        probabilities, also of a learner that has both, where PING is the likeliest action.
         """
-        stochastic, observed = self.arrays["stochastic"], self.model.observation[self.model.fresh_state]
+        stochastic, q = self.arrays["stochastic"], self.arrays["q"]
         if stochastic.shape[1]:
-            return np.asarray(stochastic[:, -1].argmax(axis=-1) == PING)[:, observed]
-        q = self.arrays["q"][:, :, PING]
-        return np.asarray((q > 0) & (q != self.specification["settings"].get("initial_value", 0)))[
-            :, observed
-        ]
+            valued = stochastic[:, -1].argmax(axis=-1) == PING
+        else:
+            initial = self.specification["settings"].get("initial_value", 0)
+            valued = (q[:, :, PING] > 0) & (q[:, :, PING] != initial)
+        return np.asarray(valued[:, self.model.observation[self.model.fresh_state]])
 
 
 class _Stacked(Mapping[str, NDArray[Any]]):
@@ -166,7 +160,8 @@ class _Stacked(Mapping[str, NDArray[Any]]):
         return len(self.agents[0])
 
 
-def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, float]]:
+@lru_cache(maxsize=128)
+def anchors(model: Model, horizon: int, start: str) -> Mapping[str, tuple[float, float]]:
     """Computes the exact returns of the random and of the optimal policy.
 
     Args:
@@ -178,19 +173,13 @@ def anchors(model: Model, horizon: int, start: str) -> dict[str, tuple[float, fl
       (random, optimal) for `"grid_return"`, the grid's rewards alone, and `"scenario_return"`, with the
       issuer's.
     """
-    return {
-        "grid_return": _anchors(model, horizon, start, issuer_rewards=False),
-        "scenario_return": _anchors(model, horizon, start, issuer_rewards=True),
-    }
-
-
-@lru_cache(maxsize=128)
-def _anchors(model: Model, horizon: int, start: str, *, issuer_rewards: bool) -> tuple[float, float]:
-    """Returns the returns of the random and of the optimal policy, with or without the issuer's rewards."""
     starts = every_cell(model) if start == "every_cell" else from_starts(model)
     random = evaluate(model, uniform_policy(model), horizon, starts)
-    optimal = starts @ solve(model, 1.0, horizon, issuer_rewards=issuer_rewards).value
-    return float(random.scenario_return if issuer_rewards else random.grid_return), float(optimal)
+    grid, both = (starts @ solve(model, 1.0, horizon, issuer_rewards=each).value for each in (False, True))
+    return {
+        "grid_return": (float(random.grid_return), float(grid)),
+        "scenario_return": (float(random.scenario_return), float(both)),
+    }
 
 
 def check_anchors(model: Model, horizon: int, start: str) -> None:
@@ -199,7 +188,7 @@ def check_anchors(model: Model, horizon: int, start: str) -> None:
     Raises:
       InputError: It does not.
     """
-    random, optimal = _anchors(model, horizon, start, issuer_rewards=False)
+    random, optimal = anchors(model, horizon, start)["grid_return"]
     if optimal - random <= OPTIMUM_TOLERANCE:
         raise InputError(
             f"{model.scenario.name}: within {horizon} steps the random policy earns as much as the optimal "
@@ -208,16 +197,10 @@ def check_anchors(model: Model, horizon: int, start: str) -> None:
 
 
 def check_scores(runs: Iterable[RunSpecification]) -> None:
-    """Checks that the scores of all these runs are defined.
-
-    Raises:
-      InputError: Some are not.
-    """
-    each = {run.population: run for run in runs}.values()
-    for scenario, horizon, start in {
-        (r.scenario, r.horizon, start) for r in each for start in r.evaluated_from
-    }:
-        check_anchors(compile_scenario(scenario), horizon, start)
+    """Checks that the scores of all these runs are defined, see `check_anchors`."""
+    for scenario, horizon, starts in {(run.scenario, run.horizon, run.evaluated_from) for run in runs}:
+        for start in starts:
+            check_anchors(compile_scenario(scenario), horizon, start)
 
 
 def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -234,8 +217,7 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
       fewest: The least number of runs accepted; a single run has no intervals.
 
     Raises:
-      InputError: There are fewer runs, or some are missing or failed: nothing is averaged over the runs that
-        happen to be there.
+      InputError: There are fewer runs, or some are missing or failed.
     """
     if len(runs) < fewest:
         raise InputError(

@@ -10,7 +10,6 @@ ones, relative to the published 95 % intervals.
 import hashlib
 import io
 import json
-import math
 import os
 import platform
 import subprocess
@@ -22,6 +21,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import pandas as pd
 
 from benchmark.execution.provenance import digest_of_code
@@ -51,14 +51,13 @@ class Certificate:
 
     def __str__(self) -> str:
         """The certificate in words."""
-        n = len(self.identical) + len(self.differing)
+        n_differing, n = len(self.differing), len(self.identical) + len(self.differing)
         apart = f"; files with measured times, not compared: {len(self.measured)}" if self.measured else ""
         if self.is_identical:
             return f"{self.name}: identical to {self.other} ({n} of {n} files{apart})."
-        more = f" and {len(self.differing) - _LISTED} more" if len(self.differing) > _LISTED else ""
-        verb = "differs" if len(self.differing) == 1 else "differ"
+        more = f" and {n_differing - _LISTED} more" if n_differing > _LISTED else ""
         text = (
-            f"{self.name}: {len(self.differing)} of {n} files {verb} from {self.other}: "
+            f"{self.name}: different from {self.other}: {n_differing} of {n} files: "
             f"{', '.join(self.differing[:_LISTED])}{more}{apart}."
         )
         return f"{text}\n{self.name}: {self.distance}" if self.distance else text
@@ -78,28 +77,24 @@ def compare(
     Returns:
       The certificate; None if there is no other folder.
     """
-    published = published_ids(name) if other is None else ids(other)
-    published = {file: blob for file, blob in published.items() if _is_compared(file)}
+    made, published = _ids(folder), _published_ids(name) if other is None else _ids(other)
     if not published:
         return None
-    made = {file: blob for file, blob in ids(folder).items() if _is_compared(file)}
     if other is not None:  # it may hold files of others
-        known = made.keys() | {*stamped(other / STAMP)}
+        known = {*made, *stamped(other / STAMP)}
         published = {file: blob for file, blob in published.items() if file in known}
-    apart = {
-        file for file in made.keys() | published.keys() if any(fnmatchcase(file, each) for each in measured)
-    }
-    compared = sorted((made.keys() | published.keys()) - apart)
-    differing = tuple(file for file in compared if made.get(file) != published.get(file))
+    every = sorted(made.keys() | published.keys())
+    apart = tuple(file for file in every if any(fnmatchcase(file, each) for each in measured))
+    differing = tuple(f for f in every if f not in apart and made.get(f) != published.get(f))
     distance = ""
     if _SUMMARY in differing and _SUMMARY in made and _SUMMARY in published:
         content = (other / _SUMMARY).read_bytes() if other else published_file(name, _SUMMARY)
         distance = _distance(folder / _SUMMARY, content or b"")
     return Certificate(
         name=name,
-        identical=tuple(file for file in compared if file not in differing),
+        identical=tuple(file for file in every if file not in apart + differing),
         differing=differing,
-        measured=tuple(sorted(apart)),
+        measured=apart,
         distance=distance,
         other=f"the files in {other}" if other else "the published results",
     )
@@ -118,13 +113,9 @@ def is_as_published(results: Path) -> bool:
 
 def is_up_to_date(stamp: Path, inputs: str) -> bool:
     """Returns whether the files of a stamp were made from these inputs and are as they were made."""
-    try:
-        noted = json.loads(stamp.read_text(encoding="utf-8"))
-        return bool(noted["inputs"] == inputs) and all(
-            _id(stamp.parent / name) == blob for name, blob in noted["files"].items()
-        )
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        return False  # no stamp, or a damaged one; or a file is missing
+    noted, blobs = _noted(stamp)
+    paths = {stamp.parent / name: blob for name, blob in blobs.items()}
+    return noted == inputs and all(path.is_file() and _id(path) == blob for path, blob in paths.items())
 
 
 def write_stamp(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
@@ -135,10 +126,16 @@ def write_stamp(stamp: Path, inputs: str, files: Iterable[Path]) -> None:
 
 def stamped(stamp: Path) -> list[str]:
     """Lists the files of a stamp; none if there is no stamp, or a damaged one."""
+    return [*_noted(stamp)[1]]
+
+
+def _noted(stamp: Path) -> tuple[str, dict[str, str]]:
+    """Returns a stamp's inputs, and the ids of its files; nothing without a stamp, or of a damaged one."""
     try:
-        return [str(name) for name in json.loads(stamp.read_text(encoding="utf-8"))["files"]]
+        noted = json.loads(stamp.read_text(encoding="utf-8"))
+        return str(noted["inputs"]), dict(noted["files"])
     except (OSError, ValueError, LookupError, TypeError):
-        return []
+        return "", {}
 
 
 def digest_of_inputs(*parts: str) -> str:
@@ -146,16 +143,16 @@ def digest_of_inputs(*parts: str) -> str:
     return hashlib.sha256("\0".join((_code(), *parts)).encode()).hexdigest()
 
 
-def ids(folder: Path) -> dict[str, str]:
-    """Returns git's ids of the contents of a folder's files by name."""
-    return {path.name: _id(path) for path in folder.iterdir() if path.is_file()}
+def _ids(folder: Path) -> dict[str, str]:
+    """Returns git's ids of the contents of a folder's results by name."""
+    return {path.name: _id(path) for path in folder.iterdir() if path.is_file() and _is_result(path.name)}
 
 
-def published_ids(name: str) -> dict[str, str]:
-    """Returns the ids of the published files' contents by name."""
+def _published_ids(name: str) -> dict[str, str]:
+    """Returns the ids of the published results' contents by name."""
     listing = _git("ls-tree", f"HEAD:results/{name}") or b""
     entries = (line.split(maxsplit=3) for line in listing.decode().splitlines())
-    return {file: blob for _, kind, blob, file in entries if kind == "blob"}
+    return {file: blob for _, kind, blob, file in entries if kind == "blob" and _is_result(file)}
 
 
 def _id(path: Path) -> str:
@@ -164,7 +161,7 @@ def _id(path: Path) -> str:
     return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
 
 
-def _is_compared(file: str) -> bool:
+def _is_result(file: str) -> bool:
     """Returns whether a file of the folder is a result; the manifest says who made them, and when."""
     return file not in (MANIFEST, "index.html") and not file.startswith(".")
 
@@ -186,28 +183,17 @@ def _distance(path: Path, content: bytes) -> str:
         return ""
     texts = dict.fromkeys(keys, str)
     merged = published.astype(texts).merge(made.astype(texts), on=keys, suffixes=("", "_made"))
-    equal = within = 0
-    outside: list[tuple[float, str]] = []
-    for column in map(str, published):
-        if not {f"{column}_low", f"{column}_high", f"{column}_made"} <= set(map(str, merged)):
-            continue
-        for row in merged.to_dict("records"):
-            value, new, low, high = (float(row[f"{column}{end}"]) for end in ("", "_made", "_low", "_high"))
-            if value == new:
-                equal += not math.isnan(low)
-            elif low <= new <= high:
-                within += 1
-            elif not math.isnan(low):
-                apart = abs(new - value) / (high - low) * 2 if high > low else math.inf
-                where = ", ".join(str(row[key]) for key in keys)
-                text = f"{column} of {where}: {new:.3g}, published {value:.3g} [{low:.3g}, {high:.3g}]"
-                outside.append((apart, text))
-    farthest = f" (the farthest: {max(outside, key=lambda each: each[0])[1]})" if outside else ""
-    n_missing = len(published) - len(merged)
+    counts = np.zeros(3, dtype=int)
+    for column in published:
+        if {f"{column}_low", f"{column}_high", f"{column}_made"} <= {*merged}:
+            low, high, new = (merged[f"{column}_{end}"] for end in ("low", "high", "made"))
+            is_equal, is_within = new == merged[column], new.between(low, high)
+            counts += [(low.notna() & each).sum() for each in (True, is_equal, ~is_equal & is_within)]
+    total, equal, within = counts
     return (
-        f"{path.name}: of {equal + within + len(outside)} numbers with a 95 % interval, equal to the "
-        f"published ones: {equal}; different, but within the published interval: {within}; outside it: "
-        f"{len(outside)}{farthest}{f'; rows that are missing: {n_missing}' if n_missing else ''}."
+        f"{path.name}: of {total} numbers with a 95 % interval, equal to the published ones: {equal}; "
+        f"different, but within the published interval: {within}; outside it: {total - equal - within}; "
+        f"rows that are missing: {len(published) - len(merged)}."
     )
 
 

@@ -27,8 +27,6 @@ from benchmark.analysis.population import Population, overlap
 from envs.model import PING
 from envs.regions import target_distance
 
-Populations = Mapping[str, Population]  # by scenario: S1, S2, S3
-Cells = NDArray[np.bool_]  # (O,)
 Samples = NDArray[np.float64]  # (RESAMPLES + 1,) as measured, then resampled
 
 SCENARIOS: Final = ("S1", "S2", "S3")  # the paper's, which its claims are about
@@ -50,44 +48,42 @@ class Part(NamedTuple):
     drawn: float = math.nan  # what the paper's figure shows instead; without interval and verdict
 
 
-Parts = Callable[[Populations, str], list[Part]]  # of the populations and the curve, as for `judge`
-
-
 class Claim(NamedTuple):
     """A claim of the paper; the report's document says what it is, and why the threshold is where it is."""
 
     id: str
     right_side: str  # ">" or "<": where a part must lie
     threshold: float
-    parts: Parts
+    scenarios: tuple[str, ...]
+    measure: Callable[[Sequence[Population], str], list[Part]]  # of these scenarios, and of a curve
 
 
-def judge(populations: Populations, curve: str) -> pd.DataFrame:
+def judge(populations: Mapping[str, Population], curve: str) -> pd.DataFrame:
     """Measures every claim.
 
     Args:
       populations: The agents of at least the paper's scenarios, all of one reading and equally many.
-      curve: Which maximum Q the claims on curves are about, `"visited"` or `"table"`.
+      curve: The array of maximum Q that the claims on curves are about, `"max_q"` or `"table_max_q"`.
 
     Returns:
       One row per part of a claim: claim, part, agents (per scenario), value, low, high, right_side,
       threshold, state (of the part), verdict (on the claim), effect, agents_needed, note, drawn.
     """
-    paper = {name: populations[name] for name in SCENARIOS}
-    return pd.DataFrame([row for claim in CLAIMS for row in judge_claim(claim, paper, curve)])
+    return pd.DataFrame([row for claim in CLAIMS for row in judge_claim(claim, populations, curve)])
 
 
-def judge_claim(claim: Claim, populations: Populations, curve: str) -> list[dict[str, Any]]:
+def judge_claim(claim: Claim, populations: Mapping[str, Population], curve: str) -> list[dict[str, Any]]:
     """Measures a claim; returns its rows of `judge`.
 
     `effect` is a part's distance from the threshold, in standard deviations of a single agent, positive on
     the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding. If it is
     the true one, `agents_needed` agents decide an undecided part with a probability of 80 %.
     """
-    n_agents = len(next(iter(populations.values())).seeds)
+    about = [populations[name] for name in claim.scenarios]
+    n_agents = len(about[0].seeds)
+    sign = 1 if claim.right_side == ">" else -1
     rows: list[dict[str, Any]] = []
-    for part in claim.parts(populations, curve):
-        sign = 1 if claim.right_side == ">" else -1
+    for part in claim.measure(about, curve):
         margin, *ends = (sign * (x - claim.threshold) for x in (part.value, part.low, part.high))
         state = "passes" if np.min(ends) > 0 else "fails" if np.max(ends) <= 0 else "undecided"  # NaN, too
         deviation = math.sqrt(n_agents) * part.standard_error
@@ -134,75 +130,14 @@ def agreement(judged: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFram
     return frame.assign(share_low=low, share_high=high)
 
 
-# Parts by the method of their intervals
+# The parts of each claim
 
 
-def _resampled(name: str, samples: Samples, drawn: float, note: str = "") -> Part:
+def _resampled(name: str, samples: Samples, drawn: float = math.nan, note: str = "") -> Part:
     """Makes a part with a bootstrap interval."""
     with np.errstate(invalid="ignore"):  # of infinite ratios
         low, high = interval(samples)
         return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
-
-
-def _own_overlap(population: Population) -> NDArray[np.float64]:
-    """Returns how each agent's own map overlaps with the target region, (N,)."""
-    return overlap(population.values_ping, population.in_target)
-
-
-def _own_maps(population: Population) -> Part:
-    """Makes a part of the overlap of agents' own maps with the target region, with Student's interval."""
-    own, valued, in_target = _own_overlap(population), population.values_ping, population.in_target
-    found = (valued & in_target).sum(axis=1)
-    precision, recall = found.sum() / max(valued.sum(), 1), found.mean() / in_target.sum()
-    low, high = student(own)
-    error = float(own.std(ddof=1)) / math.sqrt(len(own))
-    note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
-    return Part(f"own maps {population.scenario}", float(own.mean()), float(low), float(high), error, note)
-
-
-@lru_cache(maxsize=64)
-def _signs(population: Population, level: float) -> tuple[Cells, Cells, Cells]:
-    """Returns in which cells the mean of PING's Q-value is above zero: as measured, surely, and possibly.
-
-    Surely and possibly are right for all cells at once, with a confidence of `level`. A cell where no agent
-    ever chose PING has 0 throughout, and is not above zero.
-    """
-    q = population.arrays["q"][:, :, PING]
-    low, high = simultaneous(q, level)
-    return q.mean(axis=0) > 0, low > 0, high > 0
-
-
-def _map_overlap(population: Population, level: float) -> tuple[float, float, float]:
-    """Returns how the mean map overlaps with the target region: measured, least and greatest.
-
-    With T target cells it is at least (sure inside) / (T + possible outside), and at most (possible inside) /
-    (T + sure outside), where possible cells include the sure ones.
-    """
-    in_target, (measured, surely, possibly) = population.in_target, _signs(population, level)
-    least, greatest = np.where(in_target, surely, possibly), np.where(in_target, possibly, surely)
-    value, low, high = (float(overlap(cells, in_target)) for cells in (measured, least, greatest))
-    return value, low, high
-
-
-# The parts of each claim
-
-
-def _curves(population: Population, curve: str) -> NDArray[np.float64]:
-    """Returns the curves of maximum Q, (N, R)."""
-    return np.asarray(population.arrays["table_max_q" if curve == "table" else "max_q"])
-
-
-@lru_cache(maxsize=64)
-def _variability(population: Population, curve: str) -> tuple[Samples, float]:
-    """Returns the standard deviation over agents of their maximum Q, averaged over steps.
-
-    With it goes what the paper draws: the height of the area from the least to the largest agent.
-    """
-    curves, weights = _curves(population, curve), population.weights
-    mean = weights @ curves / len(curves)
-    variance = weights @ curves**2 / len(curves) - mean**2
-    deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
-    return deviation, float(np.ptp(curves, axis=0).mean())
 
 
 def _ratio(numerator: Samples | float, denominator: Samples | float) -> Samples:
@@ -211,36 +146,44 @@ def _ratio(numerator: Samples | float, denominator: Samples | float) -> Samples:
         return np.divide(numerator, denominator)
 
 
-def _variability_against(scenario: str) -> Parts:
-    """Compares one scenario's variability with that of each other."""
+@lru_cache(maxsize=64)
+def _spread(population: Population, curve: str) -> tuple[Samples, float]:
+    """Returns the standard deviation over agents of their maximum Q, averaged over steps.
 
-    def parts(populations: Populations, curve: str) -> list[Part]:
-        found = {name: _variability(population, curve) for name, population in populations.items()}
-        own, shaded = found.pop(scenario)
-        return [
-            _resampled(f"{scenario}/{name}", _ratio(own, other), drawn=float(_ratio(shaded, other_shaded)))
-            for name, (other, other_shaded) in found.items()
-        ]
-
-    return parts
+    With it goes what the paper draws: the height of the area from the least to the largest agent.
+    """
+    curves, weights = population.arrays[curve], population.weights
+    mean = weights @ curves / len(curves)
+    variance = weights @ curves**2 / len(curves) - mean**2
+    deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
+    return deviation, float(np.ptp(curves, axis=0).mean())
 
 
-def _near_one(populations: Populations, curve: str) -> list[Part]:
+def _variability(populations: Sequence[Population], curve: str) -> list[Part]:
+    """Compares the first scenario's variability with that of each other."""
+    (own, shaded), *others = (_spread(each, curve) for each in populations)
+    return [
+        _resampled(
+            f"{populations[0].scenario}/{each.scenario}", _ratio(own, other), float(_ratio(shaded, area))
+        )
+        for each, (other, area) in zip(populations[1:], others, strict=True)
+    ]
+
+
+def _near_one(populations: Sequence[Population], curve: str) -> list[Part]:
     """Measures the level that an agent's curve reaches at one step in a hundred, mean over agents.
 
     What is drawn of it is the peak of the averaged curve.
     """
     parts = []
-    for name in ("S1", "S3"):
-        population = populations[name]
-        curves = _curves(population, curve)
+    for population in populations:
+        curves, model = population.arrays[curve], population.model
         level = np.percentile(curves, 99, axis=1)  # (N,)
-        model = population.model
         reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
         ceiling = reward[population.in_target].max()
         samples = population.weights @ level / len(level)
         note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
-        parts.append(_resampled(name, samples, float(curves.mean(axis=0).max()), note))
+        parts.append(_resampled(population.scenario, samples, float(curves.mean(axis=0).max()), note))
     return parts
 
 
@@ -254,77 +197,111 @@ def _focus(population: Population) -> Samples:
     return _ratio(mass @ distance, mass.sum(axis=1))
 
 
-def _moves_focused(populations: Populations, _: str) -> list[Part]:
-    focus = {name: _focus(population) for name, population in populations.items()}
-    return [_resampled(f"S3/{name}", _ratio(focus["S3"], focus[name]), math.nan) for name in ("S1", "S2")]
+def _moves_focused(populations: Sequence[Population], _: str) -> list[Part]:
+    """Compares the first scenario's focus with that of each other."""
+    first, *others = populations
+    return [
+        _resampled(f"{first.scenario}/{each.scenario}", _ratio(_focus(first), _focus(each)))
+        for each in others
+    ]
 
 
-def _valued_outside(scenario: str) -> Parts:
+@lru_cache(maxsize=64)
+def _signs(population: Population, level: float = LEVEL) -> NDArray[np.bool_]:
+    """Returns in which cells PING's mean Q-value is above zero: as measured, surely, and possibly, (3, O).
+
+    Surely and possibly are right for all cells at once, with a confidence of `level`. A cell where no agent
+    ever chose PING has 0 throughout, and is not above zero.
+    """
+    q = population.arrays["q"][:, :, PING]
+    return np.stack([q.mean(axis=0), *simultaneous(q, level)]) > 0
+
+
+def _valued_outside(populations: Sequence[Population], _: str) -> list[Part]:
     """Counts the cells outside the target region with a positive mean PING Q-value.
 
     If no cell of the target region has one either, nothing has been learned, and there is no count.
     """
-
-    def parts(populations: Populations, _: str) -> list[Part]:
-        in_target, signs = populations[scenario].in_target, _signs(populations[scenario], LEVEL)
-        inside = signs[0][in_target].sum()
-        value, low, high = (float(cells[~in_target].sum()) if inside else math.nan for cells in signs)
-        return [Part(scenario, value, low, high, note=f"{inside} of {in_target.sum()} target cells have one")]
-
-    return parts
+    (population,) = populations
+    in_target, signs = population.in_target, _signs(population)
+    inside = signs[0][in_target].sum()
+    value, low, high = (float(n) if inside else math.nan for n in signs[:, ~in_target].sum(axis=1))
+    note = f"{inside} of {in_target.sum()} target cells have one"
+    return [Part(population.scenario, value, low, high, note=note)]
 
 
-def _missing_inside(populations: Populations, _: str) -> list[Part]:
+def _missing_inside(populations: Sequence[Population], _: str) -> list[Part]:
     """Counts the target cells without a positive mean PING Q-value."""
-    in_target, signs = populations["S3"].in_target, _signs(populations["S3"], LEVEL)
-    value, high, low = (float((~cells[in_target]).sum()) for cells in signs)
-    return [Part("S3", value, low, high)]
+    (population,) = populations
+    value, high, low = map(float, (~_signs(population)[:, population.in_target]).sum(axis=1))
+    return [Part(population.scenario, value, low, high)]
 
 
-def _reaches(populations: Populations, _: str) -> list[Part]:
+def _reaches(populations: Sequence[Population], _: str) -> list[Part]:
     """Measures the share of agents that succeed more likely than not, with its exact interval."""
-    succeeds = populations["S1"].arrays["success"][:, -1] > 0.5  # (N,)
+    (population,) = populations
+    succeeds = population.arrays["success"][:, -1] > 0.5  # (N,)
     share, n = float(succeeds.mean()), len(succeeds)
-    low, high = proportion_interval(share, n)
-    return [Part("S1", share, float(low), float(high), math.sqrt(share * (1 - share) / n))]
+    low, high = map(float, proportion_interval(share, n))
+    return [Part(population.scenario, share, low, high, math.sqrt(share * (1 - share) / n))]
 
 
-def _random_helps(populations: Populations, _: str) -> list[Part]:
+def _mean_map(population: Population, level: float = LEVEL) -> tuple[float, float, float]:
+    """Returns how the mean map overlaps with the target region: measured, least and greatest.
+
+    With T target cells it is at least (sure inside) / (T + possible outside), and at most (possible inside) /
+    (T + sure outside), where possible cells include the sure ones.
+    """
+    in_target, (measured, surely, possibly) = population.in_target, _signs(population, level)
+    least, greatest = np.where(in_target, surely, possibly), np.where(in_target, possibly, surely)
+    value, low, high = (float(overlap(cells, in_target)) for cells in (measured, least, greatest))
+    return value, low, high
+
+
+def _own_maps(population: Population) -> NDArray[np.float64]:
+    """Returns how each agent's own map overlaps with the target region, (N,)."""
+    return overlap(population.values_ping, population.in_target)
+
+
+def _random_helps(populations: Sequence[Population], _: str) -> list[Part]:
     """Compares the overlaps in S2 with those in S1; that of agents' own maps has Welch's interval."""
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
-    s1, s2 = (_map_overlap(populations[name], level) for name in ("S1", "S2"))
-    x, y = (_own_overlap(populations[name]) for name in ("S2", "S1"))
-    squares = np.array([each.var(ddof=1) / len(each) for each in (x, y)])
-    error, difference, reach = math.sqrt(squares.sum()), float(x.mean() - y.mean()), 0.0
+    s2, s1 = (_mean_map(each, level) for each in populations)
+    x, y = map(_own_maps, populations)
+    error = math.sqrt(x.var(ddof=1) / len(x) + y.var(ddof=1) / len(y))
+    low = high = difference = float(x.mean() - y.mean())
     if error > 0:
-        freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
-        reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
+        low, high = stats.ttest_ind(x, y, equal_var=False).confidence_interval(LEVEL)
     return [
         Part("mean map", s2[0] - s1[0], s2[1] - s1[2], s2[2] - s1[1]),
-        Part("own maps", difference, difference - reach, difference + reach, error),
+        Part("own maps", difference, float(low), float(high), error),
     ]
 
 
-def _identifies(*scenarios: str) -> Parts:
-    """Measures how maps overlap with the target region: the mean map, and the agents' own."""
-
-    def parts(populations: Populations, _: str) -> list[Part]:
-        mean_maps = [Part(f"mean map {name}", *_map_overlap(populations[name], LEVEL)) for name in scenarios]
-        return mean_maps + [_own_maps(populations[name]) for name in scenarios]
-
+def _identifies(populations: Sequence[Population], _: str) -> list[Part]:
+    """Measures how maps overlap with the target region: the mean map, and, by Student, the agents' own."""
+    parts = [Part(f"mean map {each.scenario}", *_mean_map(each)) for each in populations]
+    for population in populations:
+        own, valued, in_target = _own_maps(population), population.values_ping, population.in_target
+        found = (valued & in_target).sum(axis=1)
+        precision, recall = found.sum() / max(valued.sum(), 1), found.mean() / in_target.sum()
+        low, high = map(float, student(own))
+        error = float(own.std(ddof=1)) / math.sqrt(len(own))
+        note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
+        parts.append(Part(f"own maps {population.scenario}", float(own.mean()), low, high, error, note))
     return parts
 
 
 CLAIMS: Final = (
-    Claim("variability-S2", ">", 1.0, _variability_against("S2")),
-    Claim("max-near-1", ">", 0.95, _near_one),
-    Claim("variability-S3", "<", 1.0, _variability_against("S3")),
-    Claim("moves-focused", "<", 1.0, _moves_focused),
-    Claim("ping-S3", "<", 1.0, _valued_outside("S3")),
-    Claim("ping-S3-inside", "<", 1.0, _missing_inside),
-    Claim("ping-S1", ">", 0.0, _valued_outside("S1")),
-    Claim("reaches", ">", 0.95, _reaches),
-    Claim("random-helps", ">", 0.0, _random_helps),
-    Claim("identifies", ">", 0.9, _identifies("S2", "S3")),
-    Claim("identifies-S1", ">", 0.9, _identifies("S1")),
+    Claim("variability-S2", ">", 1.0, ("S2", "S1", "S3"), _variability),
+    Claim("max-near-1", ">", 0.95, ("S1", "S3"), _near_one),
+    Claim("variability-S3", "<", 1.0, ("S3", "S1", "S2"), _variability),
+    Claim("moves-focused", "<", 1.0, ("S3", "S1", "S2"), _moves_focused),
+    Claim("ping-S3", "<", 1.0, ("S3",), _valued_outside),
+    Claim("ping-S3-inside", "<", 1.0, ("S3",), _missing_inside),
+    Claim("ping-S1", ">", 0.0, ("S1",), _valued_outside),
+    Claim("reaches", ">", 0.95, ("S1",), _reaches),
+    Claim("random-helps", ">", 0.0, ("S2", "S1"), _random_helps),
+    Claim("identifies", ">", 0.9, ("S2", "S3"), _identifies),
+    Claim("identifies-S1", ">", 0.9, ("S1",), _identifies),
 )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from benchmark.experiments import DEFAULT_CONDITION, Experiment, Reporting, spec
 from benchmark.reports.replication.claims import SCENARIOS, judge
 from envs import InputError, Model, compile_scenario
 
-_CURVES: Final = ("max_q", "table_max_q")  # what the claims on curves need of a training
+_CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
 _TAKEN: Final = ("kind", "question", "items", "omit")  # of the keys of report
 
 
@@ -27,7 +27,7 @@ class Data:
 
     readings: Mapping[str, Mapping[str, Population]]  # reading to scenario to as many agents as the paper has
     everyone: Mapping[str, Population]  # scenario to all agents under the default reading
-    curves: Mapping[str, str]  # reading to the maximum Q that the claims on curves are about
+    curves: Mapping[str, str]  # reading to the array of maximum Q that the claims on curves are about
     arm: str
     observation: str
     note: str
@@ -44,14 +44,12 @@ class Data:
 
         The first is that of the tables and figures. If there is no second one, there are no sets.
         """
-        first = self.readings[DEFAULT_CONDITION]
-        size, total = (len(next(iter(each.values())).seeds) for each in (first, self.everyone))
-        starts = range(0, total - size + 1, size)
-        others = [
+        size, total = (len(each[0].seeds) for each in (self.default, [*self.everyone.values()]))
+        sets = [
             {name: population.subset(start, start + size) for name, population in self.everyone.items()}
-            for start in starts[1:]
+            for start in range(0, total - size + 1, size)
         ]
-        return [first, *others] if others else []
+        return sets if len(sets) > 1 else []
 
     @cached_property
     def judged_readings(self) -> Mapping[str, pd.DataFrame]:
@@ -91,20 +89,16 @@ def check(experiment: Experiment) -> None:
     Raises:
       InputError: It has something else, or declares what a comparison decides.
     """
-    source, arms = experiment.argument, list(experiment.algorithms.values())
-    algorithm = load_algorithm(arms[0].algorithm)
-    if (
-        len(arms) > 1
-        or algorithm.family != "tabular"
-        or "record_every" not in algorithm.settings.model_fields
-    ):
+    source = experiment.argument
+    first, *others = (load_algorithm(arm.algorithm) for arm in experiment.algorithms.values())
+    if others or first.family != "tabular" or "record_every" not in first.settings.model_fields:
         raise InputError(
-            f"{source}: algorithms: a replication takes exactly one, and a tabular one that records the "
-            "maximum Q."
+            f"{source}: algorithms: a replication takes one: a table that records the maximum Q."
         )
-    for scenario, name, observation in experiment.populations:
-        for condition in experiment.conditions:
-            run = specifications(experiment, condition, scenario, name, observation, [0])[0]
+    for condition in experiment.conditions:
+        for run in chain(
+            *(specifications(experiment, condition, *each, [0]) for each in experiment.populations)
+        ):
             model = compile_scenario(run.scenario)
             if not model.has_cell_maps or len(model.starts) > 1 or run.scenario.regions.target_radius is None:
                 raise InputError(
@@ -142,7 +136,7 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         agents[reading][population.scenario] = population
     everyone = agents[DEFAULT_CONDITION]
     first = next(iter(everyone.values()))
-    for name in _CURVES:
+    for name in _CURVES.values():
         if name not in first.arrays:
             raise InputError(f"{experiment.name}: algorithms.{arm}: its training returns no {name}.")
     note = ""
@@ -151,14 +145,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         note = f"Agents have the seeds {min(seeds)} to {max(seeds)} instead of those declared."
         if n_agents < n_declared:
             note = f"Partial: {n_agents} of the {n_declared} agents declared per scenario."
-    return Data(
-        readings={
-            reading: {name: each.subset(0, declared.seeds) for name, each in populations.items()}
-            for reading, populations in agents.items()
-        },
-        everyone=everyone,
-        curves={name: reading.curve for name, reading in experiment.readings.items()},
-        arm=arm,
-        observation=observation,
-        note=note,
-    )
+    few = {
+        reading: {name: each.subset(0, declared.seeds) for name, each in populations.items()}
+        for reading, populations in agents.items()
+    }
+    curves = {name: _CURVES[reading.curve] for name, reading in experiment.readings.items()}
+    return Data(few, everyone, curves, arm, observation, note)

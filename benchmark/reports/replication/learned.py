@@ -77,10 +77,11 @@ def max_q(data: Data) -> pd.DataFrame:
     """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
     frames = []
     for population in data.default:
-        columns = {"scenario": population.scenario, "step": population.recorded_steps}
-        columns |= _spread(population.arrays["max_q"])
+        curves, every = population.arrays["max_q"], population.specification["settings"]["record_every"]
+        columns = {"scenario": population.scenario, "step": np.arange(curves.shape[1]) * every}
+        columns |= _spread(curves)
         table = _spread(population.arrays["table_max_q"])
-        columns |= {f"table_{name}": table[name] for name in ("mean", "min", "max")}
+        columns |= {f"table_{name}": values for name, values in table.items() if name != "std"}
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -140,46 +141,20 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure:
     return figure
 
 
-@item(
-    "success",
-    "success and share of optimal agents after training, with all agents as well",
-    dict.fromkeys(("scenario", "agents", "success", "optimal_share"), ""),
-)
-def success(data: Data) -> pd.DataFrame:
-    """Tabulates success and the share of optimal agents after training, a row per population."""
+@item("optimal", "the exact optimum, what was learned, success, and the regret, with all agents as well")
+def optimal(data: Data) -> pd.DataFrame:
+    """Tabulates what the greedy policies reach after training, and the exact anchors, by population."""
     rows = []
     for population in [*data.default, *(data.everyone.values() if data.sets else ())]:
         first, *_, last = population.seeds
-        row = {"scenario": population.scenario, "agents": len(population.seeds)}
+        row: dict[str, Any] = {"scenario": population.scenario, "agents": len(population.seeds)}
         row |= {"first_seed": first, "last_seed": last}
         row |= _bounded("success", population.arrays["success"][:, -1])
         row |= _bounded("optimal_share", _is_optimal(population.scores[:, -1]))
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-@success.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says how often agents succeed in S2."""
-    rows = table[table["scenario"] == "S2"].sort_values("agents", ascending=False)
-    texts = [
-        f"{entry(row, 'success', 'success')} with {row['agents']:,} agents" for _, row in rows.iterrows()
-    ]
-    return f"After training the success probability in S2 is {listed(texts)}." if texts else None
-
-
-@item("optimal", "the exact optimum, what was learned, and the regret")
-def optimal(data: Data) -> pd.DataFrame:
-    """Tabulates the exact anchors and what the greedy policies reached at the end of training."""
-    rows = []
-    for population in data.default:
-        scores = population.scores[:, -1]
-        row: dict[str, Any] = {"scenario": population.scenario, "agents": len(scores)}
         for name, (random, best) in population.anchors.items():
             learned = population.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
             row[f"{name}_regret"] = best - learned
-        row["optimal_share"] = _is_optimal(scores).mean()
         model = population.model
         start = model.observation[model.start]
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[start]
@@ -189,24 +164,37 @@ def optimal(data: Data) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+@optimal.sentence
+def _(table: pd.DataFrame, _: Folder) -> str | None:
+    """Says how often agents succeed in S2."""
+    rows = table[table["scenario"] == "S2"].sort_values("agents", ascending=False)
+    texts = [
+        f"{entry(row, 'success', 'optimal')} with {row['agents']:,} agents" for _, row in rows.iterrows()
+    ]
+    return f"After training the success probability in S2 is {listed(texts)}." if texts else None
+
+
 @optimal.shown
 def _(frame: pd.DataFrame) -> pd.DataFrame:
-    keys = [str(key) for key in frame if key != "scenario"]
-    columns = {row["scenario"]: [entry(row, key, "optimal") for key in keys] for _, row in frame.iterrows()}
+    hidden = ("scenario", "agents", "first_seed", "last_seed")
+    keys = [key for key in map(str, frame) if key not in hidden and not key.endswith(("_low", "_high"))]
+    columns = {
+        f"{row['scenario']}, {row['agents']:,}": [entry(row, key, "optimal") for key in keys]
+        for _, row in frame.iterrows()
+    }
     return pd.DataFrame({"": [key.replace("_", " ") for key in keys]} | columns)
 
 
 @optimal.figure("The exact optimum, what learning made of it, and where agents act optimally.")
 def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
-    if "optimal_cells" not in frames:
+    if "q_values" not in frames:
         return None
-    cells = frames["optimal_cells"]
+    cells = frames["q_values"]
     by_cell = cells.groupby(["scenario", "row", "column"], sort=False)
-    best = by_cell[["q_optimal", "largest_learned", "differs"]].max()
-    best["difference"] = best["largest_learned"] - best["q_optimal"]
-    best["agrees"] = 1 - best["differs"]
+    best = by_cell[["optimal", "largest_learned", "differs"]].max()
+    best = best.assign(difference=best["largest_learned"] - best["optimal"], agrees=1 - best["differs"])
     labels = {
-        "q_optimal": "optimal value of the cell",
+        "optimal": "optimal value of the cell",
         "difference": "learned minus optimal value",
         "agrees": "share of agents acting optimally",
     }
@@ -228,40 +216,28 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
     return figure
 
 
-@item("q_values", "final Q over agents of every cell and action")
+@item("q_values", "final Q over agents and Q* of every cell and action, and where policies differ")
 def q_values(data: Data) -> pd.DataFrame:
-    """Tabulates the final Q-values over agents: one row per scenario, cell and action."""
-    frames = [_by_cell(population, **_spread(population.arrays["q"])) for population in data.default]
-    return pd.concat(frames, ignore_index=True)
+    """Tabulates the final Q-values over agents, and Q*: one row per scenario, cell and action.
 
-
-@item("optimal_cells", "Q* and the learned Q of every cell and action, and where policies differ")
-def optimal_cells(data: Data) -> pd.DataFrame:
-    """Tabulates Q* and the learned Q: one row per scenario, cell and action.
-
-    Q* is that of an agent that knows its state, with no wrong PING so far, discounted and with the
-    issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
+    Q* (`optimal`) is that of an agent that knows its state, with no wrong PING so far, discounted and with
+    the issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
     Q in the cell (and so no less than the largest of the means); `differs` is the share of agents whose
     greedy action there is not an optimal one.
     """
     frames = []
     for population in data.default:
         best, q = optimal_values(population), population.arrays["q"]
-        learned = q.mean(axis=0)
-        columns = {"q_learned": learned, "q_optimal": best, "difference": learned - best}
-        columns["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
+        row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
+        columns = {"scenario": population.scenario, "row": row, "column": column}
+        columns["action"] = np.tile(ACTIONS, len(best))
+        values = _spread(q) | {"optimal": best, "difference": q.mean(axis=0) - best}
+        values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
+        columns |= {name: array.ravel() for name, array in values.items()}
         columns["largest_learned"] = q.max(axis=-1).mean(axis=0).repeat(len(ACTIONS))
         columns["differs"] = differing(population).repeat(len(ACTIONS))
-        frames.append(_by_cell(population, **columns))
+        frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
-
-
-def _by_cell(population: Population, **values: NDArray[Any]) -> pd.DataFrame:
-    """Returns a row per cell and action with these values, (O, A) or flat."""
-    row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
-    cells = {"row": row, "column": column, "action": np.tile(ACTIONS, population.model.n_observations)}
-    flat = {name: array.ravel() for name, array in values.items()}
-    return pd.DataFrame({"scenario": population.scenario} | cells | flat)
 
 
 def differing(population: Population) -> NDArray[np.float64]:

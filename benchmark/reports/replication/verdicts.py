@@ -21,8 +21,8 @@ _SIGNS = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _SIGNED = {verdict: f"{sign} {verdict}" for verdict, sign in _SIGNS.items()}
 _STATE_SIGNS = dict(zip(STATES, _SIGNS.values(), strict=True))
 _COLOURS = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # differ in brightness, too
-_SINGULAR = dict(zip(VERDICTS, ("holds", "is undecided", "does not hold"), strict=True))
-_PLURAL = dict(zip(VERDICTS, ("hold", "are undecided", "do not hold"), strict=True))
+_WORDS = (("holds", "hold"), ("is undecided", "are undecided"), ("does not hold", "do not hold"))
+_VERBS = dict(zip(VERDICTS, _WORDS, strict=True))  # of one claim, and of several
 
 
 @item("claims", "every part of every claim, with its 95 % interval, its state and the verdict, by agents")
@@ -43,27 +43,25 @@ def claims(data: Data) -> pd.DataFrame | None:
 @claims.shown
 def _(frame: pd.DataFrame) -> pd.DataFrame:
     sizes = _sizes(frame)
-    rows = []
-    for claim, parts in frame.groupby("claim", sort=False):
-        by_size = {size: parts[parts["agents"] == size] for size in sizes}
-        for place, (_, part) in enumerate(by_size[sizes[0]].iterrows()):
-            row = {"claim": f"`{claim}`"}
-            row |= {f"verdict, {size:,}": _SIGNED[of["verdict"].iloc[0]] for size, of in by_size.items()}
-            if len(sizes) > 1:
-                interval = f"[{part['share_low']:.0%}, {part['share_high']:.0%}]"
-                agreeing = link(str(part["sets_agreeing"]), "claims", part)
-                row[f"of {part['sets']} sets"] = f"{agreeing} {interval}"
-            if place:
-                row = dict.fromkeys(row, "")  # they are those of the claim
-            row |= {"part": part["part"], "must be": f"{part['right_side']} {part['threshold']:g}"}
-            for size, of in by_size.items():
-                here = of.iloc[place]
-                value = entry(here.rename({"low": "value_low", "high": "value_high"}), "value", "claims")
-                row[f"value, {size:,}"] = f"{value} {_STATE_SIGNS[here['state']]}"
-            for key, shown in (("drawn", here), ("effect", part), ("agents_needed", part)):
-                if key in frame:  # it is left out of files if no part has one
-                    row[key.replace("_", " ")] = entry(shown, key, "claims")
-            rows.append(row)
+    frame = frame.rename(columns={"low": "value_low", "high": "value_high"})
+    rows: list[dict[str, str]] = []
+    for (claim, name), part in frame.groupby(["claim", "part"], sort=False):
+        by_size = {size: part[part["agents"] == size].iloc[0] for size in sizes}
+        every, few = by_size[sizes[0]], by_size[sizes[-1]]
+        row = {"claim": f"`{claim}`"}
+        row |= {f"verdict, {size:,}": _SIGNED[each["verdict"]] for size, each in by_size.items()}
+        if len(sizes) > 1:
+            interval = f"[{every['share_low']:.0%}, {every['share_high']:.0%}]"
+            row[f"of {every['sets']} sets"] = f"{entry(every, 'sets_agreeing', 'claims')} {interval}"
+        if rows and any(each["claim"] == row["claim"] for each in rows):
+            row = dict.fromkeys(row, "")  # they are those of the claim
+        row |= {"part": str(name), "must be": f"{every['right_side']} {every['threshold']:g}"}
+        for size, each in by_size.items():
+            row[f"value, {size:,}"] = f"{entry(each, 'value', 'claims')} {_STATE_SIGNS[each['state']]}"
+        for key, shown in (("drawn", few), ("effect", every), ("agents_needed", every)):
+            if key in frame:  # it is left out of files if no part has one
+                row[key.replace("_", " ")] = entry(shown, key, "claims")
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -72,24 +70,21 @@ def _(frames: Frames, _: object) -> Figure | None:
     if "claims" not in frames:
         return None
     frame = frames["claims"]
-    names, sizes = frame["claim"].unique(), _sizes(frame)[::-1]
+    sizes = _sizes(frame)[::-1]
     styles = [{"color": "0.45", "marker": "s", "mfc": "white"}, {"color": COLOURS[0], "marker": "o"}]
-    drawn = dict(zip(sizes, styles[-len(sizes) :], strict=True))
-    columns = 3
-    n_rows = -(-len(names) // columns)
-    with figure_of(n_rows, columns, (11.0, 2.5 * n_rows)) as (figure, axes):
-        for axis in axes.flat[len(names) :]:
+    n_rows = -(-frame["claim"].nunique() // 3)
+    with figure_of(n_rows, 3, (11.0, 2.5 * n_rows)) as (figure, axes):
+        for axis in axes.flat[frame["claim"].nunique() :]:
             axis.set_visible(False)
-        for axis, name in zip(axes.flat, names, strict=False):
-            rows = frame[frame["claim"] == name]
+        for axis, (name, rows) in zip(axes.flat, frame.groupby("claim", sort=False), strict=False):
             parts = list(rows["part"].unique())
-            side, threshold = rows[["right_side", "threshold"]].iloc[0]
-            for i, (size, style) in enumerate(drawn.items()):
+            for i, (size, style) in enumerate(zip(sizes, styles[-len(sizes) :], strict=True)):
                 shown = rows[(rows["agents"] == size) & rows["value"].map(np.isfinite)]
                 places = shown["part"].map(parts.index) + 0.3 * (i - (len(sizes) - 1) / 2)
                 ends = (shown["value"] - shown["low"], shown["high"] - shown["value"])
-                style |= {"ls": "", "ms": 4.5, "capsize": 2.5, "label": f"{size:,} agents"}
+                style = style | {"ls": "", "ms": 4.5, "capsize": 2.5, "label": f"{size:,} agents"}
                 axis.errorbar(shown["value"], places, xerr=np.maximum(ends, 0), **style)
+            side, threshold = rows[["right_side", "threshold"]].iloc[0]
             axis.margins(x=0.1)
             axis.axvline(threshold, color="black", lw=0.9, ls="--", label="threshold")
             low, high = axis.get_xlim()
@@ -98,8 +93,8 @@ def _(frames: Frames, _: object) -> Figure | None:
             axis.set(xlim=(low, high), ylim=(len(parts) - 0.4, -0.6))
             axis.set_yticks(range(len(parts)), parts)
             axis.xaxis.set_major_locator(MaxNLocator(4))
-            verdicts = [rows.loc[rows["agents"] == size, "verdict"].iloc[0] for size in sizes]
-            axis.set_title(f"{name}  {' '.join(_SIGNS[verdict] for verdict in verdicts)}")
+            verdicts = rows.drop_duplicates("agents").sort_values("agents")["verdict"]
+            axis.set_title(f"{name}  {' '.join(verdicts.map(_SIGNS))}")
         order = f", with {' and '.join(f'{size:,}' for size in sizes)} agents" if len(sizes) > 1 else ""
         figure.legend(
             *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False,
@@ -119,23 +114,16 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
             for (_, row), old in zip(rows.iterrows(), before["verdict"], strict=True)
             if row["verdict"] != old
         ]
-        if changed:
-            yield f"The verdict depends on the number of agents for {listed(changed)}."
-        else:
-            yield f"No verdict with {many:,} agents differs from that with {few:,}."
+        yield f"The verdict depends on the number of agents for {listed(changed) if changed else 'no claim'}."
         n_sets = rows["sets"].iloc[0]
-        n_used, n_every = n_sets * few, (rows["sets_agreeing"] == n_sets).sum()
-        whole = f"The {many:,} agents are" if n_used == many else f"Of the {many:,} agents, {n_used:,} are"
-        some = [
-            f"`{row['claim']}` {'has the same verdict ' if i == 0 else ''}in "
-            f"{link(str(row['sets_agreeing']), 'claims', row)} of {n_sets} (a share of "
-            f"{row['share']:.2g} [{row['share_low']:.2g}, {row['share_high']:.2g}])"
-            for i, (_, row) in enumerate(rows[rows["sets_agreeing"] < n_sets].iterrows())
+        counts = [
+            f"{entry(row, 'sets_agreeing', 'claims')} for `{row['claim']}`"
+            for _, row in rows[rows["sets_agreeing"] < n_sets].iterrows()
         ]
+        counts.append(f"{n_sets} for every {'other ' if counts else ''}claim")
         yield (
-            f"{whole} {n_sets} disjoint sets of {few:,}, by consecutive seeds. {n_every} of the {len(rows)} "
-            f"verdicts with all {'is' if n_every == 1 else 'are'} the same in every set"
-            f"{'; ' if some else ''}{listed(some)}."
+            f"Of {n_sets} disjoint sets of {few:,} agents, by consecutive seeds, this many have the "
+            f"verdict of all {many:,} agents: {listed(counts)}."
         )
 
 
@@ -145,14 +133,13 @@ def headline(folder: Folder) -> Finding | None:
         return None
     rows = weakest(folder.frame("claims"), "agents")
     texts: list[str] = []
-    for size in _sizes(rows):
-        which = "as many as the paper has," if texts else f"of the paper's {rows['claim'].nunique()} claims"
-        counts = []
-        for verdict in VERDICTS:
-            found = rows[(rows["agents"] == size) & (rows["verdict"] == verdict)]
-            if len(found):
-                verb = (_SINGULAR if len(found) == 1 else _PLURAL)[verdict]
-                counts.append(f"{link(str(len(found)), 'claims', found)} {verb}")
+    for size, judged in sorted(rows.groupby("agents"), reverse=True):
+        which = "as many as the paper has," if texts else f"of the paper's {len(judged)} claims"
+        counts = [
+            f"{link(str(len(found)), 'claims', found)} {verbs[len(found) > 1]}"
+            for verdict, verbs in _VERBS.items()
+            if len(found := judged[judged["verdict"] == verdict])
+        ]
         texts.append(f"With {size:,} agents per scenario, {which} {listed(counts)}.")
     return Finding("\n\n".join(texts))
 
@@ -168,7 +155,20 @@ def claim_sets(data: Data) -> pd.DataFrame | None:
     return pd.concat(frames, ignore_index=True) if frames else None
 
 
-@item("sensitivity", "every part of every claim, its state and the verdict, under every reading of the paper")
+def _changed(frame: pd.DataFrame) -> pd.DataFrame:
+    """Returns the weakest parts of the claims whose verdict under a reading is not the one by default."""
+    rows = weakest(frame, "reading")
+    default = rows[rows["reading"] == DEFAULT_CONDITION].set_index("claim")["verdict"]
+    rows = rows.assign(by_default=rows["claim"].map(default))
+    return rows[rows["verdict"] != rows["by_default"]]
+
+
+@item(
+    "sensitivity",
+    "every part of every claim, its state and the verdict, under every reading of the paper",
+    {"reading": "", "claim": "", "by_default": "verdict by default", "verdict": "", "part": "", "value": ""},
+    where=_changed,
+)
 def sensitivity(data: Data) -> pd.DataFrame | None:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
     columns = ["claim", "reading", "part", "agents", "value", "low", "high"]
@@ -177,58 +177,24 @@ def sensitivity(data: Data) -> pd.DataFrame | None:
     return pd.concat(frames, ignore_index=True) if frames else None
 
 
-@sensitivity.shown
-def _(frame: pd.DataFrame) -> pd.DataFrame:
-    rows = []
-    for claim, here in _changed(frame).groupby("claim", sort=False):
-        others = here[here["verdict"] != here["by_default"]]
-        texts = [
-            f"`{row['reading']}`: {link(row['verdict'], 'sensitivity', row)}" for _, row in others.iterrows()
-        ]
-        default = _SIGNED[here["by_default"].iloc[0]]
-        rows.append((f"`{claim}`", default, "; ".join(texts) or "no reading changes it"))
-    return pd.DataFrame(rows, columns=["claim", "verdict by default", "other verdicts under"])
-
-
-@sensitivity.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says every verdict that is another one under another reading or control."""
-    rows = _changed(table)
-    texts: list[str] = []
-    for reading, others in rows[rows["verdict"] != rows["by_default"]].groupby("reading", sort=False):
-        parts = [
-            f"{link(str(len(found)), 'sensitivity', found)} from {old} to {new} "
-            f"({listed(f'`{claim}`' for claim in found['claim'])})"
-            for (old, new), found in others.groupby(["by_default", "verdict"], sort=False)
-        ]
-        texts.append(f"under `{reading}`, {listed(parts)}")
-    if not texts:
-        return None
-    n_agents = rows["agents"].iloc[0]
-    return f"Verdicts that differ from those by default, with {n_agents:,} agents: {'; '.join(texts)}."
-
-
 @sensitivity.figure("Verdict on every claim under every reading.")
 def _(frames: Frames, _: object) -> Figure | None:
     if "sensitivity" not in frames:
         return None
     frame = frames["sensitivity"]
-    names, readings = frame["claim"].unique(), frame["reading"].unique()
-    with figure_of(1, 1, (11.0, 0.4 * len(names) + 0.8)) as (figure, axes):
+    claims, readings = frame.drop_duplicates("claim"), list(frame["reading"].unique())
+    with figure_of(1, 1, (11.0, 0.4 * len(claims) + 0.8)) as (figure, axes):
         axis = axes[0, 0]
         for _, row in weakest(frame, "reading").iterrows():
-            x, y = list(readings).index(row["reading"]), list(names).index(row["claim"])
+            x, y = readings.index(row["reading"]), list(claims["claim"]).index(row["claim"])
             colour, value = _COLOURS[row["verdict"]], row["value"]
             axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
             shown = f"{value:.{3 if abs(value) >= 0.01 else 1}g}" if np.isfinite(value) else "-"
             axis.text(x, y, f"{_SIGNS[row['verdict']]}  {shown}", ha="center", va="center")
-        axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(names) - 0.5, -0.5))
+        axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(claims) - 0.5, -0.5))
         axis.set_xticks(range(len(readings)), readings)
-        sides = frame.drop_duplicates("claim")
-        axis.set_yticks(
-            range(len(names)),
-            [f"{row['claim']}  ({row['right_side']} {row['threshold']:g})" for _, row in sides.iterrows()],
-        )
+        sides = claims["claim"] + "  (" + claims["right_side"] + claims["threshold"].map(" {:g})".format)
+        axis.set_yticks(range(len(claims)), sides)
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
@@ -243,10 +209,3 @@ def _(frames: Frames, _: object) -> Figure | None:
 def _sizes(frame: pd.DataFrame) -> list[int]:
     """Returns the numbers of agents, the largest first."""
     return sorted(map(int, frame["agents"].unique()), reverse=True)
-
-
-def _changed(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns the weakest part of every claim under every reading, with the claim's verdict by default."""
-    rows = weakest(frame, "reading")
-    default = rows[rows["reading"] == DEFAULT_CONDITION].set_index("claim")["verdict"]
-    return rows.assign(by_default=rows["claim"].map(default))
