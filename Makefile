@@ -17,8 +17,8 @@ BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
 DEV ?= $(VENV)/.dev
 
-# SEEDS=10 runs seeds 0 to 9 of every arm, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. By default
-# each arm has the seeds that its experiment declares.
+# SEEDS=10 runs seeds 0 to 9 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. By default
+# each variant has the seeds that its experiment declares.
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 

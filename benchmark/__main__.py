@@ -149,9 +149,9 @@ def _parser() -> argparse.ArgumentParser:
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
     watch.add_argument("--scenario", default="S1", help="a scenario of the experiment (default: S1)")
-    about = "an arm of the experiment (default: q_learning)"
+    about = "a variant of the experiment (default: q_learning)"
     watch.add_argument("--algorithm", default="q_learning", metavar="NAME", help=about)
-    watch.add_argument("--observation", help="an observation of that arm (default: its first)")
+    watch.add_argument("--observation", help="an observation of that variant (default: its first)")
     watch.add_argument("--seed", default="0", metavar="N", help="the run's seed (default: 0)")
     about = "defines the settings; a missing run is trained and stored (default: compare_deep)"
     watch.add_argument("--experiment", default="compare_deep", help=about)

@@ -281,13 +281,13 @@ def _shown(answer: object) -> str:
 
 
 def _named(model: Model, o: int) -> str:
-    """Returns which observation this is: its number, the agent's cell, and its other parts."""
-    rest, cell = divmod(o, model.parts[0].size)
+    """Returns which observation this is: its number, the agent's cell, and its other components."""
+    rest, cell = divmod(o, model.components[0].size)
     row, column = model.position[cell]
     parts = [f"row {row}, column {column}"]
-    for part in model.parts[1:]:
-        rest, value = divmod(rest, part.size)
-        parts.append(f"{part.name} {value}")
+    for component in model.components[1:]:
+        rest, value = divmod(rest, component.size)
+        parts.append(f"{component.name} {value}")
     return f"observation {o} ({', '.join(parts)})"
 
 
@@ -309,8 +309,8 @@ def _scores(folder: Folder, model: Model) -> list[pd.DataFrame]:
     """Reads the scores of a folder's learners in a scenario; none if they cannot be compared.
 
     They can if the folder has the scenario as it is now and the same time limit, and is complete, with the
-    seeds that its experiment declares. Miniatures for tests do not count, nor do checks, which are trained
-    with the settings of another learner.
+    seeds that its experiment declares. Miniatures for tests do not count, nor do reference implementations,
+    which are trained with the settings of another learner.
     """
     name, manifest, table = model.scenario.name, folder.manifest, _SCORES.removesuffix(".csv")
     is_comparable = (
@@ -323,9 +323,11 @@ def _scores(folder: Folder, model: Model) -> list[pd.DataFrame]:
     )
     if not is_comparable:
         return []
-    checks = [arm for arm, declared in manifest["algorithms"].items() if declared["check_of"]]
+    references = [
+        variant for variant, declared in manifest["algorithms"].items() if declared["reference_for"]
+    ]
     frame = folder.frame(table)
-    frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(checks)]
+    frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
     learner = frame["algorithm"] + ", " + frame["observation"]
     return [pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})]
 

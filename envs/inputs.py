@@ -137,7 +137,7 @@ def require(is_met: bool, found: str, accepted: str) -> None:
 
 
 def is_name(text: str) -> bool:
-    """Returns whether a text can be a name: of an experiment, arm, scenario, reading, axis or its condition.
+    """Returns whether a text can be a name: of an experiment, variant, scenario, reading, axis or value.
 
     Names become parts of files, columns, labels and Gymnasium ids, and so need no escaping anywhere.
 

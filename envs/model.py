@@ -10,9 +10,9 @@ which phase. Then the clock moves on. A person who walks waits while the agent s
 nobody but the agent runs into anyone. A PING is answered by the nearest person; of equally near ones, by the
 first declared.
 
-An agent observes the parts that the scenario names, the cell at least. What it does not observe is hidden, so
-the task is partially observed. Everything that acts, learns, plans or evaluates reads the arrays. A time
-limit is not in the arrays: it truncates an episode, and learners bootstrap through it.
+An agent observes the components that the scenario names, the cell at least. What it does not observe is
+hidden, so the task is partially observed. Everything that acts, learns, plans or evaluates reads the arrays.
+A time limit is not in the arrays: it truncates an episode, and learners bootstrap through it.
 """
 
 import math
@@ -59,8 +59,8 @@ class Transition(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """A part of an observation."""
+class Component:
+    """A component of an observation."""
 
     name: str
     of_state: NDArray[np.int32]  # (S,) its value, 0 to size - 1
@@ -86,8 +86,8 @@ class Model:
     terminated: NDArray[np.bool_]  # (S, A)
     event: NDArray[np.int8]  # (S, A) index into EVENTS
     wrong_pings: NDArray[np.int32]  # (S, A) wrong PINGs in the episode after the action
-    observation: NDArray[np.int32]  # (S,) 0 to O - 1: the values of the parts, the first changing fastest
-    parts: tuple[Part, ...]  # what is observed, the agent's cell first
+    observation: NDArray[np.int32]  # (S,) 0 to O - 1: the components' values, the first changing fastest
+    components: tuple[Component, ...]  # what is observed, the agent's cell first
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
@@ -103,8 +103,8 @@ class Model:
 
     @cached_property
     def n_observations(self) -> int:
-        """O, the product of the parts' sizes."""
-        return math.prod(part.size for part in self.parts)
+        """O, the product of the components' sizes."""
+        return math.prod(component.size for component in self.components)
 
     @property
     def n_outcomes(self) -> int:
@@ -130,7 +130,7 @@ class Model:
     @cached_property
     def has_cell_maps(self) -> bool:
         """Whether one map shows all: cells are observed, with one place and phase and no wall, as in S1."""
-        return len(self.parts) == 1 and not self.context.any() and not self.scenario.grid.is_wall.any()
+        return len(self.components) == 1 and not self.context.any() and not self.scenario.grid.is_wall.any()
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
@@ -285,11 +285,11 @@ def compile_scenario(scenario: Scenario) -> Model:
 
     j, first_tick, first_cell = scenario.starts.T
     zero = np.zeros(len(j), dtype=np.int64)
-    parts = _parts(scenario, place, scenario.ticks[tick], pings, cell)
+    components = _components(scenario, place, scenario.ticks[tick], pings, cell)
     observation, size = np.zeros(len(cell), dtype=np.int64), 1
-    for part in parts:
-        observation += size * part.of_state
-        size *= part.size
+    for component in components:
+        observation += size * component.of_state
+        size *= component.size
     model = Model(
         scenario=scenario,
         starts=np.ravel_multi_index((j, first_tick, zero, zero, first_cell), shape).astype(np.int32),
@@ -302,7 +302,7 @@ def compile_scenario(scenario: Scenario) -> Model:
         event=event.astype(np.int8),
         wrong_pings=wrong_pings.astype(np.int32),
         observation=observation.astype(np.int32),
-        parts=parts,
+        components=components,
         cell=cell.astype(np.int32),
         context=context.astype(np.int32),
         zone=zone,
@@ -313,8 +313,8 @@ def compile_scenario(scenario: Scenario) -> Model:
     return model
 
 
-def _parts(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Part, ...]:
-    """Returns the observed parts of all states, given (S,) their place, phase, wrong PINGs and cell."""
+def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Component, ...]:
+    """Returns the observed components of all states, given (S,) their place, phase, wrong PINGs and cell."""
     place, phase, pings, cell = of_states
     grid = scenario.grid
     largest = np.maximum((grid.rows - 1, grid.columns - 1), 1)
@@ -329,7 +329,8 @@ def _parts(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Part, ...]
         "wrong_pings": (pings, np.arange(n_pings)[:, None] / max(n_pings - 1, 1)),
     }
     return tuple(
-        Part(name, known[name][0].astype(np.int32), np.asarray(known[name][1])) for name in scenario.observe
+        Component(name, known[name][0].astype(np.int32), np.asarray(known[name][1]))
+        for name in scenario.observe
     )
 
 

@@ -1,4 +1,4 @@
-"""Forms of observation: what the agent is given of the observed parts, as tables of all observations."""
+"""Forms of observation: what the agent is given of the observed components, as tables of all observations."""
 
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ def check_one_hot(n_observations: int, n_features: int) -> None:
 
     Args:
       n_observations: O, its rows.
-      n_features: Its columns, the sum of the parts' sizes.
+      n_features: Its columns, the sum of the components' sizes.
 
     Raises:
       InputError: It does not.
@@ -31,9 +31,11 @@ def check_one_hot(n_observations: int, n_features: int) -> None:
 
 
 def observation_blocks(model: Model) -> NDArray[np.int64]:
-    """Returns which columns of the one-hot form are 1, (O, parts): one of each part's block."""
-    values = np.unravel_index(np.arange(model.n_observations), [part.size for part in reversed(model.parts)])
-    firsts = np.cumsum([0, *(part.size for part in model.parts[:-1])])
+    """Returns which columns of the one-hot form are 1, (O, components): one of each component's block."""
+    values = np.unravel_index(
+        np.arange(model.n_observations), [each.size for each in reversed(model.components)]
+    )
+    firsts = np.cumsum([0, *(each.size for each in model.components[:-1])])
     return np.asarray(np.stack(values[::-1], axis=1) + firsts)
 
 
@@ -41,10 +43,10 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
     """Returns all observations.
 
     Args:
-      model: Compiled scenario with O observations, which consist of parts.
-      kind: `"index"`: the observation's number, (O,) int64; `"one_hot"`: a block per part, (O, sum of their
-        sizes) float32; `"coordinates"`: the coordinates of every part in turn, (O, sum of their numbers)
-        float32, row and column of a cell, or a number, each divided by its maximum.
+      model: Compiled scenario with O observations, which consist of components.
+      kind: `"index"`: the observation's number, (O,) int64; `"one_hot"`: a block per component, (O, sum of
+        their sizes) float32; `"coordinates"`: the coordinates of all components in turn, (O, sum of their
+        numbers) float32, row and column of a cell, or a number, each divided by its maximum.
 
     Raises:
       InputError: Unknown `kind`, or too many numbers.
@@ -53,7 +55,7 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         return np.arange(model.n_observations)
     if kind not in OBSERVATIONS:
         unknown_name("observation", "form", str(kind), OBSERVATIONS)
-    sizes = [part.size for part in model.parts]
+    sizes = [each.size for each in model.components]
     columns = observation_blocks(model)
     if kind == "one_hot":
         check_one_hot(len(columns), sum(sizes))
@@ -61,8 +63,8 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
         np.put_along_axis(table, columns, 1, axis=1)
         return table
     values = columns - np.cumsum([0, *sizes[:-1]])
-    parts = [part.coordinates[values[:, i]] for i, part in enumerate(model.parts)]
-    return np.concatenate(parts, axis=1).astype(np.float32)
+    blocks = [each.coordinates[values[:, i]] for i, each in enumerate(model.components)]
+    return np.concatenate(blocks, axis=1).astype(np.float32)
 
 
 def observation_space(table: NDArray[Any]) -> spaces.Discrete | spaces.Box:

@@ -39,14 +39,14 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     A move off the grid or into a wall leaves the agent where it is.
 
     ## Observation Space
-    The parts that the scenario names (`observe`): the agent's cell, and in some scenarios the issuer's cell,
-    the phase or the number of wrong PINGs. Parts with n1, n2, ... values are combined in this order, in one
-    of three forms (`observation`):
+    The components that the scenario names (`observe`): the agent's cell, and in some scenarios the issuer's
+    cell, the phase or the number of wrong PINGs. Components with n1, n2, ... values are combined in this
+    order, in one of three forms (`observation`):
 
     - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0. Of the
       agent's cell alone, row * columns + column
-    - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per part, with a 1 at its value
-    - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number for each other part,
+    - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per component, with a 1 at its value
+    - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other component,
       each divided by its maximum
 
     The issuer's cell has a value for each cell in which the issuer may be. What varies and does not follow
@@ -72,7 +72,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Information
     `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an index into
-    `envs.ZONES`; `wrong_pings` so far in the episode; and the parts `grid_reward`, `issuer_reward`.
+    `envs.ZONES`; `wrong_pings` so far in the episode; and the components `grid_reward`, `issuer_reward`.
 
     ## Arguments
     `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8, 6]})`.

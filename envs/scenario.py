@@ -23,7 +23,7 @@ from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, merged, zones
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
 # What can be observed, in the order of an observation.
-PARTS: Final = ("agent", "issuer", "phase", "wrong_pings")
+COMPONENTS: Final = ("agent", "issuer", "phase", "wrong_pings")
 
 Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
@@ -299,12 +299,12 @@ class Scenario(Table):
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """What does not follow from the observed parts: other parts, "clock" and "feedback to come"."""
+        """What does not follow from what is observed: other components, "clock" and "feedback to come"."""
         contexts = {(people[0].cell, i) for stages in self.people for i, people in enumerate(stages)}
-        seen = [i for i, part in enumerate(("issuer", "phase")) if part in self.observe]
+        seen = [i for i, name in enumerate(("issuer", "phase")) if name in self.observe]
 
-        def n_values(*parts: int) -> int:
-            return len({tuple(context[i] for i in parts) for context in contexts})
+        def n_values(*of: int) -> int:
+            return len({tuple(context[i] for i in of) for context in contexts})
 
         is_hidden = {
             "issuer": n_values(*seen, 0) > n_values(*seen),
@@ -313,11 +313,11 @@ class Scenario(Table):
             "clock": len(self.ticks) > len(self.stages) > 1,
             "feedback to come": self.is_delayed,
         }
-        return tuple(part for part in is_hidden if is_hidden[part])
+        return tuple(name for name in is_hidden if is_hidden[name])
 
     @property
     def n_observations(self) -> int:
-        """O, the product of the sizes of the observed parts."""
+        """O, the product of the sizes of the observed components."""
         return math.prod(self._observed_sizes)
 
     @property
@@ -327,14 +327,14 @@ class Scenario(Table):
 
     @property
     def _observed_sizes(self) -> list[int]:
-        """How many values each observed part has."""
+        """How many values each observed component has."""
         sizes = {
             "agent": self.grid.rows * self.grid.columns,
             "issuer": len(self.issuer_cells),
             "phase": len(self.stages),
             "wrong_pings": self.ping_limit,
         }
-        return [sizes[part] for part in self.observe]
+        return [sizes[name] for name in self.observe]
 
     @property
     def has_front(self) -> bool:
@@ -408,9 +408,9 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        ordered = tuple(part for part in PARTS if part in self.observe)
+        ordered = tuple(name for name in COMPONENTS if name in self.observe)
         observe = f"observe = {list(self.observe)}"
-        accepted = f"agent, and other parts once each, in the order {list(PARTS)}"
+        accepted = f"agent, and other components once each, in the order {list(COMPONENTS)}"
         require("agent" in ordered and self.observe == ordered, observe, accepted)
         regions = [self.regions, *(person.regions for person in self.others)]
         regions += [phase.regions for phase in self.phases if phase.regions is not None]

@@ -71,7 +71,7 @@ seeds = 10
 settings = { gamma = 0.9 }
 [algorithms.dqn_check]
 algorithm = "dqn"
-check_of = "dqn"
+reference_for = "dqn"
 seeds = 10
 [report]
 kind = "comparison"

@@ -35,7 +35,7 @@ class Net(NamedTuple):
     biases_at: NDArray[np.int64]  # (L,)
     end: int  # of its parameters
     is_relu: bool  # what follows each layer but the last, else tanh
-    places: NDArray[np.int32]  # (O, parts) which inputs are 1, if all others are 0; else (O, 0)
+    ones: NDArray[np.int32]  # (O, components) which inputs are 1, if all others are 0; else (O, 0)
     table: Numbers  # (O, inputs) if they are not; else (O, 0)
     n_rows: int  # B
     stride: int  # W
@@ -87,9 +87,9 @@ def net_of(
 ) -> Net:
     """Returns a net whose parameters begin at a place of the flat arrays, for calls with at most B rows."""
     is_sparse, n_observations = observation == "one_hot", model.n_observations
-    places = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
+    ones = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
     table = np.empty((n_observations, 0)) if is_sparse else observation_table(model, observation)
-    n_inputs = sum(part.size for part in model.parts) if is_sparse else table.shape[1]
+    n_inputs = sum(each.size for each in model.components) if is_sparse else table.shape[1]
     outputs = np.array([*hidden, n_outputs])
     width = -(-outputs // LANES) * LANES
     sizes = np.array([n_inputs, *width[:-1]]) * width
@@ -104,7 +104,7 @@ def net_of(
         biases_at,
         int(biases_at[-1] + width[-1]),
         is_relu,
-        places.astype(np.int32),
+        ones.astype(np.int32),
         table.astype(kind),
         n_rows,
         stride,
@@ -171,13 +171,13 @@ def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int)
     hidden, stride, size = net.hidden, net.stride, net.n_rows * net.stride
     width, n_inputs = net.width[0], net.n_inputs
     weights_at, biases_at = net.weights_at[0], net.biases_at[0]
-    if net.places.shape[1] > 0:
+    if net.ones.shape[1] > 0:
         biases = values[biases_at : biases_at + width]
         for r in range(n_rows):
             total = hidden[r * stride : r * stride + width]
             _copy(total, biases)
-            for part in range(net.places.shape[1]):
-                at = weights_at + net.places[observed[r], part] * width
+            for block in range(net.ones.shape[1]):
+                at = weights_at + net.ones[observed[r], block] * width
                 _add(total, values[at : at + width])
     else:
         for r in range(n_rows):
@@ -221,11 +221,11 @@ def backward(net: Net, parameters: Parameters, observed: NDArray[np.int32], n_ro
     width, n_inputs = net.width[0], net.n_inputs
     weights_at, biases_at = net.weights_at[0], net.biases_at[0]
     _sum_rows(slopes, 0, stride, n_rows, gradient[biases_at : biases_at + width])
-    if net.places.shape[1] > 0:
+    if net.ones.shape[1] > 0:
         clear(gradient[weights_at:biases_at])
         for r in range(n_rows):
-            for part in range(net.places.shape[1]):
-                at = weights_at + net.places[observed[r], part] * width
+            for block in range(net.ones.shape[1]):
+                at = weights_at + net.ones[observed[r], block] * width
                 _add(gradient[at : at + width], slopes[r * stride : r * stride + width])
     else:
         rows, slope = (net.rows, 0, 1, n_inputs), (slopes, 0, stride, 1)

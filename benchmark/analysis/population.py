@@ -72,8 +72,8 @@ class Population:
         return self.settings.discount_factor
 
     @cached_property
-    def map_places(self) -> NDArray[np.int_]:
-        """(V,) places of the map steps among the evaluation steps."""
+    def map_indices(self) -> NDArray[np.int_]:
+        """(V,) indices of the map steps among the evaluation steps."""
         every = self.specification["map_every"] // self.specification["evaluation_every"]
         last = len(self.evaluation_steps) - 1
         return np.array([*range(0, last, every), last])
@@ -89,11 +89,11 @@ class Population:
         return anchors(self.model, self.horizon, "start")
 
     @cached_property
-    def scores(self) -> NDArray[np.float64]:
-        """(N, T) scores of the greedy policy from the start, see `scores_of`."""
-        return self.scores_of("greedy", "start")
+    def unbounded_scores(self) -> NDArray[np.float64]:
+        """(N, T) scores of the greedy policy from the start, see `unbounded_scores_of`."""
+        return self.unbounded_scores_of("greedy", "start")
 
-    def scores_of(self, policy: str, start: str) -> NDArray[np.float64]:
+    def unbounded_scores_of(self, policy: str, start: str) -> NDArray[np.float64]:
         """Returns scores, (N, T): grid returns scaled so that 0 is the random policy and 1 the optimal one.
 
         Args:
@@ -228,7 +228,7 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
     missing = [run.seed for run in runs if run.digest not in ended]
     if missing:
         raise InputError(
-            f"{len(missing)} of {len(runs)} runs of {runs[0].arm} in {runs[0].scenario.name} are "
+            f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name} are "
             f"missing or failed (the first is seed {missing[0]}): run the experiment first."
         )
     records = store.get([run.digest for run in runs])

@@ -50,10 +50,10 @@ def main(options: argparse.Namespace) -> int:
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
-    """Returns the given seeds; None if every arm declares just these under every condition."""
+    """Returns the given seeds; None if every variant declares just these under every condition."""
     declared = {
-        experiment.declared_seeds(arm, condition)
-        for arm in experiment.algorithms
+        experiment.declared_seeds(variant, condition)
+        for variant in experiment.algorithms
         for condition in experiment.conditions
     }
     return None if declared == {seeds} else seeds

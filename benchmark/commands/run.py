@@ -33,12 +33,14 @@ def main(options: argparse.Namespace) -> int:
     if options.report or experiment.report is not None:
         draw.report_of(experiment, is_drawn=options.report)
     fewest = min(
-        len(experiment.declared_seeds(arm, condition)) if seeds is None else len(seeds)
-        for arm in experiment.algorithms
+        len(experiment.declared_seeds(variant, condition)) if seeds is None else len(seeds)
+        for variant in experiment.algorithms
         for condition in experiment.conditions
     )
     if options.report and fewest < 2:
-        raise InputError("--report: one seed gives no interval; accepted: at least two seeds for every arm.")
+        raise InputError(
+            "--report: one seed gives no interval; accepted: at least two seeds for every variant."
+        )
     executor = None if options.executor is None else load_executor(options.executor, "--executor")
     if options.tensorboard is not None:
         _check_logs(experiment, options.tensorboard)
@@ -98,7 +100,7 @@ def connect(address: str, algorithms: Collection[str]) -> "Cluster":
 
 def _check_logs(experiment: Experiment, directory: Path) -> None:
     """Refuses TensorBoard logs that no algorithm writes, or that cannot be written."""
-    if not any(load_algorithm(arm.algorithm).writes_logs for arm in experiment.algorithms.values()):
+    if not any(load_algorithm(variant.algorithm).writes_logs for variant in experiment.algorithms.values()):
         raise InputError(
             f"--tensorboard: no algorithm of {experiment.name} writes logs; accepted: an experiment with "
             "algorithms of Stable-Baselines3."

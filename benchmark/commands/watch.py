@@ -38,23 +38,23 @@ _CELL_PIXELS: Final = 40  # in the window
 
 
 def specification(
-    experiment: Experiment, scenario: str, arm: str, observation: str | None, seed: int
+    experiment: Experiment, scenario: str, variant: str, observation: str | None, seed: int
 ) -> RunSpecification:
-    """Returns a run of an experiment, with any seed; the default observation is the arm's first.
+    """Returns a run of an experiment, with any seed; the default observation is the variant's first.
 
     Raises:
       InputError: The experiment has no such run.
     """
-    if arm not in experiment.algorithms:
-        unknown_name(experiment.name, "arm", arm, experiment.algorithms)
-    observations = experiment.algorithms[arm].observations
+    if variant not in experiment.algorithms:
+        unknown_name(experiment.name, "variant", variant, experiment.algorithms)
+    observations = experiment.algorithms[variant].observations
     observation = observation or observations[0]
     if observation not in observations:
-        unknown_name(f"{experiment.name}: {arm}", "observation", observation, observations)
+        unknown_name(f"{experiment.name}: {variant}", "observation", observation, observations)
     paths = {Path(declared).stem: declared for declared in experiment.scenarios}
     if scenario not in paths:
         unknown_name(experiment.name, "scenario", scenario, paths)
-    return specifications(experiment, DEFAULT_CONDITION, paths[scenario], arm, observation, [seed])[0]
+    return specifications(experiment, DEFAULT_CONDITION, paths[scenario], variant, observation, [seed])[0]
 
 
 def load_film(watched: RunSpecification, store: Store) -> Film:
@@ -63,7 +63,7 @@ def load_film(watched: RunSpecification, store: Store) -> Film:
     Raises:
       InputError: Training failed.
     """
-    title = f"{watched.scenario.name}: {watched.arm}, {watched.observation}, seed {watched.seed}"
+    title = f"{watched.scenario.name}: {watched.variant}, {watched.observation}, seed {watched.seed}"
     store.discard_damaged([watched.digest])
     if pending([watched], store):
         print(f"training {title} ...", file=sys.stderr)

@@ -125,7 +125,7 @@ class Moment:
 
 def film_of(title: str, population: Population, agent: int = 0) -> Film:
     """Returns the film of one agent of a population."""
-    model, places = population.model, population.map_places
+    model, places = population.model, population.map_indices
     arrays = population.of_agent(agent)
     greedy = arrays["greedy"][places]
     n_starts = len(model.starts)
@@ -135,7 +135,7 @@ def film_of(title: str, population: Population, agent: int = 0) -> Film:
         steps=np.array(population.evaluation_steps)[places].tolist(),
         values=arrays["values"].astype(np.float64),
         greedy=greedy,
-        scores=population.scores[agent, places],
+        scores=population.unbounded_scores[agent, places],
         walks=[walk(model, masks, population.horizon) for masks in greedy],
         model=None if model.has_cell_maps else model,
     )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from envs import InputError
 
 COLOURS: Final = sns.color_palette("colorblind")
-# Of an experiment's arms, in their order. The shipped comparison declares its tables first: black and grey.
+# Of an experiment's variants, in their order. `compare_deep` declares its tables first: black and grey.
 _VARIANT_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
 _VARIANT_MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
 _RC: Final = {
@@ -91,13 +91,13 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
 
 
 def variant_style(place: int) -> dict[str, Any]:
-    """Returns the colour and marker of an arm; no two places share both.
+    """Returns the colour and marker of a variant; no two places share both.
 
     Colours and markers are each used in turn. Their numbers, 8 and 15, have no common divisor, so that
     all 120 pairs come up before one returns. From there on the marker is the place itself.
 
     Args:
-      place: Of the arm in its experiment, from 0.
+      place: Of the variant in its experiment, from 0.
     """
     n_pairs = len(_VARIANT_COLOURS) * len(_VARIANT_MARKERS)
     marker = _VARIANT_MARKERS[place % len(_VARIANT_MARKERS)] if place < n_pairs else f"${place}$"

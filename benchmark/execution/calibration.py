@@ -48,7 +48,7 @@ class Estimate:
     peak_memory: float  # bytes, of all processes together; 0 if the system does not say
     size: int  # bytes of records, before compression
     sources: Mapping[str, int]  # how many populations, by the source of their cost
-    unknown: Sequence[str]  # the arm of every population whose cost is not known
+    unknown: Sequence[str]  # the variant of every population whose cost is not known
     errors: Sequence[str]  # of short jobs
 
 
@@ -95,7 +95,7 @@ def estimate(
         peak_memory=2**20 * peak * max(1, min(jobs, n_processes)),  # threads share the memory of one process
         size=sum(run.record_size for run in runs),
         sources=Counter(cost.source for cost in costs.values()),
-        unknown=[job[0].arm for population, job in populations.items() if population not in costs],
+        unknown=[job[0].variant for population, job in populations.items() if population not in costs],
         errors=errors,
     )
 
@@ -144,7 +144,7 @@ def _rates(
                     records = failures(job, error, now(), 0.0)
             compiled.add(job[0].algorithm)
             if records[0].error is not None:
-                where = f"{job[0].scenario.name}, {job[0].arm}, {job[0].observation}"
+                where = f"{job[0].scenario.name}, {job[0].variant}, {job[0].observation}"
                 errors.append(f"{where}: {records[0].error}")
             else:
                 cost = _cost(records, "short jobs")

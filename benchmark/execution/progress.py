@@ -41,7 +41,7 @@ class Display:
         self._name = name
         self._console = console or Console(stderr=True)
         self._lock = threading.Lock()
-        self._learner = {run.digest: f"{run.arm}, {run.observation}" for run in runs}
+        self._learner = {run.digest: f"{run.variant}, {run.observation}" for run in runs}
         self._all = Counter(self._learner.values())
         self._done = Counter(learner for digest, learner in self._learner.items() if digest in ended)
         self._running: Counter[str] = Counter()

@@ -3,11 +3,11 @@
 from benchmark.experiments.schema import (
     DEFAULT_CONDITION,
     EXPERIMENT_DIRECTORY,
-    Arm,
     Condition,
     Experiment,
     Reading,
     Reporting,
+    Variant,
     experiment_names,
 )
 from benchmark.experiments.specification import (
@@ -22,12 +22,12 @@ from benchmark.experiments.specification import (
 __all__ = [
     "DEFAULT_CONDITION",
     "EXPERIMENT_DIRECTORY",
-    "Arm",
     "Condition",
     "Experiment",
     "Reading",
     "Reporting",
     "RunSpecification",
+    "Variant",
     "all_specifications",
     "evaluation_steps",
     "experiment_names",

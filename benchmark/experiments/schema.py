@@ -1,6 +1,6 @@
 """The tables of an experiment, as read from TOML.
 
-An experiment is a product: conditions x scenarios x learners x seeds. A learner is an arm, that is an
+An experiment is a product: conditions x scenarios x learners x seeds. A learner is a variant, that is an
 algorithm with settings, together with one observation. A condition changes values of scenarios and settings.
 The readings of the paper are conditions. A sweep adds axes, and each point of their product is a condition.
 """
@@ -43,17 +43,17 @@ _RESERVED: Final = (
 
 
 class Tuning(Table):
-    """How much search the settings of an arm took; readers see it beside the scores."""
+    """How much search the settings of a variant took; readers see it beside the scores."""
 
     settings: Annotated[int, Field(ge=0)]  # how many settings were tried; 0 if they were taken from elsewhere
     seeds: Annotated[int, Field(ge=0)] = 0  # runs of each, at most
 
 
-class Arm(Table):
+class Variant(Table):
     """An algorithm with its settings, and the observations from which it learns.
 
-    A *check* of another arm learns the same by another implementation. It takes that arm's settings, its
-    group, its policy and, unless it names some of them, its observations.
+    A *reference implementation* of another variant learns the same by other code. It takes that variant's
+    settings, its group, its policy and, unless it names some of them, its observations.
     """
 
     algorithm: str
@@ -65,10 +65,10 @@ class Arm(Table):
     policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
     family: Literal["tabular", "deep"] | None = None  # what it counts as, if not what its algorithm is
     tuning: Tuning | None = None
-    # Arms of a group are drawn together; an arm without a group is drawn with every group.
+    # Variants of a group are drawn together; a variant without a group is drawn with every group.
     group: Annotated[Line, Field(max_length=60)] = ""
     settings: dict[str, Any] = Field(default_factory=dict)
-    check_of: str = ""  # the arm that this one checks
+    reference_for: str = ""  # the variant that this one is the reference implementation for
 
 
 class Condition(Table):
@@ -76,7 +76,7 @@ class Condition(Table):
 
     scenario: dict[str, Any] = Field(default_factory=dict)
     scenarios: tuple[str, ...] | None = None  # names of the scenarios it changes; all by default
-    settings: dict[str, Any] = Field(default_factory=dict)  # of every arm
+    settings: dict[str, Any] = Field(default_factory=dict)  # of every variant
 
 
 class Reading(Condition):
@@ -85,7 +85,7 @@ class Reading(Condition):
     question: Annotated[str, Field(min_length=1)]
     answer: Annotated[str, Field(min_length=1)]
     curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
-    # Runs per scenario and learner, if that is another number than the arm's.
+    # Runs per scenario and learner, if that is another number than the variant's.
     seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
 
 
@@ -118,7 +118,7 @@ class Reporting(Table):
 
 
 class Experiment(Table):
-    """A declared set of runs: every condition, scenario, arm and observation, each with its seeds."""
+    """A declared set of runs: every condition, scenario, variant and observation, each with its seeds."""
 
     name: Name
     description: str
@@ -131,8 +131,10 @@ class Experiment(Table):
     map_every: Annotated[int, Field(ge=1, le=10**9)]  # a multiple of `evaluation_every`
     # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
-    settings: dict[str, Any] = Field(default_factory=dict)  # of every arm, unless the arm sets the same key
-    algorithms: Annotated[dict[Name, Arm], Field(min_length=1)]
+    settings: dict[str, Any] = Field(
+        default_factory=dict
+    )  # of every variant, unless the variant sets the same key
+    algorithms: Annotated[dict[Name, Variant], Field(min_length=1)]
     readings: dict[Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
@@ -189,22 +191,22 @@ class Experiment(Table):
 
     @property
     def populations(self) -> list[tuple[str, str, str]]:
-        """(scenario, arm, observation) of every population of one condition, as declared."""
+        """(scenario, variant, observation) of every population of one condition, as declared."""
         return [
             (scenario, name, observation)
             for scenario in self.scenarios
-            for name, arm in self.algorithms.items()
-            for observation in arm.observations
+            for name, variant in self.algorithms.items()
+            for observation in variant.observations
         ]
 
-    def schedule(self, arm: str) -> tuple[int, int]:
-        """Returns after how many steps an arm is evaluated, and its values are mapped."""
-        declared = self.algorithms[arm]
+    def schedule(self, variant: str) -> tuple[int, int]:
+        """Returns after how many steps a variant is evaluated, and its values are mapped."""
+        declared = self.algorithms[variant]
         return declared.evaluation_every or self.evaluation_every, declared.map_every or self.map_every
 
-    def declared_seeds(self, arm: str, condition: str) -> range:
-        """Returns the seeds of an arm's runs under a condition."""
-        declared = self.algorithms[arm]
+    def declared_seeds(self, variant: str, condition: str) -> range:
+        """Returns the seeds of a variant's runs under a condition."""
+        declared = self.algorithms[variant]
         reading = self.readings[condition.split("/")[0]]
         n_seeds = declared.seeds if reading.seeds is None else reading.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
@@ -261,7 +263,7 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
         raise InputError(
             f"{path}: results are named after the file; accepted: any name but {', '.join(_RESERVED)}."
         )
-    read = parse(Experiment, _with_checks(_read(path), str(path)), str(path), name=path.stem)
+    read = parse(Experiment, _with_references(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     return read, path
@@ -301,32 +303,35 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
     return data
 
 
-def _with_checks(data: dict[str, Any], source: str) -> dict[str, Any]:
-    """Returns an experiment's tables, those of checks with what they take from the arms that they check.
+def _with_references(data: dict[str, Any], source: str) -> dict[str, Any]:
+    """Returns an experiment's tables, references with what they take from their variants.
 
     Raises:
-      InputError: A check names no arm that is not a check itself, sets what it takes, or has an observation
-        that the arm has not.
+      InputError: `reference_for` names no variant, or one that has such a key itself; or the reference sets
+      what
+        it takes, or has an observation that the variant has not.
     """
-    arms = data.get("algorithms")
-    if not isinstance(arms, dict) or not all(is_name(name) and isinstance(arms[name], dict) for name in arms):
+    variants = data.get("algorithms")
+    if not isinstance(variants, dict) or not all(
+        is_name(name) and isinstance(variants[name], dict) for name in variants
+    ):
         return data  # is refused with the other tables
-    checkable = [name for name in arms if not arms[name].get("check_of")]
-    resolved = dict(arms)
-    for name in [name for name in arms if name not in checkable]:
-        where, checked = f"{source}: algorithms.{name}", arms[name]["check_of"]
-        if checked not in checkable:
-            unknown_name(f"{where}: check_of", "arm", str(checked), checkable)
+    own = [name for name in variants if not variants[name].get("reference_for")]
+    resolved = dict(variants)
+    for name in [name for name in variants if name not in own]:
+        where, of = f"{source}: algorithms.{name}", variants[name]["reference_for"]
+        if of not in own:
+            unknown_name(f"{where}: reference_for", "variant", str(of), own)
         for key in ("group", "settings", "policy"):
-            if key in arms[name]:
-                raise InputError(f"{where}.{key}: a check takes it from {checked}; remove it.")
-        keys = arms[checked].keys() & {"observations", "group", "settings", "policy"}
-        resolved[name] = {key: arms[checked][key] for key in keys} | arms[name]
-        own, accepted = resolved[name].get("observations"), arms[checked].get("observations")
-        for observation in own if isinstance(own, list) and isinstance(accepted, list) else ():
+            if key in variants[name]:
+                raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
+        keys = variants[of].keys() & {"observations", "group", "settings", "policy"}
+        resolved[name] = {key: variants[of][key] for key in keys} | variants[name]
+        given, accepted = resolved[name].get("observations"), variants[of].get("observations")
+        for observation in given if isinstance(given, list) and isinstance(accepted, list) else ():
             if observation not in accepted:
                 raise InputError(
-                    f"{where}.observations: {checked} does not learn from {observation}; accepted: "
+                    f"{where}.observations: {of} does not learn from {observation}; accepted: "
                     f"{', '.join(map(str, accepted))}."
                 )
     return data | {"algorithms": resolved}

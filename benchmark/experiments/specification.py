@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from agents import LearnerSettings, Schedule, dynamic_programming, load_algorithm
-from benchmark.experiments.schema import DEFAULT_CONDITION, Arm, Experiment, read_experiment
+from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, Variant, read_experiment
 from envs import ACTIONS, InputError, Scenario, load_scenario, model
 from envs.inputs import in_either_case, override, parse, unknown_name
 from envs.observations import check_one_hot
@@ -30,7 +30,7 @@ class RunSpecification:
     stream: str
     condition: str  # what its experiment calls the condition; the identity has what the condition changes
     scenario: Scenario
-    arm: str
+    variant: str
     algorithm: str
     versions: Mapping[str, int]  # of the algorithm, the model and the evaluation
     observation: str
@@ -49,7 +49,7 @@ class RunSpecification:
             # change the digests of all runs.
             "experiment": self.stream,
             "scenario": self.scenario.model_dump(mode="json"),
-            "arm": self.arm,
+            "arm": self.variant,  # the key has its name from before, as digests depend on it
             "algorithm": self.algorithm,
             "versions": dict(self.versions),
             "observation": self.observation,
@@ -88,7 +88,7 @@ class RunSpecification:
     @property
     def folder(self) -> str:
         """A readable path for files about this run alone; it names any condition but the default one."""
-        learner = f"{self.stream}/{self.scenario.name}/{self.arm}_{self.observation}"
+        learner = f"{self.stream}/{self.scenario.name}/{self.variant}_{self.observation}"
         condition = "" if self.condition == DEFAULT_CONDITION else f"{self.condition}/"
         return f"{learner}/{condition}seed_{self.seed}"
 
@@ -120,7 +120,7 @@ class RunSpecification:
 
         Conditions share their streams: the scenario enters by its name alone, settings not at all.
         """
-        names = [self.stream, self.scenario.name, self.arm, self.observation, self.seed]
+        names = [self.stream, self.scenario.name, self.variant, self.observation, self.seed]
         entropy = hashlib.sha256(json.dumps(names).encode()).digest()
         return np.random.SeedSequence(int.from_bytes(entropy))
 
@@ -157,12 +157,12 @@ def load_experiment(experiment: str | Path) -> Experiment:
       InputError: One sentence that names the file, the key, its value and what is accepted.
     """
     loaded, path = read_experiment(experiment)
-    for name, arm in loaded.algorithms.items():
+    for name, variant in loaded.algorithms.items():
         where = f"{path}: algorithms.{name}"
-        accepted = load_algorithm(arm.algorithm, where).observations
-        for observation in arm.observations:
+        accepted = load_algorithm(variant.algorithm, where).observations
+        for observation in variant.observations:
             if observation not in accepted:
-                unknown_name(where, f"observation for {arm.algorithm}", observation, accepted)
+                unknown_name(where, f"observation for {variant.algorithm}", observation, accepted)
         for condition in loaded.conditions:
             _settings(loaded, name, condition, str(path))
     with _refused_in(str(path)):
@@ -183,9 +183,9 @@ def load_experiment(experiment: str | Path) -> Experiment:
         for declared in loaded.scenarios:
             with _refused_in(f"{path}: {' with '.join(tables)}"):
                 scenario = _scenario(loaded, condition, declared)
-            for name, arm in loaded.algorithms.items():
+            for name, variant in loaded.algorithms.items():
                 with _refused_in(f"{path}: algorithms.{name}"):
-                    _check_size(_run(loaded, condition, scenario, name, arm.observations[0]), arm)
+                    _check_size(_run(loaded, condition, scenario, name, variant.observations[0]), variant)
     return loaded
 
 
@@ -198,14 +198,14 @@ def _refused_in(where: str) -> Iterator[None]:
         raise InputError(f"{where}: {error}") from error
 
 
-def _check_size(run: RunSpecification, arm: Arm) -> None:
+def _check_size(run: RunSpecification, variant: Variant) -> None:
     """Checks that observations, and what is recorded of a run, fit into memory.
 
     Raises:
       InputError: They do not.
     """
     scenario, every = run.scenario, f"evaluation_every = {run.evaluation_every}"
-    if "one_hot" in arm.observations:
+    if "one_hot" in variant.observations:
         check_one_hot(scenario.n_observations, scenario.n_features)
     n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1
     if n_evaluations > MOST_EVALUATIONS:
@@ -225,7 +225,7 @@ def specifications(
     experiment: Experiment,
     condition: str,
     scenario: str,
-    arm: str,
+    variant: str,
     observation: str,
     seeds: Sequence[int] | None = None,
 ) -> list[RunSpecification]:
@@ -235,28 +235,28 @@ def specifications(
       experiment: As loaded.
       condition: A key of its `conditions`.
       scenario: One of its scenarios.
-      arm: A key of its algorithms.
-      observation: One of the arm's.
+      variant: A key of its algorithms.
+      observation: One of the variant's.
       seeds: Other seeds than the declared ones.
     """
-    first = _run(experiment, condition, _scenario(experiment, condition, scenario), arm, observation)
+    first = _run(experiment, condition, _scenario(experiment, condition, scenario), variant, observation)
     return [
         first.with_seed(seed)
-        for seed in (experiment.declared_seeds(arm, condition) if seeds is None else seeds)
+        for seed in (experiment.declared_seeds(variant, condition) if seeds is None else seeds)
     ]
 
 
 def _run(
-    experiment: Experiment, condition: str, scenario: Scenario, arm: str, observation: str
+    experiment: Experiment, condition: str, scenario: Scenario, variant: str, observation: str
 ) -> RunSpecification:
     """Returns the first run of a population, in a scenario as it is under the condition."""
-    declared = experiment.algorithms[arm]
-    evaluation_every, map_every = experiment.schedule(arm)
+    declared = experiment.algorithms[variant]
+    evaluation_every, map_every = experiment.schedule(variant)
     return RunSpecification(
         stream=experiment.stream or experiment.name,
         condition=condition,
         scenario=scenario,
-        arm=arm,
+        variant=variant,
         algorithm=declared.algorithm,
         versions={
             "algorithm": load_algorithm(declared.algorithm).version,
@@ -264,12 +264,12 @@ def _run(
             "model": model.VERSION,
         },
         observation=observation,
-        settings=_settings(experiment, arm, condition, experiment.name),
+        settings=_settings(experiment, variant, condition, experiment.name),
         horizon=experiment.horizon,
         evaluation_every=evaluation_every,
         map_every=map_every,
         evaluated_from=experiment.evaluated_from,
-        seed=experiment.declared_seeds(arm, condition)[0],
+        seed=experiment.declared_seeds(variant, condition)[0],
     )
 
 
@@ -283,9 +283,9 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
       InputError: There are too many.
     """
     n_runs = sum(
-        len(experiment.declared_seeds(arm, condition) if seeds is None else seeds)
+        len(experiment.declared_seeds(variant, condition) if seeds is None else seeds)
         for condition in experiment.conditions
-        for _, arm, _ in experiment.populations
+        for _, variant, _ in experiment.populations
     )
     if n_runs > MOST_RUNS:
         raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
@@ -293,9 +293,9 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     populations = []
     for condition in conditions:
         scenarios = {name: _scenario(experiment, condition, name) for name in experiment.scenarios}
-        for name, arm, observation in experiment.populations:
-            first = _run(experiment, condition, scenarios[name], arm, observation)
-            chosen = experiment.declared_seeds(arm, condition) if seeds is None else seeds
+        for name, variant, observation in experiment.populations:
+            first = _run(experiment, condition, scenarios[name], variant, observation)
+            chosen = experiment.declared_seeds(variant, condition) if seeds is None else seeds
             populations.append([first.with_seed(seed) for seed in chosen])
     runs: dict[str, RunSpecification] = {}
     for run in chain.from_iterable(zip_longest(*populations)):
@@ -314,14 +314,14 @@ def _scenario(experiment: Experiment, condition: str, scenario: str) -> Scenario
     return load_scenario(scenario, changed)
 
 
-def _settings(experiment: Experiment, arm: str, condition: str, source: str) -> LearnerSettings:
-    """Returns an arm's settings under a condition, checked."""
-    declared = experiment.algorithms[arm]
-    cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{arm}").settings
+def _settings(experiment: Experiment, variant: str, condition: str, source: str) -> LearnerSettings:
+    """Returns a variant's settings under a condition, checked."""
+    declared = experiment.algorithms[variant]
+    cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{variant}").settings
     for key in experiment.settings:
         if key not in cls.model_fields:
-            unknown_name(f"{source}: [settings], which {arm} shares", "key", key, cls.model_fields)
-    where = f"{source}: algorithms.{arm}.settings"
+            unknown_name(f"{source}: [settings], which {variant} shares", "key", key, cls.model_fields)
+    where = f"{source}: algorithms.{variant}.settings"
     if experiment.settings:
         where += " with [settings]"
     changed: dict[str, Any] = {}

@@ -269,13 +269,13 @@ def _manifest(
         "horizon": experiment.horizon,
         "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in default},
         "algorithms": {
-            run.arm: {
+            run.variant: {
                 "algorithm": run.algorithm,
-                "family": experiment.algorithms[run.arm].family or load_algorithm(run.algorithm).family,
+                "family": experiment.algorithms[run.variant].family or load_algorithm(run.algorithm).family,
                 "packages": load_algorithm(run.algorithm).packages,
-                "check_of": experiment.algorithms[run.arm].check_of,
-                "policy": experiment.algorithms[run.arm].policy,
-                "tuning": experiment.algorithms[run.arm].model_dump()["tuning"],
+                "reference_for": experiment.algorithms[run.variant].reference_for,
+                "policy": experiment.algorithms[run.variant].policy,
+                "tuning": experiment.algorithms[run.variant].model_dump()["tuning"],
                 "settings": run.settings.model_dump(mode="json"),
             }
             for run in default

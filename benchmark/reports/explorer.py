@@ -34,7 +34,7 @@ _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
 class Shown(NamedTuple):
     """A learner and its agents in one scenario."""
 
-    algorithm: str  # the arm's name
+    algorithm: str  # the variant's name
     observation: str
     population: Population
 
@@ -92,7 +92,7 @@ def typical_agent(population: Population) -> int:
     Scores count as 0 to 1. Of an even number of agents, it is the lower median; of agents with the same mean,
     the one with the lowest seed.
     """
-    means = np.clip(population.scores, 0, 1).mean(axis=1).round(9)
+    means = np.clip(population.unbounded_scores, 0, 1).mean(axis=1).round(9)
     median = np.sort(means)[(len(means) - 1) // 2]
     return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
 
@@ -109,9 +109,9 @@ def _learner(shown: Shown) -> dict[str, Any]:
     stochastic policy.
     """
     population = shown.population
-    last = len(population.map_places) - 1
+    last = len(population.map_indices) - 1
     chosen = [*range(0, last, 2), last]
-    places = population.map_places[chosen]
+    places = population.map_indices[chosen]
     first = population.of_agent(0)
     n_shown = min(len(population.seeds), MOST_AGENTS)
     policies = np.stack([population.of_agent(agent)["greedy"][-1] for agent in range(n_shown)])
@@ -125,13 +125,13 @@ def _learner(shown: Shown) -> dict[str, Any]:
         "kind": "probability" if first["stochastic"].shape[0] else "q",
         "discount": population.discount,
         "steps": [population.evaluation_steps[place] for place in places],
-        "score": _listed(population.scores[0, places]),
+        "score": _listed(population.unbounded_scores[0, places]),
         "success": _listed(first["success"][places]),
         "values": _integers(first["values"][chosen]),
         "greedy": _bytes(first["greedy"][places]),
         "seeds": list(population.seeds[:n_shown]),
         "final": {
-            "score": _listed(population.scores[:n_shown, -1]),
+            "score": _listed(population.unbounded_scores[:n_shown, -1]),
             "success": _listed(population.arrays["success"][:n_shown, -1]),
             "greedy": _bytes(policies),
         },

@@ -295,10 +295,10 @@ def _net_rows(smoke: bool) -> list[Row]:
     """Returns the rows of training whole runs of nets."""
     budget = 200 if smoke else 10_000
 
-    def train(arm: str, observation: str, seeds: Iterator[int]) -> float:
+    def train(variant: str, observation: str, seeds: Iterator[int]) -> float:
         # A run of ours takes well below a second.
-        n_seeds = 1 if arm.endswith("_sb3") or smoke else 25
-        runs = deep_runs(arm, observation, budget, list(islice(seeds, n_seeds)))
+        n_seeds = 1 if variant.endswith("_sb3") or smoke else 25
+        runs = deep_runs(variant, observation, budget, list(islice(seeds, n_seeds)))
         model, streams = compile_scenario(runs[0].scenario), [run.seed_sequence for run in runs]
         algorithm = load_algorithm(runs[0].algorithm)
         algorithm.train(model, runs[0].settings, observation, streams, Schedule(budget))
@@ -306,9 +306,9 @@ def _net_rows(smoke: bool) -> list[Row]:
 
     rows = []
     for name in ("dqn_one_hot", "dqn_coordinates", "dqn_linear", "ppo_one_hot", "ppo_coordinates"):
-        arm, observation = (name, "one_hot") if name == "dqn_linear" else name.split("_", 1)
-        ours, other = (partial(train, each, observation, count()) for each in (arm, f"{arm}_sb3"))
-        products = _products(deep_runs(arm, observation, budget, [0])[0].settings, observation)
+        variant, observation = (name, "one_hot") if name == "dqn_linear" else name.split("_", 1)
+        ours, other = (partial(train, each, observation, count()) for each in (variant, f"{variant}_sb3"))
+        products = _products(deep_runs(variant, observation, budget, [0])[0].settings, observation)
         against = "Stable-Baselines3, trained as in compare_deep, by CPU time"
         rows.append(Row(f"net_{name}", "steps", (ours, other), against, products))
     return rows

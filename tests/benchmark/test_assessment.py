@@ -227,7 +227,9 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
         "horizon": 200,
         "partial": "",
         "scenarios": {"S1": load_scenario("S1").model_dump(mode="json")},
-        "algorithms": {arm: {"check_of": of} for arm, of in (("table", ""), ("net", ""), ("same", "net"))},
+        "algorithms": {
+            variant: {"reference_for": of} for variant, of in (("table", ""), ("net", ""), ("same", "net"))
+        },
     }
     folder.mkdir()
     (folder / "manifest.json").write_text(json.dumps(manifest | changes), encoding="utf-8")

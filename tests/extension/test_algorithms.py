@@ -130,7 +130,7 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
                 if field.name == "stochastic":  # of the last evaluation step
                     expected = expected[-1:]
                 assert record.arrays[field.name].tobytes() == expected.tobytes(), field.name
-    learned = {specification.arm: record.arrays for specification, record in results}
+    learned = {specification.variant: record.arrays for specification, record in results}
     assert learned["a2c"]["stochastic"].sum(axis=-1) == pytest.approx(1)
     assert learned["a2c"]["updates"] == 400 / 10
     body = (2 * 64 + 64) + (64 * 64 + 64)
@@ -141,7 +141,7 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
     # What a record says of its settings includes the defaults of the class, and is read back.
     for specification, record in results:
         settings = json.loads(record.specification)["settings"]
-        if specification.arm == "trpo":
+        if specification.variant == "trpo":
             assert settings["cg_max_steps"] == 15
         cls = load_algorithm(specification.algorithm).settings
         assert cls.model_validate_json(json.dumps(settings)).model_dump(mode="json") == settings

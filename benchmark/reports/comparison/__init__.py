@@ -1,8 +1,8 @@
 """Comparisons of learners: what each reached, how cells of the table differ, what it cost, and what it knows.
 
 The table has an axis for scenarios, one for conditions and one for learners. Every contrast of a protocol,
-every effect, every check of an implementation and every control is the difference between two of its cells,
-or between means of cells over scenarios.
+every effect, every comparison with a reference implementation and every control is the difference between two
+of its cells, or between means of cells over scenarios.
 """
 
 from pathlib import Path

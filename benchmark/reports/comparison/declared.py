@@ -104,8 +104,8 @@ class Declared:
         }
         reporting = experiment.report
         if not reporting.contrasts and not reporting.baseline and not reporting.effects:
-            checks = {name for name, declared in experiment.algorithms.items() if declared.check_of}
-            own = [learner for learner in families if learner.algorithm not in checks]
+            references = {name for name, declared in experiment.algorithms.items() if declared.reference_for}
+            own = [learner for learner in families if learner.algorithm not in references]
             table = next((learner for learner in own if families[learner] == "tabular"), None)
             deep = [learner for learner in own if families[learner] == "deep"]
             if len(deep) > MOST_CONTRASTS:
@@ -211,7 +211,7 @@ def forecast(experiment: Experiment) -> str:
     )
     n_scenarios = len(experiment.scenarios)
     n_pooled = n_scenarios if reporting.pool == "scenarios" else 1
-    own = [name for name, each in experiment.algorithms.items() if not each.check_of]
+    own = [name for name, each in experiment.algorithms.items() if not each.reference_for]
     n_learners = sum(learner.algorithm in own for learner in declared.families)
     n_tests = sum(
         (1 if x.scenario else n_scenarios // n_pooled)

@@ -1,7 +1,7 @@
 """What the figures of a comparison share. A learner has one colour, marker and dash in all of them.
 
 Colour and marker show its algorithm, and tint and dash its observation, so that figures can be read in grey,
-too. A check is drawn hollow, in the colour of the learner that it checks.
+too. A reference implementation is drawn hollow, in the colour of its learner.
 """
 
 import math
@@ -35,16 +35,16 @@ _STYLES: Final[dict[str, dict[str, Any]]] = {
 _DASHES: Final[dict[str, Any]] = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
 _TINTED: Final = "coordinates"  # the observation of the learners that are drawn lighter
 _N_MARKERS: Final = 6  # of a curve
-_N_POINTS: Final = 4  # of a check
+_N_POINTS: Final = 4  # of a reference
 _COLUMNS: Final = 4  # of panels, if there are many scenarios
 FEW: Final = 4  # scenarios that have a column each
 
 
 def learners_in(frame: pd.DataFrame, context: Context | None = None) -> list[Learner]:
-    """Lists the learners in a frame, in its order; with a context, those that are no checks."""
+    """Lists the learners in a frame, in its order; with a context, without reference implementations."""
     pairs = dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True))
-    checks = {} if context is None else context.checks
-    return [learner for pair in pairs if (learner := Learner(*pair)) not in checks]
+    references = {} if context is None else context.references
+    return [learner for pair in pairs if (learner := Learner(*pair)) not in references]
 
 
 def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
@@ -136,32 +136,32 @@ def curve_panels(
             axis.set(xlabel="environment step")
         yield figure, axes.flat[: len(places)]
         drawn = list(dict.fromkeys(learner for panel in panels.values() for learner in panel))
-        bars = " or bar" if context.checks else ""
+        bars = " or bar" if context.references else ""
         legend(figure, context, drawn, f"line: mean over runs; shade{bars}: 95 % interval{signs}")
 
 
 def lines(
     axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], context: Context
 ) -> None:
-    """Draws lines with their intervals and some markers, and above them some points of their checks."""
+    """Draws lines with their intervals and some markers, and above them some points of their references."""
     low, high = f"{y}_low", f"{y}_high"
     for learner in learners:
         rows, style = frame[is_of(frame, learner)], style_of(learner, context)
         axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // _N_MARKERS, 1), **style)
         axis.fill_between(rows[x], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
-    checks = [(check, learner) for learner in learners for check in checks_of(learner, context)]
-    for place, (check, learner) in enumerate(checks, start=1):
-        rows, style = frame[is_of(frame, check)], style_of(learner, context)
+    references = [(each, learner) for learner in learners for each in references_of(learner, context)]
+    for place, (reference, learner) in enumerate(references, start=1):
+        rows, style = frame[is_of(frame, reference)], style_of(learner, context)
         every = math.ceil(len(rows) / _N_POINTS)
-        rows = rows.iloc[every * place // (len(checks) + 1) :: every]  # not where those of others are
+        rows = rows.iloc[every * place // (len(references) + 1) :: every]  # not where those of others are
         axis.vlines(rows[x], rows[low], rows[high], color=style["color"], ls=style["ls"], lw=0.8, zorder=3)
         axis.plot(rows[x], rows[y], **{**style, "ls": ""}, ms=5, mfc="white", zorder=3)
 
 
 def dots(axis: Axes, frame: pd.DataFrame, key: str, learners: Sequence[Learner], context: Context) -> None:
-    """Draws dots with intervals from top to bottom, each learner's with those of its checks below."""
+    """Draws dots with intervals from top to bottom, those of references below their learners'."""
     for y, learner in enumerate(learners):
-        style, together = style_of(learner, context), [learner, *checks_of(learner, context)]
+        style, together = style_of(learner, context), [learner, *references_of(learner, context)]
         for place, each in enumerate(together):
             for _, row in frame[is_of(frame, each)].iterrows():
                 at, is_check = y + 0.4 * (place - (len(together) - 1) / 2), place > 0
@@ -179,14 +179,14 @@ def rows(axis: Axes, names: Sequence[object], *, first: bool) -> None:
     axis.tick_params(axis="y", length=0)
 
 
-def checks_of(learner: Learner, context: Context) -> list[Learner]:
-    """Lists the checks of a learner."""
-    return [check for check, checked in context.checks.items() if checked == learner]
+def references_of(learner: Learner, context: Context) -> list[Learner]:
+    """Lists the reference implementations of a learner."""
+    return [reference for reference, own in context.references.items() if own == learner]
 
 
-def with_checks(text: str, context: Context) -> str:
-    """Returns what a figure says of its signs, and what it says of checks."""
-    return "; ".join(filter(None, [text, context.check_note]))
+def with_references(text: str, context: Context) -> str:
+    """Returns what a figure says of its signs, and what it says of references."""
+    return "; ".join(filter(None, [text, context.reference_note]))
 
 
 def legend(figure: Figure, context: Context, learners: Sequence[Learner], title: str) -> None:
@@ -200,5 +200,5 @@ def legend(figure: Figure, context: Context, learners: Sequence[Learner], title:
         ncols=4,
         frameon=False,
         handlelength=3,
-        title=with_checks(title, context),
+        title=with_references(title, context),
     )

@@ -114,7 +114,7 @@ def headline(folder: Folder) -> Finding | None:
     if declared.baseline is None:
         n = link(str(len(table)), "contrasts", table)
         return Finding(f"{start}, of {n} contrast{'s' * (len(table) != 1)}, {counted(table)}.")
-    places = words.places(table)
+    places = words.scenario_labels(table)
     if not any(places):
         return _pooled(declared, table, folder, start)
     by_outcome: dict[Outcome, list[str]] = {}
@@ -298,7 +298,7 @@ def _dots(tables: Frames, context: Context) -> Figure:
     panels = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
     if "aggregate" in tables and len(scenarios) > 1:
         panels["mean over scenarios"] = tables["aggregate"]
-    height = (0.44 if context.checks else 0.3) * len(learners) + 1.5
+    height = (0.44 if context.references else 0.3) * len(learners) + 1.5
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
             figures.dots(axis, panel, "success", learners, context)
@@ -309,7 +309,7 @@ def _dots(tables: Frames, context: Context) -> Figure:
                 at = learners.index(baseline)
                 axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
-        figure.supxlabel(figures.with_checks(text, context), fontsize="small")
+        figure.supxlabel(figures.with_references(text, context), fontsize="small")
     return figure
 
 
@@ -322,12 +322,12 @@ def _with_tuning(learner: Learner, context: Context) -> str:
 def _heat(tables: Frames, context: Context) -> Figure:
     """Draws a row per scenario and a column per learner, with the signs of verdicts."""
     frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
-    frame = frame.assign(scenario=words.places(frame))
+    frame = frame.assign(scenario=words.scenario_labels(frame))
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
         rows = contrasts[contrasts["y"] == str(baseline)]
-        keys = zip(words.places(rows), rows["x"], strict=True)
+        keys = zip(words.scenario_labels(rows), rows["x"], strict=True)
         verdicts = dict(zip(keys, rows["success_verdict"], strict=True))
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
     table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
@@ -418,7 +418,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
 
 @aggregate.sentence
 def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says how checks and the learners that they check compare."""
+    """Says how reference implementations and their learners compare."""
     if "condition" in table:
         return None
     algorithms, rows = folder.manifest["algorithms"], {words.name_of(row): row for _, row in table.iterrows()}
@@ -426,9 +426,11 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         f"`{name}` {words.interval(row, 'success', 'aggregate')} and "
         f"{words.interval(rows[str(Learner(checked, row['observation']))], 'success', 'aggregate')}"
         for name, row in rows.items()
-        if (checked := algorithms[row["algorithm"]]["check_of"])
+        if (checked := algorithms[row["algorithm"]]["reference_for"])
     ]
-    return f"Success of each check and of the learner that it checks: {'; '.join(parts)}." if parts else None
+    return (
+        f"Success of each reference implementation and of its learner: {'; '.join(parts)}." if parts else None
+    )
 
 
 @item("scores", "every run at the end of training")

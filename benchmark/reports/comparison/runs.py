@@ -22,7 +22,7 @@ from envs import InputError, Model
 
 Values = NDArray[np.float64]
 
-SB3: Final = "Stable-Baselines3 itself"  # what trains checks, as readers see it
+SB3: Final = "Stable-Baselines3 itself"  # what trains references, as readers see it
 CELL: Final = dict.fromkeys(("scenario", "condition", "algorithm", "observation"), "")  # columns, unlabelled
 _LISTED: Final = 4  # cells that a sentence on missing runs names
 _ROUNDING: Final = 9  # digits, so that the last digit of two optima does not decide which of them is better
@@ -68,7 +68,7 @@ class Cell:
           start: Where episodes start.
         """
         if name in ("score", "unbounded_score"):
-            scores = np.round(self.population.scores_of(self.policy, start), _ROUNDING)
+            scores = np.round(self.population.unbounded_scores_of(self.policy, start), _ROUNDING)
             return scores if name == "unbounded_score" else np.clip(scores, 0.0, 1.0)
         return np.asarray(self.population.arrays[evaluated(name, self.policy, start)])
 
@@ -118,10 +118,12 @@ class Context:
     """What figures need in addition to the tables."""
 
     models: Mapping[str, Model]  # by scenario
-    panels: Mapping[str, Sequence[Learner]]  # title to the learners that are drawn together, without checks
-    algorithms: Sequence[str]  # all that are declared, in the order of their colours, without checks
-    checks: Mapping[Learner, Learner]  # to the learner that each checks
-    check_note: str  # what figures say of checks; empty if there are none
+    panels: Mapping[
+        str, Sequence[Learner]
+    ]  # title to the learners that are drawn together, without references
+    algorithms: Sequence[str]  # all that are declared, in the order of their colours, without references
+    references: Mapping[Learner, Learner]  # reference implementations to their learners
+    reference_note: str  # what figures say of references; empty if there are none
     declared: Declared
     tuning: Mapping[str, int]  # algorithm to how many settings were tried; without those that do not say
 
@@ -130,11 +132,11 @@ class Context:
 class Runs:
     """All cells of a comparison. Planners, which know the model, are apart: they say what is possible."""
 
-    cells: Sequence[Cell]  # by learner, in the order declared; a check follows the learner that it checks
+    cells: Sequence[Cell]  # by learner, in the order declared; a reference follows its learner
     planners: Sequence[Cell]
     declared: Declared
     groups: Mapping[str, str]  # algorithm to its group; those of none are drawn with all
-    checks: Mapping[Learner, Learner]  # to the learner that each checks
+    references: Mapping[Learner, Learner]  # reference implementations to their learners
     tuning: Mapping[str, int]
     missing: str = ""  # which runs are missing; empty if none is
     seeds_note: str = ""  # which seeds there are instead of those declared
@@ -161,8 +163,10 @@ class Runs:
 
     @property
     def own(self) -> "Runs":
-        """The same without checks."""
-        return replace(self, cells=[cell for cell in self if cell.learner not in self.checks], checks={})
+        """The same without references."""
+        return replace(
+            self, cells=[cell for cell in self if cell.learner not in self.references], references={}
+        )
 
     @property
     def scenarios(self) -> list[str]:
@@ -207,33 +211,35 @@ class Runs:
     @property
     def context(self) -> Context:
         """See `Context`."""
-        learners = [learner for learner in self.learners if learner not in self.checks]
+        learners = [learner for learner in self.learners if learner not in self.references]
         everywhere = [learner for learner in learners if not self.groups.get(learner.algorithm)]
         panels: dict[str, list[Learner]] = {}
         for learner in learners:
             if group := self.groups.get(learner.algorithm):
                 panels.setdefault(group, [*everywhere]).append(learner)
-        names = [learner.algorithm for learner in self.declared.families if learner not in self.checks]
+        names = [learner.algorithm for learner in self.declared.families if learner not in self.references]
         return Context(
             models={cell.scenario: cell.population.model for cell in self.cells},
             panels=panels or {"": everywhere},
             algorithms=list(dict.fromkeys(names)),
-            checks=self.checks,
-            check_note=self._check_note,
+            references=self.references,
+            reference_note=self._reference_note,
             declared=self.declared,
             tuning=self.tuning,
         )
 
     @property
-    def _check_note(self) -> str:
-        checks = [cell for cell in self if cell.learner in self.checks]
-        if not checks:
+    def _reference_note(self) -> str:
+        references = [cell for cell in self if cell.learner in self.references]
+        if not references:
             return ""
-        sizes = [cell.n for cell in checks]
+        sizes = [cell.n for cell in references]
         n = f"{max(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
-        nets = [cell.population.algorithm for cell in checks if cell.population.algorithm.family == "deep"]
+        nets = [
+            cell.population.algorithm for cell in references if cell.population.algorithm.family == "deep"
+        ]
         is_sb3 = bool(nets) and all("stable_baselines3" in each.packages for each in nets)
-        return f"hollow: checks, {n} runs{f', nets by {SB3}' if is_sb3 else ''}"
+        return f"hollow: reference implementations, {n} runs{f', nets by {SB3}' if is_sb3 else ''}"
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Runs:
@@ -266,36 +272,36 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         )
     algorithms = experiment.algorithms
     order = {learner: i for i, learner in enumerate(dict.fromkeys(learner for _, _, learner in wanted))}
-    checks = {
-        learner: Learner(algorithms[learner.algorithm].check_of, learner.observation)
+    references = {
+        learner: Learner(algorithms[learner.algorithm].reference_for, learner.observation)
         for learner in order
-        if algorithms[learner.algorithm].check_of
+        if algorithms[learner.algorithm].reference_for
     }
     few = {learner for learner in order if len(_common_seeds(learner, there)) < 2}
-    few |= {check for check, checked in checks.items() if checked in few}
+    few |= {reference for reference, learner in references.items() if learner in few}
     cells: list[Cell] = []
     planners: list[Cell] = []
 
     def rank(place: tuple[str, str, Learner]) -> tuple[int, bool, int]:
         learner = place[2]
-        return order[checks.get(learner, learner)], learner in checks, order[learner]
+        return order[references.get(learner, learner)], learner in references, order[learner]
 
     for scenario, condition, learner in sorted(there, key=rank):
         if learner in few:
             continue
         population = load_population(there[scenario, condition, learner], store)
         policy = algorithms[learner.algorithm].policy
-        if not population.scores_of(policy, "start").shape[1]:
+        if not population.unbounded_scores_of(policy, "start").shape[1]:
             raise InputError(
                 f"{experiment.argument}: algorithms.{learner.algorithm}.policy = {policy}: its training "
                 "returns no such policy; accepted: greedy."
             )
         cell = Cell(scenario, condition, learner, population, policy, len(experiment.conditions) > 1)
         (planners if population.algorithm.family == "planner" else cells).append(cell)
-    if len({cell.learner for cell in cells} - checks.keys()) < 2:
+    if len({cell.learner for cell in cells} - references.keys()) < 2:
         raise InputError(
             f"{experiment.name}: {missing or 'too few runs'}: accepted: at least two learners that are "
-            "neither checks nor planners, each with two runs of every scenario."
+            "neither reference implementations nor planners, each with two runs of every scenario."
         )
     left_out = "left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
     return Runs(
@@ -303,7 +309,7 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         planners,
         Declared.of(experiment),
         groups={name: declared.group for name, declared in algorithms.items()},
-        checks={check: checked for check, checked in checks.items() if check not in few},
+        references={each: learner for each, learner in references.items() if each not in few},
         tuning={name: each.tuning.settings for name, each in algorithms.items() if each.tuning is not None},
         missing="; ".join(filter(None, [missing, left_out])),
         seeds_note=""

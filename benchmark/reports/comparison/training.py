@@ -119,10 +119,10 @@ def steps(runs: Runs) -> Iterator[dict[str, Any]]:
 def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Says which learner was the first to learn each scenario, tables and nets alike."""
     families = {name: each["family"] for name, each in folder.manifest["algorithms"].items()}
-    checks = [name for name, each in folder.manifest["algorithms"].items() if each["check_of"]]
+    references = [name for name, each in folder.manifest["algorithms"].items() if each["reference_for"]]
     winners: dict[str, list[tuple[str, pd.DataFrame]]] = {}
-    own = table[~table["algorithm"].isin(checks)]
-    for scenario, here in own.groupby(words.places(own), sort=False):
+    own = table[~table["algorithm"].isin(references)]
+    for scenario, here in own.groupby(words.scenario_labels(own), sort=False):
         best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
         here_first = {families[name] for name in best["algorithm"]}
         kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
@@ -208,7 +208,7 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
 def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
     found: dict[str, list[str]] = {"net": [], "table": []}
-    for scenario, here in table.groupby(words.places(table), sort=False):
+    for scenario, here in table.groupby(words.scenario_labels(table), sort=False):
         fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0]
         low, high, ratio = fastest["ratio_low"], fastest["ratio_high"], fastest["ratio"]
         if low <= 1 <= high:
@@ -322,7 +322,7 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
 def _(table: pd.DataFrame, folder: Folder) -> str:
     """Says what runs cost, relative to a table in plain Python if there is one."""
     algorithms = folder.manifest["algorithms"]
-    shown = words.compared(table, folder, with_checks=True)
+    shown = words.compared(table, folder, with_references=True)
     parts = [
         f"`{words.name_of(row)}` {link(words.duration(row['cpu_time_s']), 'cost', row)}"
         for _, row in shown.iterrows()

@@ -48,7 +48,7 @@ def place(row: pd.Series) -> str:
     return " under ".join(name for name in names if isinstance(name, str))
 
 
-def places(table: pd.DataFrame) -> pd.Series:
+def scenario_labels(table: pd.DataFrame) -> pd.Series:
     """Returns the place of each row."""
     return pd.Series([place(row) for _, row in table.iterrows()], index=table.index, dtype=str)
 
@@ -75,16 +75,16 @@ def setting(folder: Folder) -> str:
     return f"{budget} in {listed(scenarios) if len(scenarios) <= 4 else f'{len(scenarios)} scenarios'}"
 
 
-def compared(table: pd.DataFrame, folder: Folder, *, with_checks: bool = False) -> pd.DataFrame:
-    """Returns the rows of the learners that contrasts compare, and on demand of their checks."""
+def compared(table: pd.DataFrame, folder: Folder, *, with_references: bool = False) -> pd.DataFrame:
+    """Returns the rows of the learners that contrasts compare, and on demand of their references."""
     algorithms = folder.manifest["algorithms"]
     wanted = {*Declared.from_manifest(folder.manifest).compared}
     learners = [Learner(*pair) for pair in zip(table["algorithm"], table["observation"], strict=True)]
-    if with_checks:
+    if with_references:
         checked = {
-            each: Learner(algorithms[each.algorithm]["check_of"], each.observation) for each in learners
+            each: Learner(algorithms[each.algorithm]["reference_for"], each.observation) for each in learners
         }
-        wanted |= {check for check, learner in checked.items() if learner in wanted}
+        wanted |= {each for each, learner in checked.items() if learner in wanted}
     return table[[learner in wanted for learner in learners]]
 
 

@@ -118,11 +118,11 @@ def nets(size: int, budget: int, results: str) -> Values:
     return _train(Threads(1), 1, partial(deep_runs, "dqn", "one_hot", budget), size, results)
 
 
-def deep_runs(arm: str, observation: str, budget: int, seeds: Sequence[int]) -> list[RunSpecification]:
+def deep_runs(variant: str, observation: str, budget: int, seeds: Sequence[int]) -> list[RunSpecification]:
     """Lists runs of `compare_deep` in S1, with another budget."""
     declared = _load("compare_deep")
     changed = declared.model_copy(update={"settings": declared.settings | {"budget": budget}})
-    return specifications(changed, DEFAULT_CONDITION, "S1", arm, observation, seeds)
+    return specifications(changed, DEFAULT_CONDITION, "S1", variant, observation, seeds)
 
 
 _load = cache(load_experiment)

@@ -24,7 +24,7 @@ REPORT: Final = Report(
         learned.learning,
         learned.optimal,
         learned.q_values,
-        explorer_item(lambda data: [Shown(data.arm, data.observation, each) for each in data.default]),
+        explorer_item(lambda data: [Shown(data.variant, data.observation, each) for each in data.default]),
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=verdicts.headline,

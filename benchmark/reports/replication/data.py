@@ -28,7 +28,7 @@ class Data:
     readings: Mapping[str, Mapping[str, Population]]  # reading to scenario to as many agents as the paper has
     everyone: Mapping[str, Population]  # scenario to all agents under the default reading
     curves: Mapping[str, str]  # reading to the array of maximum Q that the claims on curves are about
-    arm: str
+    variant: str
     observation: str
     note: str
     is_incomplete: bool = False  # a replication is reported whole or not at all
@@ -84,13 +84,13 @@ class Data:
 
 
 def check(experiment: Experiment) -> None:
-    """Checks that an experiment has a single tabular arm that records the maximum Q, and no sweep.
+    """Checks that an experiment has a single tabular variant that records the maximum Q, and no sweep.
 
     Raises:
       InputError: It has something else, or declares what a comparison decides.
     """
     source = experiment.argument
-    first, *others = (load_algorithm(arm.algorithm) for arm in experiment.algorithms.values())
+    first, *others = (load_algorithm(variant.algorithm) for variant in experiment.algorithms.values())
     if others or first.family != "tabular" or "record_every" not in first.settings.model_fields:
         raise InputError(
             f"{source}: algorithms: a replication takes one: a table that records the maximum Q."
@@ -127,21 +127,21 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     """
     if partial:
         raise InputError(f"--partial: {experiment.name} is a replication; accepted: a comparison.")
-    arm, declared = next(iter(experiment.algorithms.items()))
+    variant, declared = next(iter(experiment.algorithms.items()))
     observation = declared.observations[0]
     agents: dict[str, dict[str, Population]] = {reading: {} for reading in experiment.readings}
     for reading, scenario in product(experiment.readings, experiment.scenarios):
-        runs = specifications(experiment, reading, scenario, arm, observation, seeds)
+        runs = specifications(experiment, reading, scenario, variant, observation, seeds)
         population = load_population(runs, store)
         agents[reading][population.scenario] = population
     everyone = agents[DEFAULT_CONDITION]
     first = next(iter(everyone.values()))
     for name in _CURVES.values():
         if name not in first.arrays:
-            raise InputError(f"{experiment.name}: algorithms.{arm}: its training returns no {name}.")
+            raise InputError(f"{experiment.name}: algorithms.{variant}: its training returns no {name}.")
     note = ""
     if seeds is not None:
-        n_agents, n_declared = len(first.seeds), len(experiment.declared_seeds(arm, DEFAULT_CONDITION))
+        n_agents, n_declared = len(first.seeds), len(experiment.declared_seeds(variant, DEFAULT_CONDITION))
         note = f"Agents have the seeds {min(seeds)} to {max(seeds)} instead of those declared."
         if n_agents < n_declared:
             note = f"Partial: {n_agents} of the {n_declared} agents declared per scenario."
@@ -150,4 +150,4 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         for reading, populations in agents.items()
     }
     curves = {name: _CURVES[reading.curve] for name, reading in experiment.readings.items()}
-    return Data(few, everyone, curves, arm, observation, note)
+    return Data(few, everyone, curves, variant, observation, note)

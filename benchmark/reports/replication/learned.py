@@ -109,9 +109,9 @@ def learning(data: Data) -> pd.DataFrame:
     for population in data.default:
         columns: dict[str, Any] = {"scenario": population.scenario, "step": population.evaluation_steps}
         columns |= _bounded("success", population.arrays["success"])
-        columns |= _bounded("score", np.clip(population.scores, 0.0, 1.0))
-        columns |= _bounded("optimal_share", _is_optimal(population.scores))
-        columns["unbounded_score"] = population.scores.mean(axis=0)
+        columns |= _bounded("score", np.clip(population.unbounded_scores, 0.0, 1.0))
+        columns |= _bounded("optimal_share", _is_optimal(population.unbounded_scores))
+        columns["unbounded_score"] = population.unbounded_scores.mean(axis=0)
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -150,7 +150,7 @@ def optimal(data: Data) -> pd.DataFrame:
         row: dict[str, Any] = {"scenario": population.scenario, "agents": len(population.seeds)}
         row |= {"first_seed": first, "last_seed": last}
         row |= _bounded("success", population.arrays["success"][:, -1])
-        row |= _bounded("optimal_share", _is_optimal(population.scores[:, -1]))
+        row |= _bounded("optimal_share", _is_optimal(population.unbounded_scores[:, -1]))
         for name, (random, best) in population.anchors.items():
             learned = population.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}

@@ -24,7 +24,7 @@ def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
         run(runs, store, 1, executor=Threads)
         with pytest.raises(InputError, match="runs per scenario and learner = 1: accepted: at least 2"):
             load_population(runs, store)
-        assert len(load_population(runs, store, fewest=1).scores) == 1
+        assert len(load_population(runs, store, fewest=1).unbounded_scores) == 1
 
 
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
@@ -48,7 +48,7 @@ def test_scores_lie_between_the_exact_anchors() -> None:
     random, optimal = population().anchors["grid_return"]
     assert optimal == pytest.approx(0.0, abs=1e-12)
     returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
-    assert population(n=1, grid_return=returns).scores[0] == pytest.approx([1, 0, 0.5, -1])
+    assert population(n=1, grid_return=returns).unbounded_scores[0] == pytest.approx([1, 0, 0.5, -1])
 
 
 def test_target_cells_are_those_of_the_region() -> None:

@@ -7,7 +7,9 @@ from benchmark.commands.report import folder_name, other_seeds
 from benchmark.experiments import load_experiment
 
 DECLARED = load_experiment("reproduce")
-(ARM,) = (arm.model_copy(update={"seeds": 100, "first_seed": 0}) for arm in DECLARED.algorithms.values())
+(ARM,) = (
+    variant.model_copy(update={"seeds": 100, "first_seed": 0}) for variant in DECLARED.algorithms.values()
+)
 DEFAULT = {"default": DECLARED.readings["default"].model_copy(update={"seeds": None})}
 REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": ARM}, "readings": DEFAULT})
 
@@ -31,10 +33,10 @@ def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
     assert folder_name(REPRODUCE, seeds, partial=partial) == name
 
 
-def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_arm() -> None:
+def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_variant() -> None:
     later = ARM.model_copy(update={"first_seed": 100})
-    for arms, declared in (([later], "100-199"), ([ARM, ARM], "0-99"), ([ARM, later], None)):
-        algorithms = {str(i): each for i, each in enumerate(arms)}
+    for variants, declared in (([later], "100-199"), ([ARM, ARM], "0-99"), ([ARM, later], None)):
+        algorithms = {str(i): each for i, each in enumerate(variants)}
         experiment = REPRODUCE.model_copy(update={"algorithms": algorithms})
         for text in ("0-99", "100-199", "0-199"):
             seeds = parse_seeds(text)

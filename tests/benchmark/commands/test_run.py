@@ -76,13 +76,13 @@ def test_what_runs_cannot_show_is_said_before_they_start(
 
 
 @pytest.mark.parametrize(
-    ("stem", "arm"), [("..", "one"), ("speed", "one"), ("mine", "../../x"), ("mine", "a|b")]
+    ("stem", "variant"), [("..", "one"), ("speed", "one"), ("mine", "../../x"), ("mine", "a|b")]
 )
 def test_nothing_is_written_where_a_name_leads_elsewhere(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], stem: str, arm: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], stem: str, variant: str
 ) -> None:
     experiment = tmp_path / f"{stem}.toml"
-    experiment.write_text(LOGGED.replace("algorithms.ppo", f'algorithms."{arm}"'), encoding="utf-8")
+    experiment.write_text(LOGGED.replace("algorithms.ppo", f'algorithms."{variant}"'), encoding="utf-8")
     arguments = ["run", str(experiment), "--results", str(tmp_path / "results"), "--report"]
     assert main([*arguments, "--tensorboard", str(tmp_path / "logs")]) == 2
     message = capsys.readouterr().err

@@ -102,7 +102,7 @@ def test_stored_runs_of_such_a_machine_are_believed(tmp_path: Path) -> None:
 
 
 def test_kinds_are_unknown_if_the_time_is_up_or_a_job_fails() -> None:
-    worker = Planted(lambda job: 0.1 if job[0].arm == "q_learning" else None)
+    worker = Planted(lambda job: 0.1 if job[0].variant == "q_learning" else None)
     estimated = estimate([*TABLES, *NETS], None, 2, 2, limit_s=0.1, executor=lambda _: worker)
     assert worker.is_cancelled
     assert (estimated.sources, estimated.unknown) == ({"short jobs": 1}, ["dqn_sb3"])

@@ -88,9 +88,9 @@ FICKLE = Toy()
 def toy_runs(name: str, seeds: Sequence[int]) -> list[RunSpecification]:
     """Runs of one of the algorithms above."""
     data = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
-    arm = {"algorithm": f"{__name__}:{name}", "observations": ["index"], "seeds": 10}
+    variant = {"algorithm": f"{__name__}:{name}", "observations": ["index"], "seeds": 10}
     data = {key: data[key] for key in ("description", "horizon", "evaluation_every", "map_every")}
-    data |= {"scenarios": ["S1"], "algorithms": {"toy": arm}, "settings": {"budget": 10_000}}
+    data |= {"scenarios": ["S1"], "algorithms": {"toy": variant}, "settings": {"budget": 10_000}}
     experiment = parse(Experiment, data, "test", name="toy")
     return specifications(experiment, "default", "S1", "toy", "index", seeds)
 

@@ -63,8 +63,8 @@ def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
 
 def test_nets_are_the_same_in_a_worker_which_stays_for_the_next_job() -> None:
     smoke = load_experiment("compare_deep_smoke")
-    arms = (("dqn_sb3", "one_hot"), ("ppo_sb3", "coordinates"))
-    jobs = [specifications(smoke, "default", "S1", *arm, [1]) for arm in arms]
+    variants = (("dqn_sb3", "one_hot"), ("ppo_sb3", "coordinates"))
+    jobs = [specifications(smoke, "default", "S1", *variant, [1]) for variant in variants]
     executor = Processes(1)
     try:
         records, pids = [], set()

@@ -31,7 +31,7 @@ def shown(display: Display) -> list[str]:
 def test_runs_are_counted_per_learner_or_in_one_line(is_terminal: bool) -> None:
     console = Console(file=(file := io.StringIO()), force_terminal=is_terminal, width=110)
     display = Display("mine", RUNS, {RUNS[0].digest}, plan(RUNS[1:]), console)
-    learner = [run for run in RUNS if (run.arm, run.observation) == ("dqn_sb3", "one_hot")]
+    learner = [run for run in RUNS if (run.variant, run.observation) == ("dqn_sb3", "one_hot")]
     with display:
         display.start(learner[:1])
         display.start(learner[1:2])
@@ -40,8 +40,8 @@ def test_runs_are_counted_per_learner_or_in_one_line(is_terminal: bool) -> None:
         display.advance([ended(learner[1], "diverged")])
     lines = shown(display)
     assert f"dqn_sb3, one_hot: 1 of {len(learner)} done, 1 failed" in lines
-    table = [run for run in RUNS if run.arm == RUNS[0].arm]
-    assert f"{RUNS[0].arm}, index: 1 of {len(table)} done" in lines
+    table = [run for run in RUNS if run.variant == RUNS[0].variant]
+    assert f"{RUNS[0].variant}, index: 1 of {len(table)} done" in lines
     assert f"2 of {len(RUNS)} runs, 1 failed" in lines[-1]
     if is_terminal:
         assert "dqn_sb3, one_hot" in file.getvalue()

@@ -95,9 +95,11 @@ def test_comparison_declares_what_it_should() -> None:
     full = load_experiment("compare_deep")
     assert full.scenarios == ("S1", "S2", "S3")
     seeds = {name: full.declared_seeds(name, "default") for name in full.algorithms}
-    assert {seeds[name] for name, arm in full.algorithms.items() if not arm.check_of} == {range(100, 200)}
+    assert {seeds[name] for name, variant in full.algorithms.items() if not variant.reference_for} == {
+        range(100, 200)
+    }
     assert {seeds[name] for name in full.algorithms if name.endswith("_sb3")} == {range(10)}
-    assert {name for name, arm in full.algorithms.items() if arm.policy == "stochastic"} == {
+    assert {name for name, variant in full.algorithms.items() if variant.policy == "stochastic"} == {
         "ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3",
     }  # fmt: skip
     assert full.report is not None
@@ -119,10 +121,16 @@ def test_comparisons_have_miniatures_with_the_same_learners() -> None:
     for name in ("compare_deep", "compare_deep_long"):
         full, small = load_experiment(name), load_experiment(f"{name}_smoke")
         assert list(small.algorithms) == list(full.algorithms)
-        for arm, other in zip(small.algorithms.values(), full.algorithms.values(), strict=True):
-            assert (arm.algorithm, arm.check_of, arm.group) == (other.algorithm, other.check_of, other.group)
+        for variant, other in zip(small.algorithms.values(), full.algorithms.values(), strict=True):
+            assert (variant.algorithm, variant.reference_for, variant.group) == (
+                other.algorithm,
+                other.reference_for,
+                other.group,
+            )
             # Of a check, the first observation does.
-            assert arm.observations == (other.observations[:1] if arm.check_of else other.observations)
+            assert variant.observations == (
+                other.observations[:1] if variant.reference_for else other.observations
+            )
         assert len(all_specifications(small)) < 80
 
 
@@ -166,12 +174,12 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
     assert states[0] == states[1] != states[2]
 
 
-def test_a_check_takes_settings_observations_and_group_from_the_arm_that_it_checks() -> None:
-    arms = load_experiment("compare_deep").algorithms
-    checks = {name: arm for name, arm in arms.items() if arm.check_of}
+def test_a_reference_takes_settings_observations_and_group_from_its_variant() -> None:
+    variants = load_experiment("compare_deep").algorithms
+    checks = {name: variant for name, variant in variants.items() if variant.reference_for}
     assert len(checks) == 6
     for check in checks.values():
-        checked = arms[check.check_of]
+        checked = variants[check.reference_for]
         assert (check.settings, check.group) == (checked.settings, checked.group)
         assert check.policy == checked.policy
         assert check.observations == checked.observations
@@ -189,7 +197,7 @@ def test_equivalence_shares_its_runs_with_the_comparison() -> None:
 def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
     runs = all_specifications(COMPARED)
     first = runs[: len(COMPARED.populations)]
-    assert {(run.scenario.name, run.arm, run.observation) for run in first} == set(COMPARED.populations)
+    assert {(run.scenario.name, run.variant, run.observation) for run in first} == set(COMPARED.populations)
     assert {run.seed for run in first} == {0}
     assert len({run.folder for run in runs}) == len(runs)
     assert first[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_0"
@@ -223,14 +231,22 @@ OF_A_REPLICATION = [
     (SWEEP, f"[sweep]\npay.low.scenario.ping_limit = 0\n{SWEEP}", "mine.toml: sweep.pay.low.scenario: "),
     (SWEEP, f"[sweep]\na.x.settings.epsilon = 0.1\nb.y.settings.epsilon = 0.2\n{SWEEP}", "settings.epsilon"),
 ]
-LINEAR = 'check_of = "dqn_linear"'
+LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
     ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
     ("[algorithms.ppo_sb3]", "[algorithms.PPO]", "algorithms: ppo and PPO: accepted: names that differ in"),
     ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
-    ('check_of = "ppo"', 'check_of = "pqo"', "ppo_sb3: check_of: unknown arm pqo (did you mean ppo?)"),
-    ('check_of = "ppo"', 'check_of = "dqn_sb3"', "ppo_sb3: check_of: unknown arm dqn_sb3"),
-    ('check_of = "ppo"', 'check_of = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: a check takes it"),
+    (
+        'reference_for = "ppo"',
+        'reference_for = "pqo"',
+        "ppo_sb3: reference_for: unknown variant pqo (did you mean ppo?)",
+    ),
+    ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
+    (
+        'reference_for = "ppo"',
+        'reference_for = "ppo"\ngroup = "PPO"',
+        "algorithms.ppo_sb3.group: a check takes it",
+    ),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
     ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),

@@ -51,9 +51,9 @@ class Learners:
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Learners:
     """Loads all runs; a partial report is not partial."""
     shown = []
-    for scenario, arm, observation in experiment.populations:
-        runs = specifications(experiment, DEFAULT_CONDITION, scenario, arm, observation, seeds)
-        shown.append(Shown(arm, observation, load_population(runs, store)))
+    for scenario, variant, observation in experiment.populations:
+        runs = specifications(experiment, DEFAULT_CONDITION, scenario, variant, observation, seeds)
+        shown.append(Shown(variant, observation, load_population(runs, store)))
     return Learners(shown, note="Partial: said a test." if partial else "")
 
 
@@ -61,9 +61,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
 def summary(data: Learners) -> Iterator[dict[str, Any]]:
     """A table with intervals, and with steps that are never reached."""
     for names, population in data.rows:
-        good = population.scores.mean(axis=0) >= 0.5
+        good = population.unbounded_scores.mean(axis=0) >= 0.5
         reached = population.evaluation_steps[int(good.argmax())] if good.any() else float("inf")
-        final = population.scores[:, -1].clip(0, 1)
+        final = population.unbounded_scores[:, -1].clip(0, 1)
         values = {"score": Estimate(final.mean(), final.min(), final.max()), "reached": float(reached)}
         yield names | values | {"remark": TEXT, "verdict": "holds" if good.any() else "does not hold"}
 
@@ -79,7 +79,7 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[Finding]:
 def curves(data: Learners) -> Iterator[dict[str, Any]]:
     """A table that is shown on demand."""
     for names, population in data.rows:
-        for step, scores in zip(population.evaluation_steps, population.scores.T, strict=True):
+        for step, scores in zip(population.evaluation_steps, population.unbounded_scores.T, strict=True):
             yield names | {"step": step, "score": Estimate(scores.mean(), scores.min(), scores.max())}
 
 

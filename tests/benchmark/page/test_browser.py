@@ -27,7 +27,7 @@ def number(text: str) -> float:
 
 def shown_maps(population: Population) -> list[int]:
     """Returns the places of the maps that the explorer shows among all maps: every second and the last."""
-    return [*range(0, len(population.map_places) - 1, 2), len(population.map_places) - 1]
+    return [*range(0, len(population.map_indices) - 1, 2), len(population.map_indices) - 1]
 
 
 def names(masks: NDArray[np.bool_]) -> set[str]:
@@ -56,7 +56,7 @@ def test_explorer_shows_what_was_stored(
     opened.cell("right", *cell).hover()
     assert f"Row {cell[0]}, column {cell[1]}" in opened.panel("right", ".readout").inner_text()
     lines = readout(opened, "right")
-    arrays, step = population.of_agent(0), population.map_places[chosen]
+    arrays, step = population.of_agent(0), population.map_indices[chosen]
     assert [line[0] for line in lines] == list(ACTIONS)
     values = arrays["values"][chosen, observed]
     assert [number(line[1]) for line in lines] == pytest.approx(values, nan_ok=True, abs=0.0006)
@@ -71,7 +71,11 @@ def test_explorer_shows_what_was_stored(
     found = re.search(r"score (\S+), success probability (\S+?)\. Mean score of all runs: (\S+) ", about)
     assert found is not None
     assert ("This net has diverged" in about) == np.isnan(values).any()
-    means = population.scores[0, step], arrays["success"][step], population.scores[:, step].mean()
+    means = (
+        population.unbounded_scores[0, step],
+        arrays["success"][step],
+        population.unbounded_scores[:, step].mean(),
+    )
     assert [number(text) for text in found.groups()] == pytest.approx(means, abs=0.0006)
 
 
@@ -239,7 +243,7 @@ def assert_walks(opened: Opened, population: Population, masks: NDArray[np.uint8
 def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None:
     kinds: dict[tuple[str, bool], list[tuple[tuple[str, str, str], int]]] = {}
     for key, population in learners.items():
-        greedy = population.of_agent(0)["greedy"][population.map_places]
+        greedy = population.of_agent(0)["greedy"][population.map_indices]
         for chosen in shown_maps(population):
             taken = walk(population.model, greedy[chosen], population.horizon)
             had_choice = contains(greedy[chosen])[list(taken.cells[:-1])].sum(axis=1) > 1
@@ -247,7 +251,7 @@ def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None
     assert {(CIRCLE, False), ("target_ping", False)} <= set(kinds)
     for key, chosen in [walked for alike in kinds.values() for walked in alike[:: len(alike) // 2 + 1]]:
         population, name = learners[key], ".".join(key)
-        place = population.map_places[chosen]
+        place = population.map_indices[chosen]
         step = population.evaluation_steps[place]
         opened.page.evaluate(f"location.hash = '#explorer={name}~{name}~{step}~values'")
         label = f"Map of {key[1]}, {key[2]}, in {key[0]}, step {step}, "
@@ -266,7 +270,7 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert "Of this agent only the final greedy policy is published." in about
         found = re.search(r"\(seed 1\): score (\S+), success probability ([\d.]+)[. ]", about)
         assert found is not None
-        expected = population.scores[1, -1], population.arrays["success"][1, -1]
+        expected = population.unbounded_scores[1, -1], population.arrays["success"][1, -1]
         assert [number(text.rstrip(".")) for text in found.groups()] == pytest.approx(expected, abs=0.0006)
         masks = population.of_agent(1)["greedy"][-1]
         opened.cell("left", 1, 3).hover()
@@ -319,8 +323,8 @@ def test_cells_without_preference_are_hatched_and_scores_below_zero_drawn_at_zer
     for side in ("left", "right"):
         opened.choose(side, "S2", *TABLE)
     population = learners["S2", *TABLE]
-    shown = population.map_places[shown_maps(population)]
-    greedy, scores = population.of_agent(0)["greedy"][shown], population.scores[0, shown]
+    shown = population.map_indices[shown_maps(population)]
+    greedy, scores = population.of_agent(0)["greedy"][shown], population.unbounded_scores[0, shown]
     is_over = population.model.is_over[population.model.fresh_state]
     for place in (0, 3, 10):
         opened.to_map(place)

@@ -32,7 +32,7 @@ class Made(NamedTuple):
     n: int = 100  # runs in each scenario
     score: float | Sequence[float] | None = None  # of every run; by default as its success
     policy: str = "greedy"
-    check_of: str = ""
+    reference_for: str = ""
     every_run: bool = False  # whether the success is that of every run instead of a share of them
 
 
@@ -104,7 +104,7 @@ def runs_of(
     contrasts: Sequence[tuple[str, str]] = (),
     baseline: str = "",
     *,
-    checks: Mapping[str, str] | None = None,
+    references: Mapping[str, str] | None = None,
     missing: str = "",
     planners: Sequence[Cell] = (),
     **reporting: Any,
@@ -129,7 +129,7 @@ def runs_of(
         planners,
         Declared.from_manifest({"facts": facts, "experiment": "made"}),
         groups={},
-        checks={Learner(x, "index"): Learner(y, "index") for x, y in (checks or {}).items()},
+        references={Learner(x, "index"): Learner(y, "index") for x, y in (references or {}).items()},
         tuning={},
         missing=missing,
     )
@@ -155,8 +155,8 @@ def compared(
             scored = None if each is None else np.full(made.n, each)
             cells.append(cell(name, reached, scenario, score=scored, family=made.family, policy=made.policy))
     pairs = contrasts or [(name, baseline) for name in learners if baseline and name != baseline]
-    checks = {name: made.check_of for name, made in learners.items() if made.check_of}
-    return runs_of(cells, pairs, baseline, checks=checks, **more)
+    references = {name: made.reference_for for name, made in learners.items() if made.reference_for}
+    return runs_of(cells, pairs, baseline, references=references, **more)
 
 
 def item(name: str) -> Item:
@@ -170,13 +170,13 @@ def folder_of(path: Path, runs: Runs, *names: str) -> Document:
     items = [each for each in REPORT.items if not names or each.name in names]
     for name, frame in tables_of(items, runs).items():
         write_csv(frame, path / f"{name}.csv")
-    checks = {str(check): str(checked.algorithm) for check, checked in runs.checks.items()}
+    references = {str(check): str(checked.algorithm) for check, checked in runs.references.items()}
     algorithms = {
         each.learner.algorithm: {
             "family": each.population.algorithm.family,
             "packages": [],
             "policy": each.policy,
-            "check_of": checks.get(str(each.learner), ""),
+            "reference_for": references.get(str(each.learner), ""),
             "settings": each.population.specification["settings"],
         }
         for each in runs

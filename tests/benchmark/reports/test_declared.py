@@ -21,7 +21,7 @@ settings = { budget = 200 }
 algorithms.other = { algorithm = "q_learning", observations = ["index"], seeds = 20 }
 algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 20 }
 algorithms.net = { algorithm = "compiled_dqn", observations = ["one_hot", "coordinates"], seeds = 20 }
-algorithms.net_sb3 = { check_of = "net", algorithm = "dqn", seeds = 20 }
+algorithms.net_sb3 = { reference_for = "net", algorithm = "dqn", seeds = 20 }
 sweep.noise = { high = {}, low = { settings = { time_limit = 40 } } }
 """
 TABLE, NET = Learner("table", "index"), Learner("net", "one_hot")

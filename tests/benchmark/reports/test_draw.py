@@ -32,10 +32,10 @@ PUBLISHED = [
 
 def without(experiment: Experiment, *names: str, **reporting: Any) -> Experiment:
     """Returns the experiment without some algorithms, and with other keys in its report."""
-    arms = {name: arm for name, arm in experiment.algorithms.items() if name not in names}
+    variants = {name: variant for name, variant in experiment.algorithms.items() if name not in names}
     assert experiment.report is not None
     report = experiment.report.model_copy(update=reporting)
-    return experiment.model_copy(update={"algorithms": arms, "report": report})
+    return experiment.model_copy(update={"algorithms": variants, "report": report})
 
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
@@ -54,7 +54,7 @@ def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(dr
         assert f"| {name.removesuffix('.png').removesuffix('.csv')}" in readme, name
     manifest = json.loads((drawn.folder / "manifest.json").read_text())
     assert manifest["digest"] == draw.digest_of([run.digest for run in all_specifications(drawn.experiment)])
-    assert manifest["algorithms"]["check"]["check_of"] == "table"
+    assert manifest["algorithms"]["check"]["reference_for"] == "table"
 
 
 def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
@@ -66,7 +66,7 @@ def test_checks_have_rows_but_no_verdicts(drawn: Drawn) -> None:
         runs = load(drawn.experiment, store, None, False)
     assert [learner.algorithm for learner in runs.learners] == ["table", "check", "sarsa", "ppo", "net"]
     assert runs.context.algorithms == ["table", "sarsa", "ppo", "net"]  # a check takes no colour
-    assert "hollow: checks, 2 runs" in runs.context.check_note
+    assert "hollow: references, 2 runs" in runs.context.reference_note
 
 
 @pytest.mark.parametrize("folder", ["drawn", *PUBLISHED], ids=str)
@@ -122,8 +122,10 @@ def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) 
     with Store(drawn.results / "runs.db", read_only=True) as store:
         for n in (4, 4, 12):
             small = without(drawn.experiment, "ppo", "check", omit=omit)
-            arms = {name: arm.model_copy(update={"seeds": n}) for name, arm in small.algorithms.items()}
-            draw.draw(small.model_copy(update={"algorithms": arms}), store, tmp_path / "small")
+            variants = {
+                name: variant.model_copy(update={"seeds": n}) for name, variant in small.algorithms.items()
+            }
+            draw.draw(small.model_copy(update={"algorithms": variants}), store, tmp_path / "small")
             looks.append(json.loads((tmp_path / "small" / "manifest.json").read_text())["looks"])
             said = "looked at before" in (tmp_path / "small" / "README.md").read_text()
             assert said == bool(looks[-1])
@@ -163,14 +165,14 @@ def test_checks_of_learners_that_are_left_out_are_left_out(drawn: Drawn, tmp_pat
     runs = [
         run
         for run in all_specifications(drawn.experiment)
-        if (run.arm, run.scenario.name, run.seed) not in lost
+        if (run.variant, run.scenario.name, run.seed) not in lost
     ]
     with Store(drawn.results / "runs.db", read_only=True) as store, Store(tmp_path / "runs.db") as other:
         other.add(store.get([run.digest for run in runs]))
         found = load(drawn.experiment, other, None, True)
         assert {learner.algorithm for learner in found.learners} == {"sarsa", "ppo", "net"}  # no common seed
         assert {"`table, index`", "`check, index`"} <= set(re.findall("`[^`]*`", found.missing))
-        assert found.checks == {}
+        assert found.references == {}
         with pytest.raises(InputError, match="at least two learners"):
             load(without(drawn.experiment, "sarsa", "ppo"), other, None, True)
 

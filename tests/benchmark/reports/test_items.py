@@ -80,7 +80,7 @@ def random_runs(n: int = 10) -> Runs:
         for name, size in sizes.items()
         for scenario in ("S1", "S2", "S3")
     ]
-    return runs_of(cells, [("a", "b")], checks={"a_sb3": "a"})
+    return runs_of(cells, [("a", "b")], references={"a_sb3": "a"})
 
 
 def test_aggregates_by_a_second_method() -> None:

@@ -433,7 +433,7 @@ def test_items_of_disjoint_sets() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arm", "report", "expected"),
+    ("variant", "report", "expected"),
     [
         ({"algorithm": "dqn", "observations": ("one_hot",), "settings": {}}, {}, "algorithms"),
         ({}, {"baseline": "q_learning"}, "report.baseline"),
@@ -441,12 +441,12 @@ def test_items_of_disjoint_sets() -> None:
     ],
 )
 def test_replication_takes_a_table_and_no_contrasts(
-    arm: dict[str, Any], report: dict[str, Any], expected: str
+    variant: dict[str, Any], report: dict[str, Any], expected: str
 ) -> None:
     experiment = load_experiment("reproduce_smoke")
     assert experiment.report is not None
     changes = {
-        "algorithms": {"mine": experiment.algorithms["q_learning"].model_copy(update=arm)},
+        "algorithms": {"mine": experiment.algorithms["q_learning"].model_copy(update=variant)},
         "report": experiment.report.model_copy(update=report),
     }
     with pytest.raises(InputError, match=expected) if expected else nullcontext():

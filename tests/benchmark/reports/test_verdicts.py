@@ -60,8 +60,8 @@ CASES: list[tuple[dict[str, Made], str]] = [
     ({"table": WEAK._replace(n=9), "net": WINNER}, "no verdict"),
     ({"table": WEAK, "net": WINNER, "other": LOSER._replace(n=2)}, "no verdict"),
     ({"table": Made("tabular", 0.0), "net": Made("deep", 0.0)}, "neither learned"),
-    # A check wins, but no verdict rests on checks.
-    ({"table": TABLE, "net": LOSER, "net_sb3": WINNER._replace(check_of="net")}, "does not earn"),
+    # A check wins, but no verdict rests on references.
+    ({"table": TABLE, "net": LOSER, "net_sb3": WINNER._replace(reference_for="net")}, "does not earn"),
     # Better in success, worse in score: not "earns".
     ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.5)}, "mixed"),
     ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.9)}, "earns"),
@@ -72,7 +72,7 @@ CASES: list[tuple[dict[str, Made], str]] = [
 
 @pytest.mark.parametrize(("learners", "expected"), CASES)
 def test_outcome_and_headline(tmp_path: Path, learners: dict[str, Made], expected: str) -> None:
-    deep = [name for name, made in learners.items() if made.family == "deep" and not made.check_of]
+    deep = [name for name, made in learners.items() if made.family == "deep" and not made.reference_for]
     runs = compared(learners, [(name, "table") for name in deep], "table")
     assert outcome_of(runs) == expected
     document = folder_of(tmp_path, runs)
