@@ -27,6 +27,7 @@ from benchmark.reports.comparison.verdicts import (
     counted,
     decisive_rows,
     effects_of,
+    is_worse_in_some,
     outcome,
     winners,
 )
@@ -159,12 +160,14 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         "no verdict": "there is no verdict on whether deep RL earns its keep over a table: runs are missing, "
         f"or there are fewer than {declared.reporting.fewest_runs} per scenario and learner",
     }[found]
-    apart = {
-        str(row["x"]): str(row["success_except"])
-        for _, row in rows.iterrows()
-        if str(row.get("success_except", "nan")) not in ("", "nan") and row["success_verdict"] != MIXED
-    }
-    aside = "".join(f" For `{x}` this is not shown in {names} alone." for x, names in apart.items())
+    aside = ""
+    for (_, row), is_worse in zip(rows.iterrows(), is_worse_in_some(rows), strict=True):
+        if (names := str(row.get("success_except", "nan"))) in ("", "nan"):
+            continue
+        if is_worse:
+            aside += f" In {names}, `{row['x']}` succeeds less often by {margin:g} or more."
+        elif row["success_verdict"] != MIXED:
+            aside += f" For `{row['x']}` this is not shown in {names} alone."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}{means}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
@@ -175,8 +178,8 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     room = 1 - learners[str(baseline)]["success"]
     ceiling = ""
     if room < margin:
-        most = "at all" if room < 1e-6 else f"by more than {room:.3f}"
-        ceiling = f" No learner could succeed more often than `{baseline}` {most}."
+        how = "always succeeds" if room < 1e-6 else f"fails in {room:.3f} of episodes"
+        ceiling = f" As `{baseline}` {how}, no learner could have been better by the margin of {margin:g}."
     return Finding(f"{start}{means}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
 
 
@@ -391,7 +394,7 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
         return
     for names, cells in runs.over_scenarios:
         row: dict[str, Any] = {**names, "policy": cells[0].policy, "runs": sum(cell.n for cell in cells)}
-        row["settings_tried"] = runs.tuning.get(names["algorithm"])
+        row["settings_tried"] = runs.tuning.get(names["algorithm"], pd.NA)  # not NaN: numbers stay whole
         for start in cells[0].population.specification["evaluated_from"]:
             for name in ENDPOINTS:
                 means = [cell.means(name, start) for cell in cells]

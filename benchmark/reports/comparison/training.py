@@ -120,21 +120,23 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Says which learner was the first to learn each scenario, tables and nets alike."""
     families = {name: each["family"] for name, each in folder.manifest["algorithms"].items()}
     references = [name for name, each in folder.manifest["algorithms"].items() if each["reference_for"]]
-    winners: dict[str, list[tuple[str, pd.DataFrame]]] = {}
+    winners: dict[str, dict[str, pd.DataFrame]] = {}  # by kind and scenario, the rows that say so
     own = table[~table["algorithm"].isin(references)]
     for scenario, here in own.groupby(words.scenario_labels(own), sort=False):
         best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
         here_first = {families[name] for name in best["algorithm"]}
         kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
-        winners.setdefault(kind, []).append((str(scenario), best if len(best) else here))
-    kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation", "none": "none"}
-    parts = []
-    for kind, text in kinds.items():
-        if found := winners.get(kind):
-            count = link(str(len(found)), "steps", *(rows for _, rows in found))
-            parts.append(f"{text} in {count} ({listed([name for name, _ in found])})")
+        winners.setdefault(kind, {})[str(scenario)] = best if len(best) else here
+    told = {
+        kind: f"{link(str(len(found)), 'steps', *found.values())} ({listed([*found])})"
+        for kind, found in winners.items()
+    }
+    kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation"}
     if len(table["scenario"].unique()) > 1:
-        yield f"The first learner whose mean success stays at or above {ENOUGH:g} is {'; '.join(parts)}."
+        if first := "; ".join(f"{text} in {told[kind]}" for kind, text in kinds.items() if kind in told):
+            yield f"The first learner whose mean success stays at or above {ENOUGH:g} is {first}."
+        if "none" in told:
+            yield f"No learner's mean success stays at or above {ENOUGH:g} in {told['none']}."
 
 
 def _medians(cell: Cell, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,8 +7,10 @@ Deep RL *earns its keep* over a table if some deep learner is better than the ba
 than the exact random policy, and not worse in score. If the policies of the two are of different classes, one
 greedy and one stochastic, the outcome is *another class*: then it is not shown that the net makes the
 difference. *Neither learned* if none of the learners compared is better than the random policy. It *does not
-earn* its keep if every deep learner is worse or equivalent. *Mixed* if scenarios, or success and score,
-contradict each other. There is *no verdict* if runs are missing or too few. All else is *undecided*.
+earn* its keep if every deep learner is worse or equivalent; so it is of one whose mean is equivalent and that
+is worse by the margin in some scenario, better by it in none. Otherwise it is *mixed* if scenarios, or
+success and score, contradict each other. There is *no verdict* if runs are missing or too few. All else is
+*undecided*.
 """
 
 from collections.abc import Sequence
@@ -74,6 +76,7 @@ def contrasts_of(runs: Runs) -> list[dict[str, Any]]:
             row[f"{endpoint}_margin"] = margin
             verdict, apart = _over_scenarios(row[f"{endpoint}_verdict"], x, y, margin)
             row[f"{endpoint}_verdict"] = verdict
+            row[f"{endpoint}_largest"] = max(a - b for a, b in zip(x.means, y.means, strict=True))
             row[f"{endpoint}_except"] = ", ".join(runs.scenarios[i] for i in apart)
     return rows
 
@@ -129,9 +132,16 @@ def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
     if len(won):
         return "another class"
     is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= alpha)
-    if is_better.any() or MIXED in verdicts:
+    is_lost = rows["success_verdict"].isin([WORSE, EQUIVALENT]) | is_worse_in_some(rows)
+    if is_better.any() or (MIXED in verdicts and not is_lost.all()):
         return "mixed"
-    return "does not earn" if verdicts <= {WORSE, EQUIVALENT} else "undecided"
+    return "does not earn" if is_lost.all() else "undecided"
+
+
+def is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
+    """Returns which rows are mixed although x is nowhere better by the margin: it is worse in places."""
+    is_nowhere_better = (rows["success_largest"] < rows["success_margin"]) & (rows["success_difference"] <= 0)
+    return (rows["success_verdict"] == MIXED) & is_nowhere_better
 
 
 def winners(rows: pd.DataFrame) -> pd.DataFrame:

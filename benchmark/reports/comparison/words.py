@@ -10,11 +10,11 @@ from benchmark.reports.item import Finding
 from envs.words import listed
 
 _IN_WORDS = {
-    BETTER: "is better than `{}` in success",
-    WORSE: "is worse than `{}` in success",
-    EQUIVALENT: "is equivalent to `{}` in success",
-    MIXED: "and `{}` are mixed in success",
-    NO_VERDICT: "and `{}` have no verdict in success",
+    BETTER: "is better than {} in success",
+    WORSE: "is worse than {} in success",
+    EQUIVALENT: "is equivalent to {} in success",
+    MIXED: "and {} are mixed in success",
+    NO_VERDICT: "and {} have no verdict in success",
 }
 
 
@@ -22,9 +22,9 @@ def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
     """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
     found = str(row["success_verdict"])
     where = place(row)
-    text = _IN_WORDS.get(found, "against `{}` is undecided in success").format(row["y"])
-    text = f"{f'In {where}, ' if where else ''}`{row['x']}`{_policy(row, 'x')} {text}{_policy(row, 'y')}"
-    text += f": {difference(row, 'success', table)}"
+    x, y = (f"`{row[side]}`{_policy(row, side)}" for side in "xy")
+    text = _IN_WORDS.get(found, "against {} is undecided in success").format(y)
+    text = f"{f'In {where}, ' if where else ''}{x} {text}: {difference(row, 'success', table)}"
     if found == EQUIVALENT and row["success_p_different"] <= 0.05:
         text += f", which is measurable but smaller than {row['success_margin']:g}"
     if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
@@ -33,8 +33,9 @@ def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
         contradicts = "a mean would hide what differs in" if found == MIXED else "by itself not shown in"
         text += f"; {contradicts} {apart}"
     text += f". In score: {row['score_verdict']}, {difference(row, 'score', table)}."
-    wrong = [f"{row[f'wrong_pings_{side}']:.0f}" for side in "xy"]
-    text += f" Wrong PINGs per 1,000 steps of training: {link(wrong[0], table, row)} against {wrong[1]}."
+    if "wrong_pings_x" in row:
+        wrong = [f"{row[f'wrong_pings_{side}']:.0f}" for side in "xy"]
+        text += f" Wrong PINGs per 1,000 steps of training: {link(wrong[0], table, row)} against {wrong[1]}."
     return Finding(text, found)
 
 

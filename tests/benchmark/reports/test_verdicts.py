@@ -141,6 +141,21 @@ def test_a_mean_does_not_cancel(tmp_path: Path) -> None:
     assert "S1, S2, S3" in told.text
 
 
+def test_a_net_that_is_worse_in_one_scenario_and_better_in_none_does_not_earn_its_keep(
+    tmp_path: Path,
+) -> None:
+    learners = {"x": Made("deep", (1.0, 0.85, 1.0)), "y": Made("tabular", 1.0)}
+    runs = compared(learners, baseline="y")
+    (row,) = contrasts_of(runs)
+    assert (row["success_verdict"], row["success_except"]) == ("mixed", "S2")
+    assert outcome_of(runs) == "does not earn"
+    assert "In S2, `x, index` succeeds less often by 0.1 or more." in headline(folder_of(tmp_path, runs))
+    assert (
+        outcome_of(compared(learners | {"z": Made("deep", (0.95, 1.0, 1.0))}, baseline="y"))
+        == "does not earn"
+    )
+
+
 @pytest.mark.parametrize(
     ("x", "y", "verdict", "apart"),
     [
