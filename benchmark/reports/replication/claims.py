@@ -268,13 +268,14 @@ def _random_helps(populations: Sequence[Population], _: str) -> list[Part]:
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
     s2, s1 = (_mean_map(each, level) for each in populations)
     x, y = map(_own_maps, populations)
-    error = math.sqrt(x.var(ddof=1) / len(x) + y.var(ddof=1) / len(y))
-    low = high = difference = float(x.mean() - y.mean())
+    squares = np.array([each.var(ddof=1) / len(each) for each in (x, y)])
+    error, difference, reach = math.sqrt(squares.sum()), float(x.mean() - y.mean()), 0.0
     if error > 0:
-        low, high = stats.ttest_ind(x, y, equal_var=False).confidence_interval(LEVEL)
+        freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
+        reach = float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * error
     return [
         Part("mean map", s2[0] - s1[0], s2[1] - s1[2], s2[2] - s1[1]),
-        Part("own maps", difference, float(low), float(high), error),
+        Part("own maps", difference, difference - reach, difference + reach, error),
     ]
 
 
