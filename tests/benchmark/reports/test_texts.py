@@ -122,9 +122,9 @@ def exported(hostile: tuple[Experiment, Path]) -> Path:
 
 def test_latex_has_no_commands_but_its_own(exported: Path) -> None:
     own = {
-        "adjustbox", "begin", "bottomrule", "end", "ensuremath", "midrule", "noindent", "par",
-        "textasciitilde", "textbackslash", "textbar", "textbf", "textheight", "textwidth", "toprule",
-        "usepackage",
+        "LTleft", "LTright", "begin", "bottomrule", "end", "endhead", "ensuremath", "footnotesize", "hline",
+        "midrule", "setlength", "tabcolsep", "textasciitilde", "textbackslash", "textbar", "textbf",
+        "toprule", "usepackage",
     }  # fmt: skip
     texts = {path.stem: path.read_text(encoding="utf-8") for path in (exported / "tex").glob("*.tex")}
     assert r"\textbackslash{}input\{x\}" in texts["scenarios"]
