@@ -7,5 +7,5 @@ import signal
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Commands that tests start need not compile the project's modules each time.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-# A shell that runs the tests in the background ignores interrupts, and so would all commands that tests interrupt.
+# Started in the background by a shell, tests would ignore interrupts, and so would the commands they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -84,6 +84,8 @@ def draw(
         manifest = _manifest(experiment, runs, provenance, seeds, data)
         manifest["looks"] = _looks(directory / MANIFEST, manifest)
         publish(items, data, aside, manifest)
+        if is_as_declared:
+            sameness.keep_published(aside, experiment.name)
         compared = sameness.compare(aside, experiment.name, measured) if is_as_declared else None
         if compared is not None and compared.is_identical and not compared.measured:
             published = sameness.published_file(experiment.name, MANIFEST)
@@ -183,16 +185,11 @@ def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
 
 def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:
     """Draws an item's figure, if there is one; of a partial report it is marked."""
-    figure = None if item.draw is None else item.draw(frames, data.context)
+    figure = None if item.draw is None else item.draw(frames, data)
     if figure is not None:
         if data.is_incomplete:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
         write_figure(figure, path)
-
-
-def digest_of(digests: Sequence[str]) -> str:
-    """Returns the identity of a set of runs."""
-    return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()
 
 
 # What a folder is made of
@@ -233,15 +230,7 @@ def _manifest(
     seeds: Sequence[int] | None,
     data: Data,
 ) -> dict[str, Any]:
-    """Returns what was run, and from the records what ran it: drawing again gives the same.
-
-    Args:
-      experiment: As loaded.
-      runs: Those that have a valid record.
-      provenance: Of their records.
-      seeds: Other seeds than the declared ones.
-      data: Of the report.
-    """
+    """Returns what was run, and from the records what ran it: drawing again gives the same."""
     done = {run.digest for run in runs}
     conditions = experiment.conditions
     condition = DEFAULT_CONDITION if DEFAULT_CONDITION in conditions else next(iter(conditions))
@@ -287,7 +276,7 @@ def _manifest(
         },
         "runs": len(runs),
         "seeds": max(Counter(run.population for run in runs).values()),
-        "digest": digest_of([run.digest for run in runs]),
+        "digest": hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest(),
         "commits": every("commit"),
         "machines": every("machine"),
         "processors": every("processor"),

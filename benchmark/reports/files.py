@@ -47,11 +47,7 @@ def alone(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Waits until no other process has locked a folder, and locks it.
-
-    Raises:
-      InputError: It cannot be locked.
-    """
+    """Waits until no other process has locked a folder, and locks it."""
     with _input_errors(folder):
         descriptor = os.open(folder, os.O_RDONLY)
     try:

@@ -6,7 +6,7 @@
             yield cell.row(n=len(cell.seeds), reached=share(cell.stays_good))
 
     @threshold.figure("Share of runs that reach a score of 0.95.")
-    def _(tables, context): ...  # all tables of the report, and what figures need in addition
+    def _(tables, data): ...  # all tables of the report, and what they were computed from
 
     @threshold.sentence
     def _(table, folder): ...
@@ -77,7 +77,7 @@ class Item:
         self._tell: list[Callable[[pd.DataFrame, Folder], Any]] = []
 
     def figure(self, caption: str) -> Callable[[Any], Any]:
-        """Decorates what draws the figure: a function of all tables and the context; it may return None."""
+        """Decorates what draws the figure: a function of all tables and the data; it may return None."""
 
         def register(function: Any) -> Any:
             self.caption, self.draw = caption, function
@@ -241,10 +241,6 @@ class Data(Protocol):
     @property
     def is_incomplete(self) -> bool:
         """Whether runs are missing: tables and figures are then marked as partial."""
-
-    @property
-    def context(self) -> Any:
-        """What figures need in addition to the tables: light, and picklable."""
 
     @property
     def facts(self) -> Mapping[str, object]:

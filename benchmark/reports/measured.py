@@ -26,7 +26,6 @@ class Measured:
     facts: Mapping[str, object] = field(default_factory=dict)
     note: str = ""
     is_incomplete: bool = False
-    context: Any = None
 
 
 def _refuse(experiment: Experiment, *_: object) -> NoReturn:

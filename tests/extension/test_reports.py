@@ -41,7 +41,6 @@ class Successes:
 
     note = ""
     is_incomplete = False
-    context = None
 
     def __init__(self, populations: Sequence[Population]) -> None:
         """Takes the populations."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, UNDECIDED, WORSE
 from benchmark.drawing.style import COLOURS, figure_of, variant_style
 from benchmark.reports.comparison.declared import Learner
-from benchmark.reports.comparison.runs import Context
+from benchmark.reports.comparison.runs import Runs
 
 SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
 _STYLES: Final[dict[str, dict[str, Any]]] = {
@@ -40,10 +40,10 @@ _COLUMNS: Final = 4  # of panels, if there are many scenarios
 FEW: Final = 4  # scenarios that have a column each
 
 
-def learners_in(frame: pd.DataFrame, context: Context | None = None) -> list[Learner]:
-    """Lists the learners in a frame, in its order; with a context, without reference implementations."""
+def learners_in(frame: pd.DataFrame, runs: Runs | None = None) -> list[Learner]:
+    """Lists the learners in a frame, in its order; with a runs, without reference implementations."""
     pairs = dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True))
-    references = {} if context is None else context.references
+    references = {} if runs is None else runs.references
     return [learner for pair in pairs if (learner := Learner(*pair)) not in references]
 
 
@@ -53,9 +53,9 @@ def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
     return np.asarray(rows.to_numpy())
 
 
-def style_of(learner: Learner, context: Context) -> dict[str, Any]:
+def style_of(learner: Learner, runs: Runs) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash."""
-    style = variant_style(context.algorithms.index(learner.algorithm))
+    style = variant_style(runs.algorithms.index(learner.algorithm))
     if learner.observation == _TINTED:
         style["color"] = tuple(0.5 + 0.5 * part for part in to_rgb(style["color"]))
     return {**style, "ls": _DASHES.get(learner.observation, "-")}
@@ -93,7 +93,7 @@ def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, 
 @contextmanager
 def curve_panels(
     frame: pd.DataFrame,
-    context: Context,
+    runs: Runs,
     learners: Sequence[Learner],
     column: str,
     label: str,
@@ -103,7 +103,7 @@ def curve_panels(
 
     Args:
       frame: As of the item `curves`.
-      context: Of the comparison.
+      runs: Of the comparison.
       learners: Those that are drawn.
       column: What is drawn.
       label: What it is.
@@ -114,13 +114,13 @@ def curve_panels(
     """
     scenarios, frame = list(frame["scenario"].unique()), frame[frame["step"] > 0]
     is_few = len(scenarios) <= FEW
-    panels = context.panels if is_few else {"": learners}
+    panels = runs.panels if is_few else {"": learners}
     places = [(scenario, *panel) for panel in panels.items() for scenario in scenarios]
     n_columns = len(scenarios) if is_few else _COLUMNS
     n_rows = math.ceil(len(places) / n_columns)
     with figure_of(n_rows, n_columns, (11.0, 2.2 * n_rows + 1.0)) as (figure, axes):
         for axis, (scenario, title, drawn) in zip(axes.flat, places, strict=False):
-            lines(axis, frame[frame["scenario"] == scenario], "step", column, drawn, context)
+            lines(axis, frame[frame["scenario"] == scenario], "step", column, drawn, runs)
             axis.set(title=", ".join(filter(None, [scenario, title])))
             axis.set(xlim=(float(frame["step"].min()), float(frame["step"].max())))
             if is_few:
@@ -136,32 +136,30 @@ def curve_panels(
             axis.set(xlabel="environment step")
         yield figure, axes.flat[: len(places)]
         drawn = list(dict.fromkeys(learner for panel in panels.values() for learner in panel))
-        bars = " or bar" if context.references else ""
-        legend(figure, context, drawn, f"line: mean over runs; shade{bars}: 95 % interval{signs}")
+        bars = " or bar" if runs.references else ""
+        legend(figure, runs, drawn, f"line: mean over runs; shade{bars}: 95 % interval{signs}")
 
 
-def lines(
-    axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], context: Context
-) -> None:
+def lines(axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], runs: Runs) -> None:
     """Draws lines with their intervals and some markers, and above them some points of their references."""
     low, high = f"{y}_low", f"{y}_high"
     for learner in learners:
-        rows, style = frame[is_of(frame, learner)], style_of(learner, context)
+        rows, style = frame[is_of(frame, learner)], style_of(learner, runs)
         axis.plot(rows[x], rows[y], lw=1.3, ms=4, markevery=max(len(rows) // _N_MARKERS, 1), **style)
         axis.fill_between(rows[x], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
-    references = [(each, learner) for learner in learners for each in references_of(learner, context)]
+    references = [(each, learner) for learner in learners for each in references_of(learner, runs)]
     for place, (reference, learner) in enumerate(references, start=1):
-        rows, style = frame[is_of(frame, reference)], style_of(learner, context)
+        rows, style = frame[is_of(frame, reference)], style_of(learner, runs)
         every = math.ceil(len(rows) / _N_POINTS)
         rows = rows.iloc[every * place // (len(references) + 1) :: every]  # not where those of others are
         axis.vlines(rows[x], rows[low], rows[high], color=style["color"], ls=style["ls"], lw=0.8, zorder=3)
         axis.plot(rows[x], rows[y], **{**style, "ls": ""}, ms=5, mfc="white", zorder=3)
 
 
-def dots(axis: Axes, frame: pd.DataFrame, key: str, learners: Sequence[Learner], context: Context) -> None:
+def dots(axis: Axes, frame: pd.DataFrame, key: str, learners: Sequence[Learner], runs: Runs) -> None:
     """Draws dots with intervals from top to bottom, those of references below their learners'."""
     for y, learner in enumerate(learners):
-        style, together = style_of(learner, context), [learner, *references_of(learner, context)]
+        style, together = style_of(learner, runs), [learner, *references_of(learner, runs)]
         for place, each in enumerate(together):
             for _, row in frame[is_of(frame, each)].iterrows():
                 at, is_check = y + 0.4 * (place - (len(together) - 1) / 2), place > 0
@@ -179,20 +177,20 @@ def rows(axis: Axes, names: Sequence[object], *, first: bool) -> None:
     axis.tick_params(axis="y", length=0)
 
 
-def references_of(learner: Learner, context: Context) -> list[Learner]:
+def references_of(learner: Learner, runs: Runs) -> list[Learner]:
     """Lists the reference implementations of a learner."""
-    return [reference for reference, own in context.references.items() if own == learner]
+    return [reference for reference, own in runs.references.items() if own == learner]
 
 
-def with_references(text: str, context: Context) -> str:
+def with_references(text: str, runs: Runs) -> str:
     """Returns what a figure says of its signs, and what it says of references."""
-    return "; ".join(filter(None, [text, context.reference_note]))
+    return "; ".join(filter(None, [text, runs.reference_note]))
 
 
-def legend(figure: Figure, context: Context, learners: Sequence[Learner], title: str) -> None:
+def legend(figure: Figure, runs: Runs, learners: Sequence[Learner], title: str) -> None:
     """Draws the legend that names each learner's line."""
     handles = [
-        Line2D([], [], label=str(learner), lw=1.3, ms=5, **style_of(learner, context)) for learner in learners
+        Line2D([], [], label=str(learner), lw=1.3, ms=5, **style_of(learner, runs)) for learner in learners
     ]
     figure.legend(
         handles=handles,
@@ -200,5 +198,5 @@ def legend(figure: Figure, context: Context, learners: Sequence[Learner], title:
         ncols=4,
         frameon=False,
         handlelength=3,
-        title=with_references(title, context),
+        title=with_references(title, runs),
     )

@@ -18,7 +18,7 @@ from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
-from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, Cell, Runs, proportion
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
     OUTCOMES,
@@ -77,7 +77,7 @@ def contrasts(runs: Runs) -> list[dict[str, Any]]:
 
 
 @contrasts.figure("The contrasts, with intervals, margins and verdicts.")
-def _(tables: Frames, _: Context) -> Figure | None:
+def _(tables: Frames, _: Runs) -> Figure | None:
 
     if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
         return None
@@ -142,7 +142,6 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     """Answers for the mean over scenarios, or for the only one."""
     rows, baseline = decisive_rows(declared, table), declared.baseline
     found = outcome(declared, table)
-    means = " (means)" * (len(folder.manifest["scenarios"]) > 1)
     margin = declared.reporting.margins.success
     won = [f"`{x}`" for x in winners(rows)["x"]]
     more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than `{baseline}`"
@@ -169,7 +168,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         elif row["success_verdict"] != MIXED:
             aside += f" For `{row['x']}` this is not shown in {names} alone."
     if found == "no verdict" or "aggregate.csv" not in folder:
-        return Finding(f"{start}{means}, {text}.{aside}", found)
+        return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
     reached = [
         f"`{name}` {words.interval(learners[name], 'success', 'aggregate')}"
@@ -180,7 +179,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     if room < margin:
         how = "always succeeds" if room < 1e-6 else f"fails in {room:.3f} of episodes"
         ceiling = f" As `{baseline}` {how}, no learner could have been better by the margin of {margin:g}."
-    return Finding(f"{start}{means}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
+    return Finding(f"{start}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
 
 
 @item(
@@ -207,12 +206,12 @@ def effects(runs: Runs) -> list[dict[str, Any]]:
 
 
 @effects.figure("Differences between two scenarios, by learner.")
-def _(tables: Frames, context: Context) -> Figure | None:
+def _(tables: Frames, runs: Runs) -> Figure | None:
     frame = tables.get("effects", pd.DataFrame())
     if "algorithm" not in frame:
         return None
     frame = frame[frame["algorithm"].notna()]
-    learners = context.declared.compared or figures.learners_in(frame, context)
+    learners = runs.declared.compared or figures.learners_in(frame, runs)
     names = list(frame["effect"].unique())
     labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
     frame = frame.rename(columns=lambda name: str(name).replace("_difference", ""))
@@ -223,7 +222,7 @@ def _(tables: Frames, context: Context) -> Figure | None:
             for j, (key, label) in enumerate(labels.items()):
                 axis = axes[i, j]
                 axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-                figures.dots(axis, part, key, learners, context)
+                figures.dots(axis, part, key, learners, runs)
                 figures.rows(axis, learners, first=j == 0)
                 reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max())
                 axis.set(xlim=(-reach, reach))
@@ -289,44 +288,44 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @summary.figure("How often each learner succeeds after training, and the verdicts.")
-def _(tables: Frames, context: Context) -> Figure:
+def _(tables: Frames, runs: Runs) -> Figure:
     draw = _dots if tables["summary"]["scenario"].nunique() <= figures.FEW else _heat
-    return draw(tables, context)
+    return draw(tables, runs)
 
 
-def _dots(tables: Frames, context: Context) -> Figure:
+def _dots(tables: Frames, runs: Runs) -> Figure:
     """Draws a panel per scenario, and one of the means over scenarios if these are pooled."""
-    frame, baseline = tables["summary"], context.declared.baseline
-    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
+    frame, baseline = tables["summary"], runs.declared.baseline
+    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
     panels = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
     if "aggregate" in tables and len(scenarios) > 1:
         panels["mean over scenarios"] = tables["aggregate"]
-    height = (0.44 if context.references else 0.3) * len(learners) + 1.5
+    height = (0.44 if runs.references else 0.3) * len(learners) + 1.5
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
-            figures.dots(axis, panel, "success", learners, context)
-            names = [_with_tuning(learner, context) for learner in learners]
+            figures.dots(axis, panel, "success", learners, runs)
+            names = [_with_tuning(learner, runs) for learner in learners]
             figures.rows(axis, names, first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
             if baseline in learners:
                 at = learners.index(baseline)
                 axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
-        figure.supxlabel(figures.with_references(text, context), fontsize="small")
+        figure.supxlabel(figures.with_references(text, runs), fontsize="small")
     return figure
 
 
-def _with_tuning(learner: Learner, context: Context) -> str:
+def _with_tuning(learner: Learner, runs: Runs) -> str:
     """Returns a learner's name, with how many settings were tried."""
-    n_tried = context.tuning.get(learner.algorithm, 0)
+    n_tried = runs.tuning.get(learner.algorithm, 0)
     return f"{learner} ({n_tried} tried)" if n_tried else str(learner)
 
 
-def _heat(tables: Frames, context: Context) -> Figure:
+def _heat(tables: Frames, runs: Runs) -> Figure:
     """Draws a row per scenario and a column per learner, with the signs of verdicts."""
-    frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), context.declared.baseline
+    frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), runs.declared.baseline
     frame = frame.assign(scenario=words.scenario_labels(frame))
-    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, context)
+    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
         rows = contrasts[contrasts["y"] == str(baseline)]
@@ -543,8 +542,9 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @scenarios.figure("The scenarios.")
-def _(tables: Frames, context: Context) -> Figure | None:
-    return gallery(list(context.models.values())) if "scenarios" in tables else None
+def _(tables: Frames, runs: Runs) -> Figure | None:
+    models = {cell.scenario: cell.population.model for cell in runs}
+    return gallery([*models.values()]) if "scenarios" in tables else None
 
 
 @scenarios.sentence

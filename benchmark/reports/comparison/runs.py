@@ -113,21 +113,6 @@ def proportion(values: NDArray[Any]) -> Estimate:
     return Estimate(mean, float(low), float(high))
 
 
-@dataclass(frozen=True)
-class Context:
-    """What figures need in addition to the tables."""
-
-    models: Mapping[str, Model]  # by scenario
-    panels: Mapping[
-        str, Sequence[Learner]
-    ]  # title to the learners that are drawn together, without references
-    algorithms: Sequence[str]  # all that are declared, in the order of their colours, without references
-    references: Mapping[Learner, Learner]  # reference implementations to their learners
-    reference_note: str  # what figures say of references; empty if there are none
-    declared: Declared
-    tuning: Mapping[str, int]  # algorithm to how many settings were tried; without those that do not say
-
-
 @dataclass(frozen=True, eq=False)
 class Runs:
     """All cells of a comparison. Planners, which know the model, are apart: they say what is possible."""
@@ -137,7 +122,7 @@ class Runs:
     declared: Declared
     groups: Mapping[str, str]  # algorithm to its group; those of none are drawn with all
     references: Mapping[Learner, Learner]  # reference implementations to their learners
-    tuning: Mapping[str, int]
+    tuning: Mapping[str, int]  # algorithm to how many settings were tried; without those that do not say
     missing: str = ""  # which runs are missing; empty if none is
     seeds_note: str = ""  # which seeds there are instead of those declared
 
@@ -209,27 +194,25 @@ class Runs:
         }
 
     @property
-    def context(self) -> Context:
-        """See `Context`."""
+    def panels(self) -> Mapping[str, Sequence[Learner]]:
+        """The learners that are drawn together, without references, by the title of their panel."""
         learners = [learner for learner in self.learners if learner not in self.references]
         everywhere = [learner for learner in learners if not self.groups.get(learner.algorithm)]
         panels: dict[str, list[Learner]] = {}
         for learner in learners:
             if group := self.groups.get(learner.algorithm):
                 panels.setdefault(group, [*everywhere]).append(learner)
-        names = [learner.algorithm for learner in self.declared.families if learner not in self.references]
-        return Context(
-            models={cell.scenario: cell.population.model for cell in self.cells},
-            panels=panels or {"": everywhere},
-            algorithms=list(dict.fromkeys(names)),
-            references=self.references,
-            reference_note=self._reference_note,
-            declared=self.declared,
-            tuning=self.tuning,
-        )
+        return panels or {"": everywhere}
 
     @property
-    def _reference_note(self) -> str:
+    def algorithms(self) -> Sequence[str]:
+        """All that are declared, in the order of their colours, without references."""
+        names = [learner.algorithm for learner in self.declared.families if learner not in self.references]
+        return list(dict.fromkeys(names))
+
+    @property
+    def reference_note(self) -> str:
+        """What figures say of references; empty if there are none."""
         references = [cell for cell in self if cell.learner in self.references]
         if not references:
             return ""

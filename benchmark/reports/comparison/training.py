@@ -14,8 +14,8 @@ from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, pr
 from benchmark.drawing import film
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison import figures, words
-from benchmark.reports.comparison.declared import Learner
-from benchmark.reports.comparison.runs import CELL, Cell, Context, Runs, proportion
+from benchmark.reports.comparison.declared import Declared, Learner
+from benchmark.reports.comparison.runs import CELL, Cell, Runs, proportion
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, item, no_rows, writing
@@ -46,14 +46,14 @@ def curves(runs: Runs) -> pd.DataFrame:
 
 
 @curves.figure("Success probability over training, with its 95 % interval.")
-def _(tables: Frames, context: Context) -> Figure:
+def _(tables: Frames, runs: Runs) -> Figure:
 
     frame = tables["curves"]
-    longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], context)
-    drawn = [*(context.declared.compared or figures.learners_in(frame, context)), *longest]
+    longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], runs)
+    drawn = [*(runs.declared.compared or figures.learners_in(frame, runs)), *longest]
     drawn = list(dict.fromkeys(drawn))
     signs = f"; dotted: {ENOUGH:g}"
-    with figures.curve_panels(frame, context, drawn, "success", "success", signs) as (figure, axes):
+    with figures.curve_panels(frame, runs, drawn, "success", "success", signs) as (figure, axes):
         for axis in axes:
             axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
             axis.set(ylim=(-0.03, 1.03))
@@ -65,14 +65,14 @@ def _(tables: Frames, context: Context) -> Figure:
     "wrong PINGs per 1,000 steps while agents learn",
     "Wrong PINGs per 1,000 steps of training.",
 )
-def wrong_pings(tables: Frames, context: Context) -> Figure | None:
+def wrong_pings(tables: Frames, runs: Runs) -> Figure | None:
     """Draws how often the issuer disagreed while agents learned."""
     if "curves" not in tables:
         return None
     frame = tables["curves"]
-    drawn = context.declared.compared or figures.learners_in(frame, context)
+    drawn = runs.declared.compared or figures.learners_in(frame, runs)
     label = "wrong PINGs\nper 1,000 steps"
-    with figures.curve_panels(frame, context, drawn, "wrong_pings", label) as (figure, axes):
+    with figures.curve_panels(frame, runs, drawn, "wrong_pings", label) as (figure, axes):
         for axis in axes:
             axis.set(ylim=(0, float(frame["wrong_pings"].max()) * 1.05))
     return figure
@@ -176,11 +176,6 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     }
 
 
-def _with_a_ratio(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns the rows in which x or y learns; a column without any value is not in a file."""
-    return table[table["ratio"].notna()] if "ratio" in table else table.iloc[:0]
-
-
 @item(
     "speedups",
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
@@ -193,44 +188,39 @@ def _with_a_ratio(table: pd.DataFrame) -> pd.DataFrame:
         "y_step": "steps of y",
         "ratio": "ratio, y to x",
     },
+    where=lambda frame: frame[frame["ratio"] >= 1],
 )
 def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
-    """Of every deep learner against every table; a ratio above 1 is in favour of x, the net."""
-    by_family: dict[str, list[Cell]] = {"deep": [], "tabular": []}
-    for cell in runs.own:
-        by_family[runs.declared.families[cell.learner]].append(cell)
-    for x in by_family["deep"]:
-        for y in by_family["tabular"]:
-            if (x.scenario, x.condition) == (y.scenario, y.condition) and (ratio := _ratio(x, y)):
+    """Of every deep learner against every table, and of every table against every deep learner."""
+    families = runs.declared.families
+    for x in runs.own:
+        for y in runs.own:
+            is_same_place = (x.scenario, x.condition) == (y.scenario, y.condition)
+            if is_same_place and families[x.learner] != families[y.learner] and (ratio := _ratio(x, y)):
                 names = {key: name for key, name in x.names.items() if key in ("scenario", "condition")}
                 yield {**names, "x": str(x.learner), "y": str(y.learner), **ratio}
 
 
 @speedups.sentence
-def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
+def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
-    found: dict[str, list[str]] = {"net": [], "table": []}
+    families = Declared.from_manifest(folder.manifest).families
+    found: dict[str, list[str]] = {"deep": [], "tabular": []}
     for scenario, here in table.groupby(words.scenario_labels(table), sort=False):
-        fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0]
-        low, high, ratio = fastest["ratio_low"], fastest["ratio_high"], fastest["ratio"]
-        if low <= 1 <= high:
-            continue
-        side, more = ("net", "y") if low > 1 else ("table", "x")
-        values = (ratio, low, high)
-        if side == "table":
-            values = (1 / ratio, 1 / high, 1 / low if low > 0 else math.inf)
-        bound = "at least " if math.isinf(fastest[f"{more}_step"]) else ""
-        times = link(f"{bound}{words.times(values[0])}", "speedups", fastest)
-        ends = f"[{words.times(values[1])}, {words.times(values[2])}]"
-        names = (fastest["x"], fastest["y"]) if side == "net" else (fastest["y"], fastest["x"])
-        found[side].append(f"{scenario} ({times} times {ends}: `{names[1]}` against `{names[0]}`)")
-    for side, other in (("net", "table"), ("table", "net")):
-        if found[side]:
-            where = listed(found[side])
+        fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0][["x", "y"]]
+        for _, row in here[here["x"].isin(fastest) & here["y"].isin(fastest)].iterrows():
+            if row["ratio_low"] > 1:
+                bound = "at least " * math.isinf(row["y_step"])
+                times = link(f"{bound}{words.times(row['ratio'])}", "speedups", row)
+                ends = f"[{words.times(row['ratio_low'])}, {words.times(row['ratio_high'])}]"
+                text = f"{scenario} ({times} times {ends}: `{row['y']}` against `{row['x']}`)"
+                found[families[Learner.of(row["x"])]].append(text)
+    for family, (side, other) in {"deep": ("net", "table"), "tabular": ("table", "net")}.items():
+        if found[family]:
             yield (
                 f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
-                f"needs more steps than the fastest {side} in {where}. Brackets hold 95 % intervals over "
-                "runs and evaluations, not adjusted."
+                f"needs more steps than the fastest {side} in {listed(found[family])}. Brackets hold 95 % "
+                "intervals over runs and evaluations, not adjusted."
             )
 
 

@@ -73,7 +73,9 @@ def setting(folder: Folder) -> str:
     budgets = {algorithms[name]["settings"]["budget"] for name in names if name in algorithms}
     budget = f"With {budgets.pop():,} steps of training" if len(budgets) == 1 else "With the declared budgets"
     scenarios = [*folder.manifest["scenarios"]]
-    return f"{budget} in {listed(scenarios) if len(scenarios) <= 4 else f'{len(scenarios)} scenarios'}"
+    is_mean = declared.reporting.pool == "scenarios" and len(scenarios) > 1
+    where = listed(scenarios) if len(scenarios) <= 4 else f"{len(scenarios)} scenarios"
+    return f"{budget}, on average over {where}" if is_mean else f"{budget} in {where}"
 
 
 def compared(table: pd.DataFrame, folder: Folder, *, with_references: bool = False) -> pd.DataFrame:

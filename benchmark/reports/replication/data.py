@@ -67,7 +67,7 @@ class Data:
         return [judge(each, self.curves[DEFAULT_CONDITION]) for each in self.sets if self.judged_readings]
 
     @property
-    def context(self) -> Mapping[str, Model]:
+    def models(self) -> Mapping[str, Model]:
         """The compiled scenarios by their names."""
         return {population.scenario: population.model for population in self.default}
 

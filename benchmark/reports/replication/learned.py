@@ -1,6 +1,5 @@
 """The items on what was learned: the paper's figure, the curves, and the distance from the exact optimum."""
 
-from collections.abc import Mapping
 from string import ascii_lowercase
 from typing import Any
 
@@ -20,7 +19,7 @@ from benchmark.drawing.tables import link, show
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, entry, item
 from benchmark.reports.replication.data import Data
-from envs import ACTIONS, Model
+from envs import ACTIONS
 from envs.scenario import FEEDBACK
 from envs.scene import scene_of
 from envs.words import listed
@@ -33,7 +32,7 @@ _DASHES = ("-", "--", ":")
     "the paper's figure: maximum Q per step, final Q of the moves, final Q of PING",
     "The paper's figure: maximum Q over training, final Q of the moves and of PING.",
 )
-def figure(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
+def figure(frames: Frames, data: Data) -> Figure | None:
     """Draws max Q per step, final Q of the moves and final Q of PING, a column per scenario."""
     if not {"max_q", "q_values"} <= frames.keys():
         return None
@@ -41,10 +40,12 @@ def figure(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
     moves, pings = values[values["action"] != "PING"], values[values["action"] == "PING"]
     bottom, top = curves["min"].min(), curves["max"].max()
     room = 0.04 * (top - bottom)
-    with figure_of(3, len(models), (11.0, 9.6)) as (figure, axes):
-        for column, (name, model) in enumerate(models.items()):
+    with figure_of(3, len(data.models), (11.0, 9.6)) as (figure, axes):
+        for column, (name, model) in enumerate(data.models.items()):
             curve = curves[curves["scenario"] == name]
-            letters = [f"({letter})" for letter in ascii_lowercase[column :: len(models)]]  # as the paper's
+            letters = [
+                f"({letter})" for letter in ascii_lowercase[column :: len(data.models)]
+            ]  # as the paper's
             axis = axes[0, column]
             band = {"color": COLOURS[9], "alpha": 0.55, "lw": 0, "label": "least to largest agent"}
             axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
@@ -117,7 +118,7 @@ def learning(data: Data) -> pd.DataFrame:
 
 
 @learning.figure("Success and score of the greedy policy, and share of optimal agents, over training.")
-def _(frames: Frames, models: Mapping[str, Model]) -> Figure:
+def _(frames: Frames, data: Data) -> Figure:
     frame = frames["learning"]
     panels = {
         "success": "success probability",
@@ -126,7 +127,7 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure:
     }
     with figure_of(1, len(panels), (11.0, 3.6)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], panels.items(), strict=True):
-            for i, name in enumerate(models):
+            for i, name in enumerate(data.models):
                 rows = frame[frame["scenario"] == name]
                 axis.plot(rows["step"], rows[key], label=name, color=COLOURS[i], ls=_DASHES[i % len(_DASHES)])
                 ends = rows[f"{key}_low"], rows[f"{key}_high"]
@@ -186,7 +187,7 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 @optimal.figure("The exact optimum, what learning made of it, and where agents act optimally.")
-def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
+def _(frames: Frames, data: Data) -> Figure | None:
     if "q_values" not in frames:
         return None
     cells = frames["q_values"]
@@ -198,8 +199,8 @@ def _(frames: Frames, models: Mapping[str, Model]) -> Figure | None:
         "difference": "learned minus optimal value",
         "agrees": "share of agents acting optimally",
     }
-    with figure_of(3, len(models), (11.0, 9.6)) as (figure, axes):
-        for column, (name, model) in enumerate(models.items()):
+    with figure_of(3, len(data.models), (11.0, 9.6)) as (figure, axes):
+        for column, (name, model) in enumerate(data.models.items()):
             scene = scene_of(model)
             for row, key in enumerate(labels):
                 shown = np.where(scene.is_over, np.nan, best.loc[name][key].to_numpy())

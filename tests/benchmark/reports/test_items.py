@@ -206,7 +206,7 @@ def test_runs_that_never_learn_give_a_bound(
         for name, family, step in (("net", "deep", x), ("table", "tabular", y))
     }
     document = folder_of(tmp_path, runs_of([*made.values()]))
-    (row,) = document.folder.frame("speedups").to_dict("records")
+    row, _ = document.folder.frame("speedups").to_dict("records")
     assert (row["x_step"], row["y_step"], row["ratio"]) == (*steps, ratio)
     assert row["ratio_low"] <= ratio <= row["ratio_high"]
     assert math.isinf(row["ratio_high"]) == (y is None)

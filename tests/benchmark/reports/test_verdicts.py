@@ -81,7 +81,7 @@ def test_outcome_and_headline(tmp_path: Path, learners: dict[str, Made], expecte
     text = headline(document)
     assert [name for name, phrase in PHRASES.items() if phrase in text] == [expected]
     # It names budget and scenarios, and never says "here" of what it does not name.
-    assert text.startswith("With 400 steps of training in S1, S2 and S3 (means), ")
+    assert text.startswith("With 400 steps of training, on average over S1, S2 and S3, ")
     assert not re.search(r"\bhere\b", text)
     assert "net_sb3" not in text
 
