@@ -18,7 +18,7 @@ from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
-from benchmark.reports.comparison.runs import CELL, Cell, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, proportion
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
     OUTCOMES,
@@ -56,10 +56,7 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
     {
-        "scenario": "",
-        "condition": "",
-        "x": "",
-        "y": "",
+        **PAIR,
         "success_verdict": "verdict on success",
         "score_verdict": "verdict on score",
         "success_except": "not in",
@@ -187,10 +184,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     {
         "effect": "",
-        "scenario": "",
-        "condition": "",
-        "algorithm": "",
-        "observation": "",
+        **CELL,
         "x": "",
         "y": "",
         "n": "runs",
@@ -372,9 +366,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     "aggregate",
     "every learner over all scenarios, after training",
     {
-        "condition": "",
-        "algorithm": "",
-        "observation": "",
+        **CELL,
         "policy": "",
         "runs": "",
         "success": "success probability",
@@ -459,15 +451,7 @@ def scores(runs: Runs) -> pd.DataFrame:
 @item(
     "region",
     "cells where an agent values PING, compared with the target region",
-    {
-        "scenario": "",
-        "algorithm": "",
-        "observation": "",
-        "cells_marked": "cells marked",
-        "precision": "",
-        "recall": "",
-        "overlap": "",
-    },
+    {**CELL, "cells_marked": "cells marked", "precision": "", "recall": "", "overlap": ""},
 )
 def region(runs: Runs) -> Iterator[dict[str, Any]]:
     """Means over agents; precision is of those that mark a cell, overlap is intersection over union."""
@@ -488,13 +472,9 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
     "scenarios",
     "what each scenario is, and what is possible in it",
     {
-        "scenario": "",
-        "description": "",
-        "observed": "",
-        "hidden": "",
-        "cells": "",
-        "states": "",
-        "observations": "",
+        **dict.fromkeys(
+            ("scenario", "description", "observed", "hidden", "cells", "states", "observations"), ""
+        ),
         "random_return": "random return",
         "random_success": "random success",
         "optimal_return": "optimal return",

@@ -24,6 +24,7 @@ Values = NDArray[np.float64]
 
 SB3: Final = "Stable-Baselines3 itself"  # what trains references, as readers see it
 CELL: Final = dict.fromkeys(("scenario", "condition", "algorithm", "observation"), "")  # columns, unlabelled
+PAIR: Final = dict.fromkeys(("scenario", "condition", "x", "y"), "")
 _LISTED: Final = 4  # cells that a sentence on missing runs names
 _ROUNDING: Final = 9  # digits, so that the last digit of two optima does not decide which of them is better
 

@@ -15,7 +15,7 @@ from benchmark.drawing import film
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner
-from benchmark.reports.comparison.runs import CELL, Cell, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, proportion
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, item, no_rows, writing
@@ -180,10 +180,7 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     "speedups",
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
     {
-        "scenario": "",
-        "condition": "",
-        "x": "",
-        "y": "",
+        **PAIR,
         "x_step": "steps of x",
         "y_step": "steps of y",
         "ratio": "ratio, y to x",
@@ -281,8 +278,7 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
     "cost",
     "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
     {
-        "algorithm": "",
-        "observation": "",
+        **CELL,
         "cpu_time_s": "CPU time (s)",
         "steps_per_cpu_s": "steps per CPU second",
         "updates": "",
