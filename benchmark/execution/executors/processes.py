@@ -107,6 +107,6 @@ def end_with_the_driver() -> None:
 def _serve(connection: Connection) -> None:
     """Executes jobs as they come, until the driver closes its end or ends."""
     end_with_the_driver()
-    with suppress(EOFError):
+    with suppress(EOFError, ConnectionError):
         while True:
             connection.send(execute_job(*connection.recv()))
