@@ -27,6 +27,7 @@ from envs.inputs import (
     override,
     parse,
     read_toml,
+    require,
     unknown_name,
 )
 
@@ -147,35 +148,29 @@ class Experiment(Table):
         tables = {"algorithms": [*self.algorithms], "readings": [*self.readings], "sweep": [*self.sweep]}
         tables |= {f"sweep.{axis}": [*conditions] for axis, conditions in self.sweep.items()}
         for table, names in tables.items():
-            if pair := in_either_case(names):
-                raise ValueError(
-                    f"{table}: {' and '.join(pair)}: accepted: names that differ in more than case"
-                )
+            pair = in_either_case(names) or ()
+            require(not pair, f"{table}: {' and '.join(pair)}", "names that differ in more than case")
         return self
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        if "start" not in self.evaluated_from:
-            raise ValueError(f'evaluated_from = {list(self.evaluated_from)}: accepted: "start" among them')
+        starts = f"evaluated_from = {list(self.evaluated_from)}"
+        require("start" in self.evaluated_from, starts, '"start" among them')
         schedules = {"": (self.evaluation_every, self.map_every)}
         schedules |= {f'algorithms."{name}": ': self.schedule(name) for name in self.algorithms}
         for where, (evaluation_every, map_every) in schedules.items():
-            if map_every % evaluation_every:
-                raise ValueError(
-                    f"{where}map_every = {map_every}: accepted: a multiple of evaluation_every = "
-                    f"{evaluation_every}"
-                )
+            accepted = f"a multiple of evaluation_every = {evaluation_every}"
+            require(map_every % evaluation_every == 0, f"{where}map_every = {map_every}", accepted)
         n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
-        if n_conditions > MOST_CONDITIONS:
-            raise ValueError(f"readings with sweep: accepted: at most {MOST_CONDITIONS:,} conditions")
+        accepted = f"at most {MOST_CONDITIONS:,} conditions"
+        require(n_conditions <= MOST_CONDITIONS, "readings with sweep", accepted)
         return self
 
     @model_validator(mode="after")
     def _axes_change_different_keys(self) -> Self:
         axis_of_key: dict[str, str] = {}
         for axis, conditions in self.sweep.items():
-            if not conditions:
-                raise ValueError(f"sweep.{axis}: accepted: a table with at least one condition")
+            require(bool(conditions), f"sweep.{axis}", "a table with at least one condition")
             for condition in conditions.values():
                 keys = [f"scenario.{key}" for key in condition.scenario]
                 for key in (*keys, *(f"settings.{key}" for key in condition.settings)):
@@ -308,30 +303,22 @@ def _with_references(data: dict[str, Any], source: str) -> dict[str, Any]:
 
     Raises:
       InputError: `reference_for` names no variant, or one that has such a key itself; or the reference sets
-      what
-        it takes, or has an observation that the variant has not.
+        what it takes.
     """
     variants = data.get("algorithms")
     if not isinstance(variants, dict) or not all(
         is_name(name) and isinstance(variants[name], dict) for name in variants
     ):
         return data  # is refused with the other tables
-    own = [name for name in variants if not variants[name].get("reference_for")]
+    own = {name: variant for name, variant in variants.items() if not variant.get("reference_for")}
     resolved = dict(variants)
     for name in [name for name in variants if name not in own]:
-        where, of = f"{source}: algorithms.{name}", variants[name]["reference_for"]
+        where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
         if of not in own:
-            unknown_name(f"{where}: reference_for", "variant", str(of), own)
+            unknown_name(f"{where}: reference_for", "variant", of, own)
         for key in ("group", "settings", "policy"):
             if key in variants[name]:
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
-        keys = variants[of].keys() & {"observations", "group", "settings", "policy"}
-        resolved[name] = {key: variants[of][key] for key in keys} | variants[name]
-        given, accepted = resolved[name].get("observations"), variants[of].get("observations")
-        for observation in given if isinstance(given, list) and isinstance(accepted, list) else ():
-            if observation not in accepted:
-                raise InputError(
-                    f"{where}.observations: {of} does not learn from {observation}; accepted: "
-                    f"{', '.join(map(str, accepted))}."
-                )
+        keys = own[of].keys() & {"observations", "group", "settings", "policy"}
+        resolved[name] = {key: own[of][key] for key in keys} | variants[name]
     return data | {"algorithms": resolved}

@@ -126,7 +126,7 @@ def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
         for name, values in expected.items():
             assert np.array_equal(record.arrays[name], values[i]), name
         assert record.arrays["episodes_ended"] == 600
-        assert len(record.provenance["cpu_time_s"]) == len(runs[0].evaluation_steps)
+        assert len(record.provenance["cpu_time_s"]) == len(runs[0].schedule.evaluation_steps)
 
 
 def test_failed_runs_are_stored_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
