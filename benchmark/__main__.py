@@ -129,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     where.add_argument("--executor", metavar="NAME", help=about)
     about = "run all jobs on the workers of the Dask scheduler at this address"
     where.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
-    run.set_defaults(partial=False)
+    run.set_defaults(partial=False, format=None)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
     _add_experiment(report, "; without one, only the texts of all results and the page are written")
