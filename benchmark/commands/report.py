@@ -59,12 +59,6 @@ def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
 
 
 def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -> str:
-    """Returns the name of the folder that a report is drawn into.
-
-    Args:
-      experiment: As loaded.
-      seeds: Other seeds than the declared ones; they have a folder of their own.
-      partial: Whether runs may be missing; such a report has a folder of its own, too.
-    """
+    """Returns the name of a report's folder; other seeds, and a partial report, have one of their own."""
     chosen = f"_seeds_{seeds_text(seeds)}" if seeds is not None else ""
     return f"{experiment.name}{chosen}{'_partial' if partial else ''}"

@@ -16,7 +16,7 @@ from typing import Final
 from agents import load_algorithm
 from benchmark.execution.executors import ExecutorFactory
 from benchmark.execution.executors.processes import Processes
-from benchmark.execution.job import failures, now
+from benchmark.execution.job import failures
 from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import machine
 from benchmark.execution.store import Record, Store
@@ -60,15 +60,9 @@ def estimate(
     limit_s: float = LIMIT_S,
     executor: ExecutorFactory = Processes,
 ) -> Estimate:
-    """Returns what it costs to execute runs that are missing in the store.
+    """Returns what it costs to execute runs that are missing in the store, so many jobs at a time.
 
-    Args:
-      runs: The missing runs.
-      store: Where others are stored; None if nowhere.
-      jobs: How many jobs are under way at a time.
-      cores: How many of them are faster than one.
-      limit_s: How long to execute short jobs, at most.
-      executor: Makes the worker that executes them.
+    Short jobs are executed for at most `limit_s` seconds, by a worker that `executor` makes.
     """
     planned = plan(runs)
     populations = {job[0].population: job for job in planned}
@@ -141,7 +135,7 @@ def _rates(
                 except TimeoutError:
                     return rates, errors
                 except Exception as error:  # its process died
-                    records = failures(job, error, now(), 0.0)
+                    records = failures(job, error, time.perf_counter())
             compiled.add(job[0].algorithm)
             if records[0].error is not None:
                 where = f"{job[0].scenario.name}, {job[0].variant}, {job[0].observation}"

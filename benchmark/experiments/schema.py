@@ -132,9 +132,8 @@ class Experiment(Table):
     map_every: Annotated[int, Field(ge=1, le=10**9)]  # a multiple of `evaluation_every`
     # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
-    settings: dict[str, Any] = Field(
-        default_factory=dict
-    )  # of every variant, unless the variant sets the same key
+    # Of every variant, unless the variant sets the same key.
+    settings: dict[str, Any] = Field(default_factory=dict)
     algorithms: Annotated[dict[Name, Variant], Field(min_length=1)]
     readings: dict[Name, Reading] = Field(
         default_factory=lambda: {

@@ -213,16 +213,7 @@ def specifications(
     observation: str,
     seeds: Sequence[int] | None = None,
 ) -> list[RunSpecification]:
-    """Lists the runs of one population, in the order of their seeds.
-
-    Args:
-      experiment: As loaded.
-      condition: A key of its `conditions`.
-      scenario: One of its scenarios.
-      variant: A key of its algorithms.
-      observation: One of the variant's.
-      seeds: Other seeds than the declared ones.
-    """
+    """Lists the runs of one population, as the experiment names it, with the declared seeds or others."""
     chosen = experiment.declared_seeds(variant, condition) if seeds is None else seeds
     first = _run(experiment, condition, _scenario(experiment, condition, scenario), variant, observation)
     return [first.with_seed(seed) for seed in chosen]
