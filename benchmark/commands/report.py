@@ -50,12 +50,7 @@ def main(options: argparse.Namespace) -> int:
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
     """Returns the given seeds; None if every variant declares just these under every condition."""
-    declared = {
-        experiment.declared_seeds(variant, condition)
-        for variant in experiment.algorithms
-        for condition in experiment.conditions
-    }
-    return None if declared == {seeds} else seeds
+    return None if experiment.seed_ranges == {seeds} else seeds
 
 
 def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -> str:

@@ -32,12 +32,7 @@ def main(options: argparse.Namespace) -> int:
     name, seeds = experiment.name, parse_seeds(options.seeds)
     if options.report or experiment.report is not None:
         draw.report_of(experiment, is_drawn=options.report)
-    fewest = min(
-        len(experiment.declared_seeds(variant, condition)) if seeds is None else len(seeds)
-        for variant in experiment.algorithms
-        for condition in experiment.conditions
-    )
-    if options.report and fewest < 2:
+    if options.report and min(map(len, experiment.seed_ranges if seeds is None else [seeds])) < 2:
         raise InputError(
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."
         )

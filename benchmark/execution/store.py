@@ -87,12 +87,7 @@ class Record:
 
 
 def evaluated(name: str, policy: str, start: str) -> str:
-    """Returns the name that a field of `Evaluation` has in a record.
-
-    Args:
-      name: The field.
-      policy: `"greedy"` or `"stochastic"`.
-      start: Where episodes start, `"start"` or `"every_cell"`.
+    """Returns the name that a field of `Evaluation` has in a record, by policy and where episodes start.
 
     >>> evaluated("success", "greedy", "start"), evaluated("success", "stochastic", "every_cell")
     ('success', 'stochastic_every_cell_success')

@@ -205,6 +205,11 @@ class Experiment(Table):
         n_seeds = declared.seeds if reading.seeds is None else reading.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
 
+    @property
+    def seed_ranges(self) -> set[range]:
+        """The seeds of all variants under all conditions."""
+        return {self.declared_seeds(variant, name) for variant in self.algorithms for name in self.conditions}
+
     @cached_property
     def conditions(self) -> dict[str, Mapping[str, Condition]]:
         """The changes of every condition, by its name.
@@ -240,13 +245,7 @@ def experiment_names() -> list[str]:
 
 
 def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
-    """Reads an experiment's tables and checks their form, not yet what they name.
-
-    Args:
-      experiment: The name of a shipped experiment, or the path of a TOML file.
-
-    Returns:
-      The experiment and its file.
+    """Reads an experiment's tables and checks their form, not yet what they name; returns also their file.
 
     Raises:
       InputError: The file cannot be read, or a key or value is not accepted.
@@ -265,20 +264,17 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
 
 def _path(experiment: str | Path) -> Path:
     """Returns the file of an experiment."""
-    path = Path(experiment)
+    path, names = Path(experiment), experiment_names()
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
     if path.suffix != ".toml":
-        if str(experiment) not in experiment_names():
-            accepted = [*experiment_names(), "or the path of a .toml file"]
-            unknown_name("experiments", "experiment", str(experiment), accepted)
+        if str(experiment) not in names:
+            unknown_name(
+                "experiments", "experiment", str(experiment), [*names, "or the path of a .toml file"]
+            )
         return shipped
-    if in_either_case([*experiment_names(), path.stem]) or (
-        path.stem in experiment_names() and path.resolve() != shipped.resolve()
-    ):
-        raise InputError(
-            f"{path}: results are named after the experiment's file, and {path.stem} is a shipped one; "
-            "rename it."
-        )
+    if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
+        reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"
+        raise InputError(f"{path}: {reason}; rename it.")
     return path
 
 
