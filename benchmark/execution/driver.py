@@ -62,8 +62,7 @@ def run(
             executors[placement] = (executor or load_executor(placement))(jobs)
             stack.callback(executors[placement].cancel)
         on_start(job)
-        submitted = job, time.perf_counter()
-        under_way[executors[placement].submit(job, logs)] = submitted
+        under_way[executors[placement].submit(job, logs)] = job, time.perf_counter()
 
     def keep(future: Future[list[Record]]) -> None:
         try:

@@ -23,12 +23,8 @@ from envs import InputError, compile_scenario
 def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
     """Trains the runs of a job and evaluates every snapshot of them exactly.
 
-    Args:
-      job: Runs that differ by their seed alone.
-      logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
-
-    Returns:
-      The records of the runs, in their order. If training raises an exception, all of them have failed.
+    Returns the records of the runs, in their order. If training raises an exception, all of them have failed.
+    Algorithms may write TensorBoard logs into the folder `logs`; no result depends on it.
     """
     started = time.perf_counter()
     reset_peak_memory()

@@ -41,8 +41,6 @@ CREATE TABLE runs (
 -- So that asking for all statuses reads no records.
 CREATE INDEX statuses ON runs (digest, status);
 """
-_HEADER_SIZE: Final = 100  # bytes at the start of an SQLite file
-_HEADER_PLACES: Final = (60, 68)  # where they have the version and the application
 _SMALLEST_ROW: Final = 256  # bytes, fewer than any record has
 _LAST_ROW: Final = 10_000_000  # no file has more; a damaged one may say so
 _COLUMNS: Final = "digest, specification, status, error, provenance, checksum, head"
@@ -198,9 +196,8 @@ class Store:
     def _has_our_header(self) -> bool:
         """Returns whether the file begins like a store of this version, whatever follows."""
         with self._path.open("rb") as file:
-            header = file.read(_HEADER_SIZE)
-        version, application = (int.from_bytes(header[i : i + 4]) for i in _HEADER_PLACES)
-        return application == _APPLICATION_ID and version == _FORMAT
+            header = file.read(72)  # these places are part of SQLite's format
+        return (header[60:64], header[68:]) == (_FORMAT.to_bytes(4), _APPLICATION_ID.to_bytes(4))
 
     def _create(self) -> None:
         """Creates the table, if the file is new."""

@@ -306,7 +306,7 @@ def _with_references(data: dict[str, Any], source: str) -> dict[str, Any]:
     ):
         return data  # is refused with the other tables
     own = {name: variant for name, variant in variants.items() if not variant.get("reference_for")}
-    resolved = dict(variants)
+    references = {}
     for name in [name for name in variants if name not in own]:
         where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
         if of not in own:
@@ -315,5 +315,5 @@ def _with_references(data: dict[str, Any], source: str) -> dict[str, Any]:
             if key in variants[name]:
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
         keys = own[of].keys() & {"observations", "group", "settings", "policy"}
-        resolved[name] = {key: own[of][key] for key in keys} | variants[name]
-    return data | {"algorithms": resolved}
+        references[name] = {key: own[of][key] for key in keys} | variants[name]
+    return data | {"algorithms": variants | references}

@@ -151,9 +151,8 @@ def load_experiment(experiment: str | Path) -> Experiment:
             _settings(loaded, name, condition, str(path))
     with _refused_in(str(path)):
         names = [load_scenario(scenario).name for scenario in loaded.scenarios]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{path}: scenarios: {name} is named twice.")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{path}: scenarios: {twice[0]} is named twice.")
     if pair := in_either_case(names):
         raise InputError(
             f"{path}: scenarios: {' and '.join(pair)}: accepted: names that differ in more than case."
