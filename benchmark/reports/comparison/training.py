@@ -307,13 +307,13 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @cost.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str:
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what runs of the learners compared cost."""
     parts = [
         f"`{words.name_of(row)}` {link(words.duration(row['cpu_time_s']), 'cost', row)}"
         for _, row in words.compared(table, folder).iterrows()
     ]
-    return f"CPU time of a run, median: {listed(parts)}."
+    return f"CPU time of a run, median: {listed(parts)}." if parts else None
 
 
 @writing(
