@@ -146,7 +146,7 @@ def evaluate(
     )
 
 
-@compiled(nogil=True)
+@compiled
 def _sweep(
     policies: NDArray[np.float64],
     next_state: NDArray[np.int32],

@@ -148,7 +148,7 @@ def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray
     return expected_return, gains / np.where(visits > 0, visits, 1.0)[:, None]
 
 
-@compiled(nogil=True)
+@compiled
 def _sweep(
     policy: NDArray[np.float64],
     next_state: NDArray[np.int32],

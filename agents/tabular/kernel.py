@@ -347,4 +347,4 @@ def compile_kernel(
     parts = flags, update.bootstrap.__module__, code.co_code, code.co_consts, code.co_names, cells, text
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
-    return compiled(nogil=True)(kernel)
+    return compiled(kernel)
