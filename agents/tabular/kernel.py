@@ -125,11 +125,9 @@ def _take_snapshot(
 ) -> None:
     """Keeps the state of agent n at evaluation step i, which is map step i_map, or none if that is -1."""
     results.disagreements[n, i] = disagreements
-    for o in range(len(greedy)):
-        results.greedy[n, i, o] = greedy[o]
-        if i_map >= 0:
-            for a in range(N_ACTIONS):
-                results.values[n, i_map, o, a] = q[o, a]
+    results.greedy[n, i] = greedy
+    if i_map >= 0:
+        results.values[n, i_map] = q
 
 
 @numba.njit
