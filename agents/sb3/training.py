@@ -60,11 +60,7 @@ def make_agent(algorithm: Sb3Algorithm, settings: Sb3Settings, env: VecEnv) -> B
 
 
 def check_settings(algorithm: Sb3Algorithm, settings: Sb3Settings) -> None:
-    """Makes an untrained agent and reads its policy, so that what cannot be trained is found early.
-
-    Raises:
-      ValueError: The class refuses the settings or discrete actions, or its policy cannot be read as a table.
-    """
+    """Refuses, by a ValueError, what cannot be trained: makes an agent, and reads its policy as a table."""
     env = SB3VecEnv(ProxemicVectorEnv(settings.n_envs, "S1", "coordinates"))
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
