@@ -50,7 +50,7 @@ class Constants(NamedTuple):
     max_grad_norm: float
 
 
-class Policy(NamedTuple):
+class KnownPolicy(NamedTuple):
     """What the actor says of observations since the last update."""
 
     probability: Numbers  # (O, A)
@@ -83,7 +83,7 @@ class Ppo(NamedTuple):
     actor: Net
     critic: Net
     parameters: Parameters
-    policy: Policy
+    policy: KnownPolicy
     known: Known  # the critic's values since the last update
     steps: Steps  # (E * L,) of a rollout, as Stable-Baselines3 flattens it, env after env
     rollout: Rollout
@@ -113,7 +113,7 @@ class PpoAgent(Agent):
             actor=actor,
             critic=critic,
             parameters=self.parameters,
-            policy=Policy(np.zeros(table, kind), np.zeros(table, kind), net.memo_of(n_observations)),
+            policy=KnownPolicy(np.zeros(table, kind), np.zeros(table, kind), net.memo_of(n_observations)),
             known=net.nothing_known(n_observations, kind),
             steps=room_for_steps(settings.rollout),
             rollout=Rollout(*(np.zeros(settings.rollout, dtype) for dtype in (kind, kind, kind, np.int64))),
