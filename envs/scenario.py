@@ -396,7 +396,7 @@ class Scenario(Table):
         return issuer, *others
 
     def _zones(self, people: tuple[Someone, ...]) -> NDArray[np.int8]:
-        """Returns the zone of every cell among some people, (C,): the nearest one that it is to anyone."""
+        """Returns the zone of every cell among some people, (C,): uncomfortable if it is so to anyone."""
         size, width = self.grid.size, self.grid.metres_per_cell or 1.0
         each = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
         return np.where(self.grid.is_wall, ZONES.index("outside"), np.max(each, axis=0)).astype(np.int8)
