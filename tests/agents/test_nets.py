@@ -450,7 +450,7 @@ def digest_of_all() -> str:
     return digest.hexdigest()
 
 
-# Of every processor. A change that is meant to alter it has to raise `agents.nets.learner.VERSION`.
+# Of every processor. A change that is meant to alter it has to raise `NetAlgorithm.version`.
 DIGEST = "06bf44f731d10b908e588ff7c91fd44ce9624415256c8eee7172e92e4b17f479"
 
 
