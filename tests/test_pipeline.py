@@ -166,36 +166,6 @@ def test_list_tells_what_is_done(results: Path, tmp_path: Path, capsys: pytest.C
     assert not (tmp_path / "nowhere").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["run", "reproduct"], "reproduct (did you mean reproduce?)"),
-        (["run", "{}/reproduce.toml"], "reproduce is a shipped one"),  # or its results would be overwritten
-        (["report", "nothing.toml"], "nothing.toml: cannot be read"),
-        (["report", "reproduce"], "runs.db"),
-        (["run", "reproduce", "--jobs", "0"], "--jobs 0: "),
-        (["run", "reproduce", "--seeds", "9-2"], "--seeds 9-2: "),
-        (["run", "reproduce", "--seeds", ""], "--seeds : "),
-        (["run", "reproduce", "--seeds", "7-2000000"], "--seeds 7-2000000: "),
-        *(
-            ([*command, "--results", "{}/file/results"], "/file/results")
-            for command in (["run", "reproduce"], ["speed", "--smoke"], ["growth", "--smoke"])
-        ),
-    ],
-)
-def test_mistakes_get_one_sentence_and_exit_code_2_before_any_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
-) -> None:
-    (tmp_path / "reproduce.toml").touch()
-    (tmp_path / "file").touch()  # which nobody can make a folder, not even root
-    given = [*arguments[:1], "--results", "{}", *arguments[1:]]
-    assert main([argument.replace("{}", str(tmp_path)) for argument in given]) == 2
-    stderr = capsys.readouterr().err
-    assert expected in stderr
-    assert stderr.startswith("error: ")
-    assert stderr.count("\n") == 1
-
-
 def test_failed_drawing_leaves_the_old_results(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -62,24 +62,6 @@ def test_findings_are_plain_lines_and_short_jobs_run_in_a_process(
     assert not (tmp_path / "runs.db").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["no_such"], "no_such"),
-        (["reproduce", "--jobs", "0"], "--jobs 0: "),
-        (["reproduce", "--seeds", "x"], "--seeds x: "),
-        (["--seeds", "1"], "--seeds: "),
-    ],
-)
-def test_mistakes_are_refused_before_anything_is_examined(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["doctor", *arguments, "--results", str(tmp_path)]) == 2
-    said = capsys.readouterr()
-    assert message in said.err
-    assert said.out == ""
-
-
 def test_versions_are_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, examine: Examine) -> None:
     """Another torch than that of the published results is a note; +cpu is ignored."""
     constraints = tmp_path / "constraints.txt"

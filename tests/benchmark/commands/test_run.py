@@ -73,37 +73,3 @@ def test_what_runs_cannot_show_is_said_before_they_start(
 
     monkeypatch.setattr(driver, "run", begin)
     assert main(["run", "beyond", "--results", str(tmp_path)]) == 130
-
-
-@pytest.mark.parametrize(
-    ("stem", "variant"), [("..", "one"), ("speed", "one"), ("mine", "../../x"), ("mine", "a|b")]
-)
-def test_nothing_is_written_where_a_name_leads_elsewhere(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], stem: str, variant: str
-) -> None:
-    experiment = tmp_path / f"{stem}.toml"
-    experiment.write_text(LOGGED.replace("algorithms.ppo", f'algorithms."{variant}"'), encoding="utf-8")
-    arguments = ["run", str(experiment), "--results", str(tmp_path / "results"), "--report"]
-    assert main([*arguments, "--tensorboard", str(tmp_path / "logs")]) == 2
-    message = capsys.readouterr().err
-    assert message.startswith(f"error: {experiment}: ")
-    assert "accepted: " in message
-    assert message.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [experiment]
-
-
-@pytest.mark.parametrize(
-    ("change", "options", "expected"),
-    [
-        ('"sweep.rate.low.settings" = { learning_rate = 0.2 }', [], "sweep"),
-        ("horizon = 100", ["--tensorboard", "logs"], "--tensorboard: no algorithm of mine writes logs"),
-    ],
-)
-def test_what_the_report_or_no_algorithm_can_use_is_not_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, options: list[str], expected: str
-) -> None:
-    experiment = tmp_path / "mine.toml"
-    experiment.write_text(f'extends = "reproduce_smoke"\ndescription = ""\n[changes]\n{change}\n')
-    assert main(["run", str(experiment), "--results", str(tmp_path), *options]) == 2
-    assert expected in capsys.readouterr().err
-    assert not (tmp_path / "runs.db").exists()

@@ -157,12 +157,6 @@ def test_every_number_is_in_the_row_that_it_links_to(folder: Path) -> None:
     assert checked > 100
 
 
-def test_no_results_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", "--results", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("file", "content"),
     [("manifest.json", None), ("summary.csv", None)]
