@@ -19,13 +19,6 @@ _PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PROJECT: Final[dict[str, Any]] = tomllib.loads(_PYPROJECT)["project"]
 
 
-def command(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Runs `python -m benchmark`."""
-    return subprocess.run(
-        [sys.executable, "-m", "benchmark", *map(str, arguments)], cwd=cwd, capture_output=True, text=True
-    )
-
-
 def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """Runs make with this Python, which has all it needs, instead of one that make installs."""
     settings = [f"PY={sys.executable}", "BASE=", "DEEP=", "DEV="]
