@@ -19,16 +19,16 @@ def population(
     budget: int = 600,
     every: int = 200,
     map_every: int | None = None,
-    **arrays: NDArray[Any],
+    **arrays: Any,
 ) -> Population:
     """Returns a population with these arrays, in which otherwise nothing has been learned.
 
-    N agents, T evaluation steps (4 by default), V maps, O observations, A = 5 actions, R = 60 records of max Q.
+    N agents, T evaluation steps, V maps, O observations, A = 5 actions, R = 60 records of max Q.
     """
     learner, described = load_algorithm(algorithm), load_scenario(scenario)
-    chosen = (
-        {"budget": budget, "record_every": budget // 60} if algorithm == "q_learning" else {"budget": budget}
-    )
+    chosen = {"budget": budget}
+    if algorithm == "q_learning":
+        chosen["record_every"] = budget // 60
     specification = {
         "scenario": described.model_dump(mode="json"),
         "algorithm": algorithm,

@@ -48,7 +48,7 @@ def cell(
     family: str = "tabular",
     policy: str = "greedy",
     condition: str = "default",
-    **arrays: NDArray[Any],
+    **arrays: Any,
 ) -> Cell:
     """Returns runs with this success and score, (N,) after training or (N, T)."""
     success = over_training(success)

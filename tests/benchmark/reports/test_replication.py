@@ -177,7 +177,7 @@ def measured(claim_id: str, populations: dict[str, Population], curve: str = "ma
     return {part.name: part.value for part in parts_of(claim_id, populations, curve)}
 
 
-def trio(**by_scenario: dict[str, NDArray[Any]]) -> dict[str, Population]:
+def trio(**by_scenario: dict[str, Any]) -> dict[str, Population]:
     return {name: population(name, 4, **by_scenario.get(name, {})) for name in ("S1", "S2", "S3")}
 
 
