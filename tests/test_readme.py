@@ -50,7 +50,7 @@ evaluation_every = 100
 map_every = 100
 settings = { budget = 200, time_limit = 50 }
 algorithms.q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
-algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 2 }
+algorithms.dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 2 }
 """
 
 

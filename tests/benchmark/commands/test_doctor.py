@@ -206,13 +206,6 @@ def test_what_runs_cannot_show_is_a_note(examine: Examine, monkeypatch: pytest.M
     assert about("verdicts", examine("reproduce_smoke")[1]) == []
 
 
-def test_time_that_is_up_is_a_note(monkeypatch: pytest.MonkeyPatch, examine: Examine) -> None:
-    plant(monkeypatch, None)
-    code, lines = examine("reproduce_smoke")
-    assert code == 0
-    assert about("time", lines)[0].startswith("note unknown for 23 populations (q_learning): ")
-
-
 def test_nothing_is_estimated_if_nothing_is_missing(tmp_path: Path, examine: Examine) -> None:
     with Store(tmp_path / "runs.db") as store:
         store.add(record(run, 1.0, 100.0) for run in all_specifications(load_experiment("reproduce_smoke")))

@@ -94,11 +94,3 @@ def test_no_terminal_gets_the_end_of_every_walk(watched: Path, capsys: pytest.Ca
     assert "step 10,000, score 1.00  success" in text
     assert text.count("@ agent") == 26
     assert "\x1b" not in text
-
-
-def test_file_has_a_frame_per_map(watched: Path, tmp_path: Path) -> None:
-    arguments = ["--scenario", "S1", "--algorithm", "q_learning", "--results", str(watched)]
-    assert main(["watch", *arguments, "--save", str(tmp_path / "film.webp")]) == 0
-    with Image.open(tmp_path / "film.webp") as image:
-        assert getattr(image, "n_frames", 1) == 26
-        assert image.size == (421, 366)

@@ -70,22 +70,6 @@ def test_worker_stays_for_the_next_job(runs: list[RunSpecification]) -> None:
     assert len(pids) == 1
 
 
-def test_interrupt_ends_workers_and_keeps_finished_runs(
-    runs: list[RunSpecification], expected: dict[str, dict[str, bytes]], tmp_path: Path
-) -> None:
-    def interrupt(_: list[Record]) -> None:
-        raise KeyboardInterrupt
-
-    with Store(tmp_path / "runs.db") as store:
-        with pytest.raises(KeyboardInterrupt):
-            run(runs, store, 2, interrupt, executor=Processes)
-        assert 1 <= len(store.statuses()) < len(runs)
-        assert multiprocessing.active_children() == []
-        assert run(runs, store, 2, executor=Processes) == []
-        assert multiprocessing.active_children() == []
-        assert arrays_of(store.get(sorted(store.ended()))) == expected
-
-
 def test_killed_worker_costs_its_run_alone_and_is_tried_again(
     runs: list[RunSpecification], tmp_path: Path
 ) -> None:

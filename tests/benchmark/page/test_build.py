@@ -18,8 +18,6 @@ from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
 from tests.support import ROOT
 
-MODULES = Path(build.__file__).parent / "templates" / "script"
-
 
 class Page(HTMLParser):
     """A page's elements, links and texts; its tags must match."""
@@ -203,16 +201,3 @@ def test_other_forms_have_a_folder_of_their_own(made: Path, form: str, files: li
     assert main(arguments) == 0
     assert sorted(path.name for path in made.with_name(f"mine_{form}").iterdir()) == files
     assert main([*arguments, "--partial"]) == 2
-
-
-def test_script_has_all_modules_each_after_its_imports(results: Path) -> None:
-    text = (results / "index.html").read_text(encoding="utf-8")
-    places = {}
-    for path in MODULES.glob("*.js"):
-        first = path.read_text(encoding="utf-8").splitlines()[0]
-        assert first.startswith("// "), f"{path.name} does not say what it is for"
-        assert text.count(first) == 1
-        places[path.name] = text.index(first)
-    for name, place in places.items():
-        for needed in re.findall(r'"\./(\w+\.js)"', (MODULES / name).read_text(encoding="utf-8")):
-            assert places[needed] < place, f"{name} stands before {needed}"
