@@ -13,17 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import ROOT, make
+from tests.support import ROOT, git, make
 
 RUNS = 5000
 if not (ROOT / ".git").exists():
     pytest.skip("not a git checkout: there is nothing to clone", allow_module_level=True)
-
-
-def git(folder: Path, *arguments: str) -> str:
-    identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
-    arguments = ("git", "-C", str(folder), *identity, *arguments)
-    return subprocess.run(arguments, check=True, capture_output=True, text=True).stdout
 
 
 def kill_early(folder: Path) -> int:

@@ -204,15 +204,12 @@ OF_A_REPLICATION = [
     ("epsilon = 0.6 ", "epsilon = 6.0 ", "algorithms.q_learning.settings: epsilon = 6.0"),
     ("epsilon = 0.4", "epsilon = -1.0", "readings.epsilon.settings: epsilon = -1.0"),
     ('"S1", "S2"', '"S1", "S7"', "mine.toml: scenarios: unknown scenario S7"),
-    ('["index"]', '["indx"]', "unknown observation for q_learning indx (did you mean index?)"),
     ('"q_learning"\nobs', '"q_lerning"\nobs', "unknown algorithm q_lerning (did you mean q_learning?)"),
     ("[8, 6]", "[8, 60]", "mine.toml: readings.origin.scenario: "),
     ('answer = "by the lowest index"', 'answer = ""', "readings.ties.answer"),
     ("[readings.default]", "[readings.plain]", "the table readings.default is missing"),
-    ('scenarios = ["S1", "S2", "S3"]', "scenarios = []", "scenarios = []"),
     ('["S1", "S2"]', '["S1", "S4"]', "readings.equal_pay.scenarios: unknown scenario S4"),
     ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
-    ("evaluation_every = 250", "evaluation_every = 1e3", "evaluation_every = 1000.0"),
     ("map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple of evaluation_every"),
     ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
     (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one condition"),
@@ -223,10 +220,8 @@ OF_A_REPLICATION = [
 ]
 LINEAR = 'reference_for = "dqn_linear"'
 OF_A_COMPARISON = [
-    ("gamma = 0.9", "gama = 0.9", "unknown key gama (did you mean gamma?)"),
     ("[algorithms.ppo_sb3]", "[algorithms.PPO]", "algorithms: ppo and PPO: accepted: names that differ in"),
     ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
-    ('reference_for = "ppo"', 'reference_for = "pqo"', "unknown variant pqo (did you mean ppo?)"),
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
