@@ -78,12 +78,6 @@ def test_episodes_of_the_environment_agree() -> None:
     assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.1)
 
 
-def test_overlap_by_hand() -> None:
-    assessment = assess(lambda o: PING if o // 12 in (4, 5) else DOWN, scenario="S1", observation="index")
-    # Of 24 cells in rows 4 and 5, the region has five and two; it has 16 in all.
-    assert assessment.region_overlap == pytest.approx(7 / (24 + 16 - 7))
-
-
 # Functions
 
 

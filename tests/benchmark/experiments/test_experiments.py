@@ -77,14 +77,6 @@ def test_reproduce_declares_what_the_paper_says() -> None:
     assert len(all_specifications(experiment)) == 3 * 1000 + 6 * 3 * 100 + 2 * 100
 
 
-def test_reading_may_have_seeds_of_its_own() -> None:
-    assert SMALL.declared_seeds("q_learning", "ties") == range(6)
-    runs = specifications(SMALL, "default", "S1", "q_learning", "index")
-    assert [run.seed for run in runs] == list(range(12))
-    (one,) = specifications(SMALL, "default", "S1", "q_learning", "index", [3])
-    assert one.digest == runs[3].digest  # the seeds asked for go before the declared ones
-
-
 def test_runs_of_a_population_share_its_identity() -> None:
     first, second = specifications(SMALL, "default", "S1", "q_learning", "index", [7, 8])
     alone = specifications(SMALL, "default", "S1", "q_learning", "index", [8])[0]
