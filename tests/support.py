@@ -1,7 +1,5 @@
 """What tests of several rooms call: the project's commands, as users run them, and its packages."""
 
-import csv
-import re
 import subprocess
 import sys
 import tomllib
@@ -10,6 +8,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, Final
 
+import pandas as pd
 from markdown_it import MarkdownIt
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -19,11 +18,11 @@ _PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PROJECT: Final[dict[str, Any]] = tomllib.loads(_PYPROJECT)["project"]
 
 
-def command(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Runs `python -m benchmark`."""
-    return subprocess.run(
-        [sys.executable, "-m", "benchmark", *map(str, arguments)], cwd=cwd, capture_output=True, text=True
-    )
+def git(folder: Path, *arguments: str) -> str:
+    """Runs git in a folder, as somebody."""
+    identity = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
+    command = ["git", "-C", str(folder), *identity, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
 def make(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
@@ -70,26 +69,10 @@ def markdown_parser() -> MarkdownIt:
     return parser
 
 
-_KINDS: Final = {
-    "integer": r"-?\d+",
-    "float": r"-?(\d+\.\d+|\d+(\.\d+)?e[+-]\d+|inf)",
-    "boolean": r"True|False",
-    "text": r".*",
-}
-_INFERRED_ROWS: Final = 100  # from which Polars infers the type of a column, by default
-
-
 def mistyped_columns(path: Path) -> list[str]:
-    """Lists the columns of a CSV file whose type a reader cannot infer from its first rows."""
-    with path.open(encoding="utf-8", newline="") as file:
-        header, *rows = csv.reader(file)
-    mistyped = []
-    for name, column in zip(header, zip(*rows, strict=True), strict=bool(rows)):
-        kinds = [
-            next(kind for kind, form in _KINDS.items() if re.fullmatch(form, text, re.DOTALL))
-            for text in column
-            if text
-        ]
-        if len(set(kinds)) != 1 or not any(column[:_INFERRED_ROWS]):
-            mistyped.append(name)
-    return mistyped
+    """Lists the columns of a CSV file whose type a reader cannot infer from its first hundred rows."""
+    whole = pd.read_csv(path, dtype_backend="numpy_nullable", keep_default_na=False, na_values=[""])
+    first = pd.read_csv(
+        path, nrows=100, dtype_backend="numpy_nullable", keep_default_na=False, na_values=[""]
+    )
+    return [str(name) for name in whole if first[name].isna().all() or whole[name].dtype != first[name].dtype]

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.drawing import tables
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_processes import arrays_of
@@ -47,19 +46,12 @@ def test_everything_is_there(results: Path) -> None:
 
 def test_csv_files_have_the_published_form(results: Path) -> None:
     folder = results / "reproduce_smoke"
-    q_values = pd.read_csv(folder / "q_values.csv")
-    assert list(q_values) == [
-        "scenario", "row", "column", "action", "mean", "std", "min", "max", "optimal", "difference",
-        "is_optimal", "largest_learned", "differs",
-    ]  # fmt: skip
-    assert len(q_values) == 1800
+    assert len(pd.read_csv(folder / "q_values.csv")) == 1800
     claims = pd.read_csv(folder / "claims.csv")
     assert len(claims) == 2 * PARTS
     assert claims["agents"].value_counts().to_dict() == {6: PARTS, 12: PARTS}
-    assert set(claims["sets"]) == {2}
     sensitivity = pd.read_csv(folder / "sensitivity.csv")
     assert len(sensitivity) == 9 * PARTS
-    assert set(sensitivity["agents"]) == {6}
     sets = pd.read_csv(folder / "claim_sets.csv")
     assert sets.groupby("first_seed")["last_seed"].agg(["size", "max"]).to_dict("index") == {
         0: {"size": PARTS, "max": 5},
@@ -79,9 +71,6 @@ def test_csv_files_have_the_published_form(results: Path) -> None:
     assert success["agents"].tolist() == [6, 6, 6, 12, 12, 12]
     learning = pd.read_csv(folder / "learning.csv")
     assert success["success"].tolist()[:3] == learning[learning["step"] == 600]["success"].tolist()
-    manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["runs"] == 156
-    assert manifest["versions"][0]["numpy"]
 
 
 def test_results_do_not_depend_on_how_the_work_was_split(results: Path, tmp_path: Path) -> None:
@@ -98,6 +87,8 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     """A forged record with the right checksum, an edited table and a damaged record are all found."""
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
     verify = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
+    assert main([*verify, "--runs", "2"]) == 0
+    assert re.search(r"reproduce_smoke: identical to .* \((\d+) of \1 files\)\.", capsys.readouterr().out)
     with Store(tmp_path / "runs.db") as store:
         forged, *_ = store.get(sorted(store.ended()))
         arrays = dict(forged.arrays) | {"q": np.nextafter(forged.arrays["q"], 1)}
@@ -129,9 +120,7 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     assert mended == original
 
 
-def test_damaged_record_of_a_failed_run_is_repeated_like_others(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_record_of_the_store_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     failed = all_specifications(load_experiment("reproduce_smoke"))[0].digest
     with Store(tmp_path / "runs.db") as store:
         store.add([Record(digest, "{}", "failed", {}, {}, "error") for digest in (failed, "other")])
@@ -164,49 +153,3 @@ def test_list_tells_what_is_done(results: Path, tmp_path: Path, capsys: pytest.C
     assert re.search(r"S2 +The issuer gives random feedback", listed)
     assert main(["list", "--results", str(tmp_path / "nowhere")]) == 0
     assert not (tmp_path / "nowhere").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["run", "reproduct"], "reproduct (did you mean reproduce?)"),
-        (["run", "{}/reproduce.toml"], "reproduce is a shipped one"),  # or its results would be overwritten
-        (["report", "nothing.toml"], "nothing.toml: cannot be read"),
-        (["report", "reproduce"], "runs.db"),
-        (["run", "reproduce", "--jobs", "0"], "--jobs 0: "),
-        (["run", "reproduce", "--seeds", "9-2"], "--seeds 9-2: "),
-        (["run", "reproduce", "--seeds", ""], "--seeds : "),
-        (["run", "reproduce", "--seeds", "7-2000000"], "--seeds 7-2000000: "),
-        *(
-            ([*command, "--results", "{}/file/results"], "/file/results")
-            for command in (["run", "reproduce"], ["speed", "--smoke"], ["growth", "--smoke"])
-        ),
-    ],
-)
-def test_mistakes_get_one_sentence_and_exit_code_2_before_any_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
-) -> None:
-    (tmp_path / "reproduce.toml").touch()
-    (tmp_path / "file").touch()  # which nobody can make a folder, not even root
-    given = [*arguments[:1], "--results", "{}", *arguments[1:]]
-    assert main([argument.replace("{}", str(tmp_path)) for argument in given]) == 2
-    stderr = capsys.readouterr().err
-    assert expected in stderr
-    assert stderr.startswith("error: ")
-    assert stderr.count("\n") == 1
-
-
-def test_failed_drawing_leaves_the_old_results(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_: object) -> None:
-        raise OSError("disk full")
-
-    shutil.copytree(results, tmp_path, dirs_exist_ok=True)
-    (tmp_path / "reproduce_smoke" / ".stamp").unlink()  # else it is up to date, and not drawn
-    before = contents(tmp_path / "reproduce_smoke")
-    monkeypatch.setattr(tables, "write_csv", broken)
-    assert main(["report", "reproduce_smoke", "--results", str(tmp_path)]) == 2
-    assert "disk full" in capsys.readouterr().err
-    assert contents(tmp_path / "reproduce_smoke") == before
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]  # nothing is left aside

@@ -12,8 +12,8 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
 from benchmark.reports import document
+from tests.support import ROOT
 
-ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 TARGETS = re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
@@ -50,7 +50,7 @@ evaluation_every = 100
 map_every = 100
 settings = { budget = 200, time_limit = 50 }
 algorithms.q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
-algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 2 }
+algorithms.dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 2 }
 """
 
 
@@ -95,13 +95,8 @@ def test_every_make_target_is_named() -> None:
 
 def test_ci_does_what_contributing_says() -> None:
     lines = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    commands = [line for line in lines if line and not line.startswith(("#", "set "))]
-    assert commands[-2:] == ["make check", "make test"]
-    assert "`make check` and `make test`" in CONTRIBUTING
-    assert [line.split()[0] for line in commands[:-2]] == ["if", "apt-get", "fi"]  # Chromium
-    assert "`apt-get install chromium`" in README
-    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
-    assert ".ci/run" in workflow
+    assert lines[-2:] == ["make check", "make test"]
+    assert ".ci/run" in (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", [README, CONTRIBUTING], ids=["README", "CONTRIBUTING"])
@@ -140,11 +135,3 @@ def test_readme_says_how_much_was_tuned() -> None:
     assert numbers == {"q_learning_tuned": 48, "dqn": 21, "dqn_linear": 7, "ppo": 23}
     words = " ".join(README.split())
     assert "48 settings for the table, 21 for DQN, 23 for PPO" in words
-
-
-def test_contrasts_are_decided_on_seeds_that_had_not_been_seen() -> None:
-    experiment = load_experiment("compare_deep")
-    assert experiment.report is not None
-    for pair in experiment.report.contrasts:
-        for name in pair:
-            assert experiment.algorithms[name.partition(",")[0]].first_seed == 100

@@ -9,14 +9,15 @@ from benchmark.drawing.film import Film
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 
+RUN = watch.specification(load_experiment("compare_deep"), "S1", "q_learning", None, 0)
+
 
 @pytest.fixture(scope="session")
 def watched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of results with one run, which was trained to be watched: a table in S1."""
     folder = tmp_path_factory.mktemp("watched")
     with Store(folder / "runs.db") as store:
-        run = watch.specification(load_experiment("compare_deep"), "S1", "q_learning", None, 0)
-        watch.load_film(run, store)
+        watch.load_film(RUN, store)
     return folder
 
 
@@ -24,5 +25,4 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def film(watched: Path) -> Film:
     """The film of that run."""
     with Store(watched / "runs.db", read_only=True) as store:
-        run = watch.specification(load_experiment("compare_deep"), "S1", "q_learning", None, 0)
-        return watch.load_film(run, store)
+        return watch.load_film(RUN, store)

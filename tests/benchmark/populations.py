@@ -1,31 +1,58 @@
 """Populations made by hand, for tests of what is computed from them."""
 
-import json
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import load_algorithm
+from agents.policy import ALL_ACTIONS
 from benchmark.analysis.population import Population
-from benchmark.experiments import load_experiment, specifications
+from envs import compile_scenario, load_scenario
 
 
-def population(scenario: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Population:
+def population(
+    scenario: str = "S1",
+    n: int = 4,
+    algorithm: str = "q_learning",
+    *,
+    budget: int = 600,
+    every: int = 200,
+    map_every: int | None = None,
+    **arrays: Any,
+) -> Population:
     """Returns a population with these arrays, in which otherwise nothing has been learned.
 
-    N agents, T = 4 evaluation steps, O = 120 cells, A = 5 actions, R = 60 records of max Q.
+    N agents, T evaluation steps, V maps, O observations, A = 5 actions, R = 60 records of max Q.
     """
-    experiment = load_experiment("reproduce_smoke")
-    specification = specifications(experiment, "default", scenario, "q_learning", "index")[0]
-    blank: dict[str, NDArray[Any]] = {
-        "q": np.zeros((n, 120, 5)),
-        "stochastic": np.zeros((n, 0, 120, 5)),
-        "values": np.zeros((n, 4, 120, 5), dtype=np.float32),
-        "greedy": np.full((n, 4, 120), 31, dtype=np.uint8),
-        "max_q": np.zeros((n, 60)),
-        "table_max_q": np.zeros((n, 60)),
-        "grid_return": np.zeros((n, 4)),
-        "success": np.zeros((n, 4)),
-        "scenario_return": np.zeros((n, 4)),
+    learner, described = load_algorithm(algorithm), load_scenario(scenario)
+    chosen = {"budget": budget}
+    if algorithm == "q_learning":
+        chosen["record_every"] = budget // 60
+    specification = {
+        "scenario": described.model_dump(mode="json"),
+        "algorithm": algorithm,
+        "settings": learner.settings.model_validate(chosen).model_dump(mode="json"),
+        "horizon": 200,
+        "evaluation_every": every,
+        "map_every": map_every or every,
+        "evaluated_from": ["start"],
     }
-    return Population(json.loads(specification.content), blank | arrays, range(n), [{}] * n)
+    points, n_maps = budget // every + 1, budget // (map_every or every) + 1
+    table = (compile_scenario(described).n_observations, 5)
+    blank: dict[str, NDArray[Any]] = {
+        "q": np.zeros((n, *table)),
+        "stochastic": np.zeros((n, 0, *table)),
+        "values": np.zeros((n, n_maps, *table), dtype=np.float32),
+        "greedy": np.full((n, points, table[0]), ALL_ACTIONS, dtype=np.uint8),
+        "disagreements": np.zeros((n, points), dtype=np.int64),
+        "diverged_at": np.full(n, -1),
+        **{name: np.zeros(n) for name in ("updates", "parameters")},
+        **{name: np.zeros((n, 60)) for name in ("max_q", "table_max_q")},
+    }
+    for prefix in ("", "stochastic_"):
+        for field in ("grid_return", "scenario_return", "success", "steps", "wrong_pings"):
+            blank[f"{prefix}{field}"] = np.zeros((n, points))
+        blank[f"{prefix}zone_steps"] = np.zeros((n, points, 4))
+    provenance = [{"cpu_time_s": [0.5], "peak_memory_mb": None}] * n
+    return Population(specification, blank | arrays, range(n), provenance)

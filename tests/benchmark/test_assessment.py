@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -77,12 +78,6 @@ def test_episodes_of_the_environment_agree() -> None:
     assert steps / n == pytest.approx(float(assessment.evaluation.steps), rel=0.1)
 
 
-def test_overlap_by_hand() -> None:
-    assessment = assess(lambda o: PING if o // 12 in (4, 5) else DOWN, scenario="S1", observation="index")
-    # Of 24 cells in rows 4 and 5, the region has five and two; it has 16 in all.
-    assert assessment.region_overlap == pytest.approx(7 / (24 + 16 - 7))
-
-
 # Functions
 
 
@@ -102,11 +97,9 @@ def test_answers_that_mean_ping(answer: object) -> None:
     ],
 )  # fmt: skip
 def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
-    with pytest.raises(InputError) as refused:
+    shown = re.escape(" ".join(repr(answer).split()))
+    with pytest.raises(InputError, match=f"^act: returned {shown} for observation 14 "):
         assess(lambda o: answer if o == 14 else 0, scenario="S1", observation="index")
-    assert str(refused.value).startswith(
-        f"act: returned {' '.join(repr(answer).split())} for observation 14 "
-    )
 
 
 def test_a_refusal_names_the_observation_by_its_parts() -> None:
@@ -150,9 +143,8 @@ def test_functions_with_memory_are_refused() -> None:
     ],
 )
 def test_mistakes_get_one_sentence(agent: Any, options: dict[str, Any], expected: str) -> None:
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError, match=expected):
         assess(agent, **{"scenario": "S1", "observation": "index", **options})
-    assert expected in str(refused.value)
 
 
 # Saved models
@@ -269,14 +261,6 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     publish(tmp_path / "damaged", "algorithm,score\ntable,1.0\n")
     with pytest.raises(InputError, match="damaged"):
         standing()
-
-
-def test_text_has_the_numbers_and_claims_no_more(tmp_path: Path) -> None:
-    publish(tmp_path / "some", SCORES)
-    text = str(assess(optimal("S1"), scenario="S1", observation="index", results=tmp_path))
-    assert "ranks 1 of 4 by score" in text
-    assert "from 4 runs" in text
-    assert "ranks" not in str(assess(lambda _: 0, scenario="S2", observation="index", results=tmp_path))
 
 
 # Map

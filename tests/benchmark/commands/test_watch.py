@@ -94,31 +94,3 @@ def test_no_terminal_gets_the_end_of_every_walk(watched: Path, capsys: pytest.Ca
     assert "step 10,000, score 1.00  success" in text
     assert text.count("@ agent") == 26
     assert "\x1b" not in text
-
-
-def test_file_has_a_frame_per_map(watched: Path, tmp_path: Path) -> None:
-    arguments = ["--scenario", "S1", "--algorithm", "q_learning", "--results", str(watched)]
-    assert main(["watch", *arguments, "--save", str(tmp_path / "film.webp")]) == 0
-    with Image.open(tmp_path / "film.webp") as image:
-        assert getattr(image, "n_frames", 1) == 26
-        assert image.size == (421, 366)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--scenario", "S9"], "S9"),
-        (["--algorithm", "dqm"], "dqn"),
-        (["--algorithm", "dqn", "--observation", "index"], "observation index"),
-        (["--seed", "-1"], "--seed -1"),
-        (["--save", "film.mp4"], "film.mp4"),
-        (["--save", "nowhere/film.gif"], "nowhere"),
-    ],
-)
-def test_mistakes_get_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
-) -> None:
-    assert main(["watch", "--results", str(tmp_path), *arguments]) == 2
-    message = capsys.readouterr().err
-    assert expected in message
-    assert message.count("\n") == 1

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from agents.dynamic_programming import evaluate
-from agents.policy import mask_policy
 from benchmark.drawing.film import Film, Moment, end_of, learning, picture, write
 from benchmark.drawing.text import to_text
 from envs import compile_scenario, load_scenario
@@ -23,15 +21,6 @@ def pixel(image: Image.Image, row: int, column: int, down: float, right: float, 
     """Returns the colour beside a cell's centre; offsets are in cells of so many pixels."""
     y = int(1.5 * side + (row + 0.5 + down) * side)
     return image.getpixel((int((column + 0.5 + right) * side), y))
-
-
-def test_walks_are_as_long_as_exact_evaluation_says(film: Film) -> None:
-    exact = evaluate(compile_scenario(load_scenario("S1")), mask_policy(film.greedy[-1]), 200)
-    assert exact.success == pytest.approx(1)
-    end = end_of(film, 25)
-    assert (end.ending, end.cells[0]) == ("target_ping", 0)
-    assert len(end.cells) - 1 == pytest.approx(float(exact.steps))
-    assert end.cells[-1] == end.cells[-2]  # a PING does not move
 
 
 def cividis(value: float, low: float, high: float) -> Any:

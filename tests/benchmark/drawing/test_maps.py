@@ -84,11 +84,9 @@ def test_gallery_names_every_scenario_with_what_is_hidden() -> None:
     figure = gallery([compile_scenario(load_scenario(name)) for name in scenario_names()])
     (legend,) = figure.legends
     assert {outline.label for outline in SCENE.outlines} < {text.get_text() for text in legend.get_texts()}
-    assert figure.get_figwidth() * 160 == pytest.approx(1400, abs=20)  # pixels, as figures are written
     titles = [name for axis in figure.axes for name in axis.get_title("left").split(", ") if name]
     assert sorted(titles) == scenario_names()
     texts = [text.get_text() for axis in figure.axes for text in axis.texts]
-    assert "480 cells, no feedback\n480 observations\nhidden: wrong PINGs" in texts
     lines = "\n".join(texts).splitlines()
     assert "MoodyHidden: 120 observations; hidden: phase, wrong PINGs" in lines
     assert any(line.startswith("Counted: 600 observations") for line in lines)

@@ -4,18 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
-import seaborn as sns
 from matplotlib.colors import to_rgba
 
 from benchmark.drawing.style import figure_of, variant_style, write_figure
 
 
-def test_first_eight_variants_look_as_published_and_no_two_look_alike() -> None:
-    palette = sns.color_palette("colorblind")
-    colours = ["black", "0.5", *(palette[i] for i in (0, 2, 3, 9, 1, 4))]
+def test_no_two_variants_look_alike() -> None:
     styles = [variant_style(place) for place in range(300)]
-    assert [style["color"] for style in styles[:8]] == colours
-    assert [style["marker"] for style in styles[:8]] == list("osD^vPXh")
     assert len({(to_rgba(style["color"]), style["marker"]) for style in styles}) == 300
 
 

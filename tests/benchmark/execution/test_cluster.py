@@ -8,26 +8,25 @@ import sys
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import pytest
 from distributed import Client
 
 from benchmark.__main__ import main
-from benchmark.execution import driver
 from benchmark.execution.executors import cluster
 from benchmark.execution.executors.cluster import Cluster
 from benchmark.execution.job import execute_job
 from benchmark.execution.plan import plan
-from benchmark.execution.store import Record, Store
+from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
 from tests.benchmark.execution.test_processes import PATIENCE_S, arrays_of, n_stored, until
 from tests.support import ROOT
 
 MIXED = """
-description = "Tables and a compiled net."
-scenarios = ["S1"]
+description = "Tables and a compiled net: six jobs, so that each of three workers gets one."
+scenarios = ["S1", "S2", "S3"]
 horizon = 200
 evaluation_every = 100
 map_every = 200
@@ -37,7 +36,6 @@ settings = { budget = 400, time_limit = 200 }
 q_learning = { algorithm = "q_learning", observations = ["index"], seeds = 8 }
 dqn = { algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 1 }
 """
-RUNS = 9
 SLOW = """
 description = "Tables in plain Python: eight jobs of half a second."
 scenarios = ["S1"]
@@ -156,51 +154,31 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
         yield machines
 
 
-@pytest.fixture(scope="module")
-def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def mixed(tmp_path: Path) -> Path:
     """The path of that experiment."""
-    path = tmp_path_factory.mktemp("mixed") / "mixed.toml"
-    path.write_text(MIXED, encoding="utf-8")
-    return path
+    (tmp_path / "mixed.toml").write_text(MIXED, encoding="utf-8")
+    return tmp_path / "mixed.toml"
 
 
-@pytest.fixture(scope="module")
-def slow(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def slow(tmp_path: Path) -> Path:
     """The path of that experiment."""
-    path = tmp_path_factory.mktemp("slow") / "slow.toml"
-    path.write_text(SLOW, encoding="utf-8")
-    return path
-
-
-@pytest.fixture(scope="module")
-def expected(mixed: Path) -> list[Record]:
-    """All its records, each job executed in this process."""
-    jobs = plan(all_specifications(load_experiment(mixed)))
-    return [record for job in jobs for record in execute_job(job)]
+    (tmp_path / "slow.toml").write_text(SLOW, encoding="utf-8")
+    return tmp_path / "slow.toml"
 
 
 def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
-    pair: Machines,
-    mixed: Path,
-    expected: list[Record],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    pair: Machines, mixed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    expected = [
+        record for job in plan(all_specifications(load_experiment(mixed))) for record in execute_job(job)
+    ]
     killed = pair.add("killed", KILLED)  # in the middle of its first job
     pair.addresses("a", "b", "killed")
-    under_way: list[int] = []
-    run = driver.run
-
-    def noted(*arguments: Any, **options: Any) -> list[str]:
-        under_way.append(arguments[2])
-        return run(*arguments, **options)
-
-    monkeypatch.setattr(driver, "run", noted)
     assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
     assert killed.wait(PATIENCE_S) == -signal.SIGKILL
-    assert f"{RUNS} runs done, 0 were done already" in capsys.readouterr().out
-    assert under_way == [6]  # two for each worker
+    assert f"{len(expected)} runs done, 0 were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert len(store.statuses()) == len(expected)
         for stored, record in zip(store.get([each.digest for each in expected]), expected, strict=True):
@@ -300,22 +278,10 @@ def test_scheduler_without_workers_is_refused_and_its_death_ends_the_run(
     assert f"{8 - done} runs done, {done} were done already" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "address", ["tcp://127.0.0.1:1", "localhost:8786", "tcp://localhost:99999", "not installed"]
-)
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "localhost:8786", "tcp://localhost:99999"])
 def test_addresses_without_a_scheduler_are_refused(
-    slow: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    address: str,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
     monkeypatch.setattr(cluster, "_ANSWER_S", 0.5)
-    if address == "not installed":
-        monkeypatch.delitem(sys.modules, cluster.__name__)
-        monkeypatch.setitem(sys.modules, "distributed", None)
-    assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", address]) == 2
-    error = capsys.readouterr().err
-    expected = "needs the package distributed" if address == "not installed" else f"{address}: "
-    assert error.startswith(f"error: --cluster {expected}")
-    assert error.count("\n") == 1
+    assert main(["run", "reproduce", "--results", str(tmp_path), "--cluster", address]) == 2
+    assert capsys.readouterr().err.startswith(f"error: --cluster {address}: ")

@@ -1,6 +1,5 @@
 """What records say of the code, the machine and the packages that made them."""
 
-import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -12,14 +11,9 @@ from benchmark.execution.provenance import commit, environment, peak_memory_mb, 
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment, specifications
 from envs import InputError
+from tests.support import git
 
 COMPARED = load_experiment("compare_deep_smoke")
-
-
-def git(directory: Path, *arguments: str) -> str:
-    identity = ["-c", "user.name=A", "-c", "user.email=a@example.org"]
-    command = ["git", "-C", str(directory), *identity, *arguments]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def test_commit_is_that_of_the_repository_that_tracks_the_code(tmp_path: Path) -> None:
@@ -34,7 +28,7 @@ def test_commit_is_that_of_the_repository_that_tracks_the_code(tmp_path: Path) -
     assert commit(file) is None  # a repository of something else, for example around site-packages
     git(tmp_path, "add", ".")
     git(tmp_path, "commit", "--quiet", "-m", "Code")
-    head = git(tmp_path, "rev-parse", "--short=12", "HEAD")
+    head = git(tmp_path, "rev-parse", "--short=12", "HEAD").strip()
     (tmp_path / "notes.txt").write_text("changed")
     assert commit(file) == head
     file.write_text("2")

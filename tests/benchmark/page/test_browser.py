@@ -279,7 +279,7 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert greedy == names(contains(masks[observed][None])[0])
         assert_walks(opened, population, masks)
     # The address keeps the seed; one without seeds shows the first.
-    opened.page.wait_for_function("location.hash.split('~')[0].endsWith('.1')")
+    opened.page.wait_for_function(r"/^#explorer=S2\.ppo\.[^~]*\.1~/.test(location.hash)")
     address = opened.page.evaluate("location.hash")
     for fragment, seed in ((address, "1"), (address.replace(".1~", "~", 1), "0")):
         again = open_page(fragment=fragment)
@@ -361,8 +361,6 @@ def test_answer_and_explorer_fit_a_laptop(open_page: Open) -> None:
         panel = f".panel[data-side={side}]"
         for part in (".legend", ".map svg", ".readout table", ".curve svg"):
             assert_in_view(f"{panel} {part}")
-        inner, outer = (box_of(opened, f"{panel} {part}") for part in (".readout table", ".readout"))
-        assert inner["width"] <= outer["width"]
     opened.page.evaluate("scrollTo(0, 0)")
     parts = ("h1", "#finding img", ".lead", "nav")
     for part in parts[:-1]:
@@ -380,10 +378,6 @@ def test_names_of_rows_stay_in_view_on_a_phone(open_page: Open) -> None:
     box = box_of(opened, "[data-item=summary] tbody td")
     assert 0 <= box["x"] <= 20
     assert box["width"] < 390 / 2
-    first = table.locator("tbody td").first
-    assert first.inner_text() == "room"
-    others = first.evaluate("cell => getComputedStyle(cell, '::after').content")
-    assert others == r'"a-table_b\a index"'
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])

@@ -18,8 +18,6 @@ from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
 from tests.support import ROOT
 
-MODULES = Path(build.__file__).parent / "templates" / "script"
-
 
 class Page(HTMLParser):
     """A page's elements, links and texts; its tags must match."""
@@ -157,16 +155,11 @@ def test_every_number_is_in_the_row_that_it_links_to(folder: Path) -> None:
     assert checked > 100
 
 
-def test_no_results_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", "--results", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("file", "content"),
     [("manifest.json", None), ("summary.csv", None)]
-    + [(name, b"{}") for name in ("manifest.json", "summary.csv", "curves.png", "agents.json.gz")],
+    + [(name, b"{}") for name in ("manifest.json", "summary.csv", "curves.png", "agents.json.gz")]
+    + [("manifest.json", b"{")],
 )
 def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, content: bytes | None) -> None:
     shutil.copytree(results / "reproduce", tmp_path / "reproduce")
@@ -209,16 +202,3 @@ def test_other_forms_have_a_folder_of_their_own(made: Path, form: str, files: li
     assert main(arguments) == 0
     assert sorted(path.name for path in made.with_name(f"mine_{form}").iterdir()) == files
     assert main([*arguments, "--partial"]) == 2
-
-
-def test_script_has_all_modules_each_after_its_imports(results: Path) -> None:
-    text = (results / "index.html").read_text(encoding="utf-8")
-    places = {}
-    for path in MODULES.glob("*.js"):
-        first = path.read_text(encoding="utf-8").splitlines()[0]
-        assert first.startswith("// "), f"{path.name} does not say what it is for"
-        assert text.count(first) == 1
-        places[path.name] = text.index(first)
-    for name, place in places.items():
-        for needed in re.findall(r'"\./(\w+\.js)"', (MODULES / name).read_text(encoding="utf-8")):
-            assert places[needed] < place, f"{name} stands before {needed}"

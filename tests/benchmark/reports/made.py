@@ -8,9 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agents import load_algorithm
-from agents.policy import ALL_ACTIONS
-from benchmark.analysis.population import Population
 from benchmark.drawing.tables import write_csv
 from benchmark.reports.comparison import REPORT
 from benchmark.reports.comparison.declared import Declared, Learner
@@ -18,7 +15,7 @@ from benchmark.reports.comparison.runs import Cell, Runs
 from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
 from benchmark.reports.item import Item
-from envs import compile_scenario, load_scenario
+from tests.benchmark.populations import population
 
 BUDGET, EVERY, POINTS = 400, 100, 5  # steps of training, between evaluations, and how many evaluations
 _ALGORITHMS = {"tabular": "q_learning", "deep": "compiled_dqn", "planner": "memoryless"}
@@ -36,38 +33,6 @@ class Made(NamedTuple):
     every_run: bool = False  # whether the success is that of every run instead of a share of them
 
 
-def population(
-    scenario: str = "S1", n: int = 4, algorithm: str = "q_learning", **arrays: NDArray[Any]
-) -> Population:
-    """Returns runs with these arrays, in which otherwise nothing was learned, evaluated at `POINTS` steps."""
-    settings = load_algorithm(algorithm).settings.model_validate({"budget": BUDGET}).model_dump(mode="json")
-    specification = {
-        "scenario": load_scenario(scenario).model_dump(mode="json"),
-        "algorithm": algorithm,
-        "settings": settings,
-        "horizon": 200,
-        "evaluation_every": EVERY,
-        "map_every": BUDGET,
-        "evaluated_from": ["start"],
-    }
-    n_observations = compile_scenario(load_scenario(scenario)).n_observations
-    blank: dict[str, NDArray[Any]] = {
-        "q": np.zeros((n, n_observations, 5)),
-        "stochastic": np.zeros((n, 0, n_observations, 5)),
-        "greedy": np.full((n, POINTS, n_observations), ALL_ACTIONS, dtype=np.uint8),
-        "disagreements": np.zeros((n, POINTS), dtype=np.int64),
-        "diverged_at": np.full(n, -1),
-        "updates": np.zeros(n),
-        "parameters": np.zeros(n),
-    }
-    for prefix in ("", "stochastic_"):
-        for field in ("grid_return", "success", "steps", "wrong_pings"):
-            blank[f"{prefix}{field}"] = np.zeros((n, POINTS))
-        blank[f"{prefix}zone_steps"] = np.zeros((n, POINTS, 4))
-    provenance = [{"cpu_time_s": [0.5], "peak_memory_mb": None}] * n
-    return Population(json.loads(json.dumps(specification)), blank | arrays, range(n), provenance)
-
-
 def over_training(final: ArrayLike) -> NDArray[np.float64]:
     """Returns (N, T) numbers that are 0 until the last evaluation, from (N,) or (N, T)."""
     values = np.asarray(final, dtype=float)
@@ -83,7 +48,7 @@ def cell(
     family: str = "tabular",
     policy: str = "greedy",
     condition: str = "default",
-    **arrays: NDArray[Any],
+    **arrays: Any,
 ) -> Cell:
     """Returns runs with this success and score, (N,) after training or (N, T)."""
     success = over_training(success)
@@ -95,7 +60,8 @@ def cell(
         f"{prefix}grid_return": random + score * (optimal - random),
         **arrays,
     }
-    made = population(scenario, len(success), _ALGORITHMS[family], **arrays)
+    algorithm = _ALGORITHMS[family]
+    made = population(scenario, len(success), algorithm, budget=BUDGET, every=EVERY, **arrays)
     return Cell(scenario, condition, Learner(name, "index"), made, policy, condition != "default")
 
 

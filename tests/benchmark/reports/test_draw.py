@@ -17,7 +17,6 @@ from benchmark.reports import document, draw, load_report
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import load
 from benchmark.reports.document import Document
-from benchmark.reports.folder import Folder
 from envs import InputError
 from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
 from tests.benchmark.reports.sentences import check_links, check_verdicts
@@ -190,24 +189,3 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
     assert nets["diverged"].tolist() == [12, 12]
     assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
     assert np.isfinite(scores["diverged_at"]).equals(scores["algorithm"] == "net")
-
-
-# Figures, drawn by workers and by the process itself
-
-
-def test_damaged_folders_are_refused_in_one_sentence(tmp_path: Path, drawn: Drawn) -> None:
-    (tmp_path / "small").mkdir()
-    manifest = tmp_path / "small" / "manifest.json"
-    for text in ("{", '{"report": "comparison"}', None):
-        if text is not None:
-            manifest.write_text(text)
-        with pytest.raises(InputError) as caught:
-            Document(tmp_path / "small")
-        assert "\n" not in str(caught.value)
-        assert "manifest.json" in str(caught.value)
-        manifest.unlink(missing_ok=True)
-    manifest.write_bytes((drawn.folder / "manifest.json").read_bytes())
-    (tmp_path / "small" / "steps.csv").write_text("algorithm\ntable\n")
-    with pytest.raises(InputError, match=re.escape(str(tmp_path / "small"))):
-        document.write(tmp_path / "small")
-    assert "steps.csv" in Folder(tmp_path / "small")

@@ -5,7 +5,6 @@ import gzip
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.population import Population
 from benchmark.reports.explorer import FILE, MOST_AGENTS, Shown, explorer_item, typical_agent
-from envs import ACTIONS, load_scenario
+from envs import ACTIONS
 from tests.benchmark.populations import population as blank
 
 UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
@@ -46,14 +45,10 @@ def population(n: int = 120) -> Population:
     greedy = np.full((n, 7, 120), RIGHT, dtype=np.uint8)
     greedy[0, 6, 13] = UP | PING
     greedy[:, 1::2] = PING  # between the maps
-    arrays: dict[str, Any] = {"values": values, "greedy": greedy, "q": np.zeros((n, 120, 5)),
-                              "stochastic": np.zeros((n, 0, 120, 5)), "grid_return": np.zeros((n, 7)),
-                              "success": np.tile(np.arange(n)[:, None] / n, 7)}  # fmt: skip
-    settings = {"budget": 300, "discount": 0.5}
-    scenario = load_scenario("S1").model_dump(mode="json")
-    specification = {"scenario": scenario, "algorithm": "q_learning", "settings": settings, "horizon": 50,
-                     "evaluation_every": 50, "map_every": 100}  # fmt: skip
-    return Population(specification, arrays, range(4, n + 4), [{}] * n)
+    success = np.tile(np.arange(n)[:, None] / n, 7)
+    made = blank(n=n, budget=300, every=50, map_every=100, values=values, greedy=greedy, success=success)
+    settings = made.specification["settings"] | {"discount": 0.5}
+    return replace(made, specification={**made.specification, "settings": settings}, seeds=range(4, n + 4))
 
 
 def masks(text: str) -> NDArray[np.uint8]:
@@ -95,11 +90,6 @@ def test_first_agent_over_training_and_the_final_policies_of_a_hundred(tmp_path:
 def test_nothing_is_written_of_scenes_that_one_map_does_not_show(tmp_path: Path) -> None:
     item = explorer_item(lambda data: data)
     assert item.write is not None
-    item.write([Shown("table", "index", blank("S1")), Shown("table", "parts", moody())], tmp_path)
+    item.write([Shown("table", "index", blank("S1")), Shown("table", "parts", blank("Moody"))], tmp_path)
     assert len(json.loads(gzip.decompress((tmp_path / FILE).read_bytes()))["agents"]) == 1
-    item.write([Shown("table", "parts", moody())], tmp_path / "nothing")
-
-
-def moody() -> Population:
-    scenario = load_scenario("Moody").model_dump(mode="json")
-    return replace(blank(), specification={**blank().specification, "scenario": scenario})
+    item.write([Shown("table", "parts", blank("Moody"))], tmp_path / "nothing")

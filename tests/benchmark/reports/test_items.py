@@ -20,7 +20,8 @@ from benchmark.drawing.tables import plain
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
 from envs import compile_scenario, load_scenario
-from tests.benchmark.reports.made import Made, cell, compared, folder_of, item, population, runs_of
+from tests.benchmark.populations import population
+from tests.benchmark.reports.made import Made, cell, compared, folder_of, item, runs_of
 from tests.benchmark.reports.sentences import check_links, check_verdicts
 
 NEVER = math.inf

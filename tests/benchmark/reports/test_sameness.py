@@ -1,11 +1,11 @@
 """The certificate, in a repository made for it, and the stamps of what is up to date."""
 
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from benchmark.reports import sameness
+from tests.support import git
 
 SUMMARY = """scenario,algorithm,n,score,score_low,score_high,success,success_low,success_high
 S1,a,10,0.5,0.4,0.6,1,1,1
@@ -23,9 +23,8 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir(parents=True)
     for name, text in FILES.items():
         (folder / name).write_text(text)
-    git = ["git", "-C", str(root), "-c", "user.name=a", "-c", "user.email=a@b.c"]
     for arguments in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "published"]):
-        subprocess.run([*git, *arguments], check=True)
+        git(root, *arguments)
     monkeypatch.setattr(sameness, "REPOSITORY", root)
     return root
 

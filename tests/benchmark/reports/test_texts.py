@@ -1,6 +1,5 @@
 """Texts of somebody else's experiment and scenario, in every form of file that reports write of them."""
 
-import csv
 import html
 import json
 import re
@@ -14,7 +13,6 @@ from markdown_it.token import Token
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment
 from benchmark.reports import draw
-from benchmark.reports.folder import Folder
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.reports.conftest import experiment_of, trained
 from tests.support import markdown_parser
@@ -68,20 +66,6 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Path]
         trained(experiment, store)
         draw.draw(experiment, store, folder / "mine-1")
     return experiment, folder / "mine-1"
-
-
-def test_no_spreadsheet_computes_a_text_and_all_are_read_back(hostile: tuple[Experiment, Path]) -> None:
-    folder = hostile[1]
-    for path in folder.glob("*.csv"):
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.reader(file))
-        assert {len(row) for row in rows} == {len(rows[0])}, path.name
-        for cell in (cell for row in rows for cell in row if cell.startswith(tuple("=+-@\t\r"))):
-            float(cell)  # raises ValueError unless it is a number
-    read = Folder(folder)
-    assert set(read.frame("effects")["effect"]) == {EFFECT}
-    assert read.frame("scenarios")["description"].tolist()[1] == TEXT
-    assert read.frame("scenarios")["scenario"].tolist() == ["S1", "mood-1"]
 
 
 def walk(tokens: list[Token] | None) -> Iterator[Token]:

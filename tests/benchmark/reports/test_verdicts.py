@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -248,27 +247,6 @@ def test_exchanging_x_and_y_exchanges_better_and_worse_and_nothing_else(
     )
     numbers = r"[-+]?\d+\.\d+( \[[^]]*\])?"  # they change their signs
     assert re.sub(numbers, "#", mirrored(second)) == re.sub(numbers, "#", first)
-
-
-def learning_at(step: int | None, n: int = 20) -> np.ndarray[Any, Any]:
-    """Returns (N, T) success of runs that learn at an evaluation, or never."""
-    reached = np.zeros((n, 5)) if step is None else np.tile(np.arange(0, 500, 100) >= step, (n, 1))
-    return reached.astype(float)
-
-
-@pytest.mark.parametrize("late", [400, None])
-def test_ratios_of_steps_are_told_alike_of_nets_and_of_tables(tmp_path: Path, late: int | None) -> None:
-    told = {}
-    for fast, slow in (("net", "table"), ("table", "net")):
-        families = {"net": "deep", "table": "tabular"}
-        steps = {fast: 100, slow: late}
-        cells = [cell(name, learning_at(steps[name]), family=families[name]) for name in families]
-        document = folder_of(tmp_path / fast, runs_of(cells))
-        (told[fast],) = [plain(each.text) for each in document.findings if "fastest" in each.text]
-    words = {"net": "table", "table": "net"}
-    exchanged = re.sub("net|table", lambda match: words[match[0]], told["table"])
-    assert exchanged == told["net"]
-    assert ("at least 4.0 times" in told["net"] or "at least 4 times" in told["net"]) == (late is None)
 
 
 # Each scenario by itself, and families of tests

@@ -1,0 +1,77 @@
+"""Mistakes on the command line are refused before any work."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+
+from benchmark.__main__ import main
+
+AGENT = """
+def act(observation):
+    return 4
+
+def wrong(observation):
+    return 7
+
+nothing = None
+"""
+EXTENDED = 'extends = "reproduce_smoke"\ndescription = ""\n[changes]\n'
+FILES = {
+    "mistaken_agent.py": AGENT,
+    "file": "",  # which nobody can make a folder, not even root
+    "reproduce.toml": "",
+    "swept.toml": EXTENDED + '"sweep.rate.low.settings" = { learning_rate = 0.2 }',
+    "table.toml": EXTENDED + "horizon = 100",
+}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("run reproduct", "reproduct (did you mean reproduce?)"),
+        ("run FOLDER/reproduce.toml", "reproduce"),  # its results would be those of the shipped one
+        ("run reproduce --jobs 0", "--jobs 0: "),
+        ("run reproduce --seeds 9-2", "--seeds 9-2: "),
+        ("run reproduce --seeds ''", "--seeds : "),
+        ("run reproduce --seeds 7-2000000", "--seeds 7-2000000: "),
+        ("run reproduce --results FOLDER/file/results", "/file/results"),
+        ("run FOLDER/swept.toml", "sweep"),  # which its report cannot show
+        ("run FOLDER/table.toml --tensorboard logs", "--tensorboard"),  # no algorithm writes logs
+        ("speed --smoke --results FOLDER/file/results", "/file/results"),
+        ("growth --smoke --results FOLDER/file/results", "/file/results"),
+        ("report", "FOLDER"),  # no results
+        ("report nothing.toml", "nothing.toml"),
+        ("report reproduce", "runs.db"),
+        ("doctor no_such", "no_such"),
+        ("doctor --seeds 1", "--seeds: "),
+        ("watch --scenario S9", "S9"),
+        ("watch --algorithm dqm", "dqn"),
+        ("watch --algorithm dqn --observation index", "observation index"),
+        ("watch --seed -1", "--seed -1"),
+        ("watch --save film.mp4", "film.mp4"),
+        ("watch --save nowhere/film.gif", "nowhere"),
+        ("assess --observation index --agent mistaken_agent:wrong", "observation 0"),
+        ("assess --observation index --agent mistaken_agent:nothing", "mistaken_agent:nothing"),
+        ("assess --observation index --agent mistaken_agent:act --scenario S7", "S7"),
+        ("assess --observation index --agent mistaken_agent:act --save map.gif", "map.gif"),
+        ("assess --observation index --agent a:b --model c.zip", "--agent"),
+    ],
+)
+def test_mistakes_get_one_line_before_any_work(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: str,
+    expected: str,
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    command, *rest = shlex.split(arguments.replace("FOLDER", str(tmp_path)))
+    assert main([command, "--results", str(tmp_path), *rest]) == 2
+    line = capsys.readouterr().err
+    assert expected.replace("FOLDER", str(tmp_path)) in line
+    assert line.startswith("error: ")
+    assert line.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} - {"__pycache__"} == FILES.keys()
