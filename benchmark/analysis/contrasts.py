@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmark.analysis.intervals import LEVEL, combined, p_above
+from benchmark.analysis.intervals import LEVEL, TAIL, combined, p_above
 
 BETTER: Final = "better"
 WORSE: Final = "worse"
@@ -72,8 +72,8 @@ def contrast(x: Side, y: Side, margin: float) -> Contrast:
     not_less, not_more = (p_above(each, means, sizes, -margin) for each in (weights, opposite))
     return Contrast(
         x.mean - y.mean,
-        *combined(weights, means, sizes, LEVEL),
-        *combined(weights, means, sizes, 2 * LEVEL - 1),
+        *combined(weights, means, sizes),
+        *combined(weights, means, sizes, 2 * TAIL),
         p_different=min(2 * min(above, below), 1.0),
         p_equivalent=max(not_less, not_more),
     )
@@ -92,11 +92,8 @@ def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int
     >>> mixed(EQUIVALENT, [0.3, -0.15, -0.15], 0.1), mixed(BETTER, [0.3, 0.0, -0.05], 0.1)
     ([0, 1, 2], [])
     """
-    low, high = (-margin, margin) if verdict == EQUIVALENT else (-math.inf, math.inf)
-    if verdict in (BETTER, EQUIVALENT):
-        low = -margin
-    if verdict in (WORSE, EQUIVALENT):
-        high = margin
+    low = -margin if verdict in (BETTER, EQUIVALENT) else -math.inf
+    high = margin if verdict in (WORSE, EQUIVALENT) else math.inf
     return [i for i, difference in enumerate(differences) if not low < difference < high]
 
 

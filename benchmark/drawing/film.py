@@ -126,7 +126,7 @@ class Moment:
 def film_of(title: str, population: Population, agent: int = 0) -> Film:
     """Returns the film of one agent of a population."""
     model, places = population.model, population.map_indices
-    arrays = population.of_agent(agent)
+    arrays = population.agents[agent]
     greedy = arrays["greedy"][places]
     n_starts = len(model.starts)
     return Film(

@@ -112,9 +112,9 @@ def _learner(shown: Shown) -> dict[str, Any]:
     last = len(population.map_indices) - 1
     chosen = [*range(0, last, 2), last]
     places = population.map_indices[chosen]
-    first = population.of_agent(0)
+    first = population.agents[0]
     n_shown = min(len(population.seeds), MOST_AGENTS)
-    policies = np.stack([population.of_agent(agent)["greedy"][-1] for agent in range(n_shown)])
+    policies = np.stack([agent["greedy"][-1] for agent in population.agents[:n_shown]])
     return {
         "scenario": population.scenario,
         "algorithm": shown.algorithm,

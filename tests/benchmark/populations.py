@@ -28,4 +28,9 @@ def population(scenario: str = "S1", n: int = 4, **arrays: NDArray[Any]) -> Popu
         "success": np.zeros((n, 4)),
         "scenario_return": np.zeros((n, 4)),
     }
-    return Population(json.loads(specification.content), blank | arrays, range(n), [{}] * n)
+    return Population(json.loads(specification.content), by_agent(blank | arrays, n), range(n), [{}] * n)
+
+
+def by_agent(arrays: dict[str, NDArray[Any]], n: int) -> list[dict[str, NDArray[Any]]]:
+    """Returns the arrays of each of n agents."""
+    return [{name: values[i] for name, values in arrays.items()} for i in range(n)]

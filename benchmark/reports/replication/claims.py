@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmark.analysis.contrasts import POWER
-from benchmark.analysis.intervals import LEVEL, interval, proportion_interval, simultaneous, student
+from benchmark.analysis.intervals import LEVEL, interval, proportion_interval, student
 from benchmark.analysis.population import Population, overlap
 from envs.model import PING
 from envs.regions import target_distance
@@ -214,7 +214,7 @@ def _signs(population: Population, level: float = LEVEL) -> NDArray[np.bool_]:
     ever chose PING has 0 throughout, and is not above zero.
     """
     q = population.arrays["q"][:, :, PING]
-    return np.stack([q.mean(axis=0), *simultaneous(q, level)]) > 0
+    return np.stack([q.mean(axis=0), *student(q, level, q.shape[1])]) > 0
 
 
 def _valued_outside(populations: Sequence[Population], _: str) -> list[Part]:

@@ -19,6 +19,7 @@ from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
 from benchmark.reports.item import Item
 from envs import compile_scenario, load_scenario
+from tests.benchmark.populations import by_agent
 
 BUDGET, EVERY, POINTS = 400, 100, 5  # steps of training, between evaluations, and how many evaluations
 _ALGORITHMS = {"tabular": "q_learning", "deep": "compiled_dqn", "planner": "memoryless"}
@@ -65,7 +66,9 @@ def population(
             blank[f"{prefix}{field}"] = np.zeros((n, POINTS))
         blank[f"{prefix}zone_steps"] = np.zeros((n, POINTS, 4))
     provenance = [{"cpu_time_s": [0.5], "peak_memory_mb": None}] * n
-    return Population(json.loads(json.dumps(specification)), blank | arrays, range(n), provenance)
+    return Population(
+        json.loads(json.dumps(specification)), by_agent(blank | arrays, n), range(n), provenance
+    )
 
 
 def over_training(final: ArrayLike) -> NDArray[np.float64]:

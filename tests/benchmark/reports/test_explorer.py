@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from benchmark.analysis.population import Population
 from benchmark.reports.explorer import FILE, MOST_AGENTS, Shown, explorer_item, typical_agent
 from envs import ACTIONS, load_scenario
+from tests.benchmark.populations import by_agent
 from tests.benchmark.populations import population as blank
 
 UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
@@ -53,7 +54,7 @@ def population(n: int = 120) -> Population:
     scenario = load_scenario("S1").model_dump(mode="json")
     specification = {"scenario": scenario, "algorithm": "q_learning", "settings": settings, "horizon": 50,
                      "evaluation_every": 50, "map_every": 100}  # fmt: skip
-    return Population(specification, arrays, range(4, n + 4), [{}] * n)
+    return Population(specification, by_agent(arrays, n), range(4, n + 4), [{}] * n)
 
 
 def masks(text: str) -> NDArray[np.uint8]:
