@@ -46,14 +46,8 @@ def check_file(path: Path, *endings: str) -> None:
         raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
-def write_figure(figure: Figure, path: Path) -> None:
-    """Writes a figure as a file, and closes it; equal figures give equal bytes."""
-    save_figure(figure, path)
-    plt.close(figure)
-
-
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Writes a figure without the date and the program.
+    """Writes a figure without the date and the program: equal figures give equal bytes.
 
     Args:
       figure: Stays open.

@@ -47,16 +47,10 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n")
 
 
-def read_csv(file: Path | IO[str], as_text: str = "") -> pd.DataFrame:
-    """Reads what `write_csv` wrote.
-
-    Args:
-      file: To be read.
-      as_text: A column that is read as it is written, or nothing.
-    """
+def read_csv(file: Path | IO[str]) -> pd.DataFrame:
+    """Reads what `write_csv` wrote."""
     # Only an empty entry is a missing value; a text such as "NA" is none.
-    types = {as_text: str} if as_text else None
-    frame = pd.read_csv(file, dtype=types, keep_default_na=False, na_values=[""])
+    frame = pd.read_csv(file, keep_default_na=False, na_values=[""])
     for name in frame:
         if not pd.api.types.is_numeric_dtype(frame[name]):
             frame[name] = frame[name].map(_computed, na_action="ignore")

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import pandas as pd
+from matplotlib import pyplot as plt
 
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
 from benchmark.drawing import tables
-from benchmark.drawing.style import write_figure
+from benchmark.drawing.style import save_figure
 from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import (
@@ -189,7 +190,8 @@ def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:
     if figure is not None:
         if data.is_incomplete:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
-        write_figure(figure, path)
+        save_figure(figure, path)
+        plt.close(figure)
 
 
 # What a folder is made of

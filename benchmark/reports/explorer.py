@@ -53,10 +53,15 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
     def agents(data: Any, directory: Path) -> None:
         shown = [each for each in lister(data) if _has_map(each.population.model)]
         if shown:
-            text = json.dumps(packed(shown), separators=(",", ":"), allow_nan=False)
-            (directory / FILE).write_bytes(gzip.compress(text.encode(), mtime=0))
+            (directory / FILE).write_bytes(compressed(packed(shown)))
 
     return agents
+
+
+def compressed(data: object) -> bytes:
+    """Returns data as JSON, compressed to less than half."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return gzip.compress(text.encode(), mtime=0)
 
 
 def packed(shown: Sequence[Shown]) -> dict[str, Any]:
