@@ -7,7 +7,7 @@ resampled, see `resample`; those intervals are percentiles, and seeded: equal re
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,14 @@ _FARTHEST: Final = 8.0  # standard errors: smaller p-values count as zero
 _NONE: Final = 1e-12  # a count below is zero but for rounding
 LEVEL: Final = 0.95  # of confidence, unless another is given
 TAIL: Final = (1 - LEVEL) / 2  # which an interval leaves out on each side
+
+
+class Estimate(NamedTuple):
+    """A number, or several as an array, with the 95 % interval of each."""
+
+    value: Any
+    low: Any
+    high: Any
 
 
 @lru_cache(maxsize=8)
@@ -70,6 +78,14 @@ def proportion_interval(
     return np.minimum(low, mean), np.maximum(high, mean)
 
 
+def proportion(values: NDArray[Any]) -> Estimate:
+    """Returns means over agents of (N, ...) numbers in [0, 1], see `proportion_interval`; NaN without any."""
+    if not len(values):
+        return Estimate(np.nan, np.nan, np.nan)
+    mean = values.mean(axis=0)
+    return Estimate(mean, *proportion_interval(mean, len(values)))
+
+
 def combined(
     weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], tail: float = TAIL
 ) -> tuple[float, float]:
@@ -116,13 +132,11 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
     return 0.0 if distance(_FARTHEST) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, _FARTHEST)))
 
 
-def student(
-    values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of Student's intervals of means over agents, (N, ...).
+def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1) -> Estimate:
+    """Returns means over agents with Student's intervals.
 
     For numbers that vary alike between agents, not for those of which a few are far from all others. Where
-    all agents agree, it has no width.
+    all agents agree, the interval has no width.
 
     Args:
       values: (N, ...), of N agents.
@@ -135,4 +149,4 @@ def student(
     mean = values.mean(axis=0)
     is_constant = np.ptp(values, axis=0) == 0  # rounding would give it a width
     reach = np.where(is_constant, 0.0, t * values.std(axis=0, ddof=1) / np.sqrt(n))
-    return mean - reach, mean + reach
+    return Estimate(mean, mean - reach, mean + reach)

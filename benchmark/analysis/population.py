@@ -120,6 +120,11 @@ class Population:
         """(F,) in which fresh states the agent is in the target region."""
         return np.asarray(self.model.zone_of_cell == ZONES.index("target"))
 
+    @property
+    def region_overlap(self) -> NDArray[np.float64]:
+        """(N,) how the fresh states in which an agent values PING overlap with the target region."""
+        return overlap(self.values_ping, self.in_target)
+
     @cached_property
     def values_ping(self) -> NDArray[np.bool_]:
         """(N, F) in which fresh states an agent values PING after training.

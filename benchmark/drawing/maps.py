@@ -50,7 +50,6 @@ _WAY: Final[dict[str, Any]] = {"color": _RGB["person"], "lw": 0.9, "ls": ":"}
 _COLUMNS: Final = 6
 _CHARACTERS: Final = 30  # of a line of text below one map
 _MOST_MAPS: Final = 4  # of a scenario; of those with more places or phases, three are shown
-_HIDDEN: Final = {"wrong_pings": "wrong PINGs"}  # in words, where they differ
 _MAP, _GAP, _LINE, _LEGEND = 1.36, 0.07, 0.125, 0.65  # inches: a map, between maps, a line of text, a legend
 
 
@@ -218,13 +217,18 @@ def _about(group: Sequence[Model], width: int) -> list[str]:
     feedback = sorted(FEEDBACK[kind] for kind in kinds)
     about = [f"{first.grid.rows * first.grid.columns} cells, {' and '.join(feedback)}"]
     for model in group:
-        hidden = ", ".join(_HIDDEN.get(part, part) for part in model.scenario.hidden) or "nothing"
+        hidden = in_words(model.scenario.hidden) or "nothing"
         seen = f"{model.n_observations:,} observations"
         if len(group) > 1:
             about.append(f"{model.scenario.name}: {seen}; hidden: {hidden}")
         else:
             about += [seen, f"hidden: {hidden}"]
     return [line for sentence in about for line in wrap(sentence, width)]
+
+
+def in_words(parts: Sequence[str]) -> str:
+    """Returns parts of the state as readers see them."""
+    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
 
 
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:

@@ -19,10 +19,11 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import pandas as pd
 
+from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.tables import inert, link, plain, show
 
 if TYPE_CHECKING:
@@ -35,14 +36,6 @@ if TYPE_CHECKING:
 Rows = Iterable[Mapping[str, Any]] | pd.DataFrame | None
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
 _NO_NUMBER: Final = "-"
-
-
-class Estimate(NamedTuple):
-    """A number with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)

@@ -40,11 +40,10 @@ _COLUMNS: Final = 4  # of panels, if there are many scenarios
 FEW: Final = 4  # scenarios that have a column each
 
 
-def learners_in(frame: pd.DataFrame, runs: Runs | None = None) -> list[Learner]:
-    """Lists the learners in a frame, in its order; with a runs, without reference implementations."""
+def learners_in(frame: pd.DataFrame, runs: Runs) -> list[Learner]:
+    """Lists the learners in a frame, in its order, without reference implementations."""
     pairs = dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True))
-    references = {} if runs is None else runs.references
-    return [learner for pair in pairs if (learner := Learner(*pair)) not in references]
+    return [learner for pair in pairs if (learner := Learner(*pair)) not in runs.references]
 
 
 def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
@@ -137,7 +136,10 @@ def curve_panels(
         yield figure, axes.flat[: len(places)]
         drawn = list(dict.fromkeys(learner for panel in panels.values() for learner in panel))
         bars = " or bar" if runs.references else ""
-        legend(figure, runs, drawn, f"line: mean over runs; shade{bars}: 95 % interval{signs}")
+        title = with_references(f"line: mean over runs; shade{bars}: 95 % interval{signs}", runs)
+        handles = [Line2D([], [], label=str(each), lw=1.3, ms=5, **style_of(each, runs)) for each in drawn]
+        place: dict[str, Any] = {"loc": "outside lower center", "ncols": 4, "frameon": False}
+        figure.legend(handles=handles, **place, handlelength=3, title=title)
 
 
 def lines(axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], runs: Runs) -> None:
@@ -185,18 +187,3 @@ def references_of(learner: Learner, runs: Runs) -> list[Learner]:
 def with_references(text: str, runs: Runs) -> str:
     """Returns what a figure says of its signs, and what it says of references."""
     return "; ".join(filter(None, [text, runs.reference_note]))
-
-
-def legend(figure: Figure, runs: Runs, learners: Sequence[Learner], title: str) -> None:
-    """Draws the legend that names each learner's line."""
-    handles = [
-        Line2D([], [], label=str(learner), lw=1.3, ms=5, **style_of(learner, runs)) for learner in learners
-    ]
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=4,
-        frameon=False,
-        handlelength=3,
-        title=with_references(title, runs),
-    )

@@ -1,6 +1,6 @@
 """Items of a comparison: what each learner reached, how learners differ, and what they know."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
 from benchmark.analysis.contrasts import MIXED, NO_VERDICT, UNDECIDED
-from benchmark.analysis.contrasts import Side as Means
-from benchmark.analysis.population import overlap
-from benchmark.drawing.maps import gallery
+from benchmark.analysis.intervals import Estimate, proportion
+from benchmark.drawing.maps import gallery, in_words
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
-from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, means_of
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
-    OUTCOMES,
     Outcome,
     contrasts_of,
     counted,
@@ -32,13 +30,12 @@ from benchmark.reports.comparison.verdicts import (
     winners,
 )
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Estimate, Finding, Frames, item, no_rows
+from benchmark.reports.item import Finding, Frames, item, no_rows
 from envs import ZONES
 from envs.scene import COLOUR_MAP
 from envs.words import listed
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
-_FEW: Final = 4  # scenarios whose table readers see; of more, the figure
 _MOST_TOLD: Final = 10  # contrasts that are told whatever their verdict
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
@@ -119,10 +116,10 @@ def headline(folder: Folder) -> Finding | None:
     for place, rows in table[places != ""].groupby(places, sort=False):
         by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
     parts = []
-    for key in OUTCOMES:
+    for key, text in _OUTCOMES.items():
         if names := by_outcome.get(key):
             count = link(str(len(names)), "contrasts", table[places.isin(names)])
-            parts.append(f"{_OUTCOMES[key]} {count} ({listed(names)})")
+            parts.append(f"{text} {count} ({listed(names)})")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
@@ -263,7 +260,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
         "every_cell_success": "success from any cell",
     },
-    where=lambda frame: frame if frame["scenario"].nunique() <= _FEW else no_rows(frame),
+    where=lambda frame: frame if frame["scenario"].nunique() <= figures.FEW else no_rows(frame),
 )
 def summary(runs: Runs) -> Iterator[dict[str, Any]]:
     """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
@@ -388,8 +385,7 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
         row["settings_tried"] = runs.tuning.get(names["algorithm"], pd.NA)  # not NaN: numbers stay whole
         for start in cells[0].population.specification["evaluated_from"]:
             for name in ENDPOINTS:
-                means = [cell.means(name, start) for cell in cells]
-                side = Means([each.mean for each in means], [each.sizes[0] for each in means])
+                side = means_of(cells, name, start)
                 row[evaluated(name, "greedy", start)] = Estimate(side.mean, *side.interval)
         final = [cell.final("unbounded_score") for cell in cells]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
@@ -440,7 +436,7 @@ def scores(runs: Runs) -> pd.DataFrame:
             columns[evaluated("uncomfortable_steps", "greedy", start)] = uncomfortable
         columns["greedy_success"] = cell.population.arrays["success"][:, -1]
         columns["target_cells_marked"], columns["cells_marked"] = _right_and_marked(cell)
-        columns["region_overlap"] = _overlap(cell)
+        columns["region_overlap"] = cell.population.region_overlap
         columns["training_wrong_pings"] = cell.population.arrays["disagreements"][:, -1]
         diverged_at = cell.population.arrays["diverged_at"]
         columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
@@ -464,7 +460,7 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
             n_marking=int(marking.sum()),
             precision=proportion(right[marking] / marked[marking]),
             recall=proportion(right / cell.population.in_target.sum()),
-            overlap=proportion(_overlap(cell)),
+            overlap=proportion(cell.population.region_overlap),
         )
 
 
@@ -503,8 +499,8 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
             "cells": len(model.position),
             "states": len(model.observation),
             "observations": model.n_observations,
-            "observed": _in_words(model.scenario.observe),
-            "hidden": _in_words(model.scenario.hidden) or "nothing",
+            "observed": in_words(model.scenario.observe),
+            "hidden": in_words(model.scenario.hidden) or "nothing",
             "random_return": random,
             "random_success": first[scenario].random_success,
             "optimal_return": optimal,
@@ -547,17 +543,7 @@ def _(table: pd.DataFrame, __: Folder) -> str | None:
     )
 
 
-def _in_words(parts: Sequence[str]) -> str:
-    """Returns parts of the state as readers see them."""
-    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
-
-
 def _right_and_marked(cell: Cell) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Returns how many cells of the target region each agent marks, and how many of all, (N,) each."""
     marked = cell.population.values_ping
     return (marked & cell.population.in_target).sum(axis=1), marked.sum(axis=1)
-
-
-def _overlap(cell: Cell) -> NDArray[np.float64]:
-    """Returns the overlap of the cells that each agent marks with the target region, (N,)."""
-    return overlap(cell.population.values_ping, cell.population.in_target)

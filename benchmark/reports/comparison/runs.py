@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from benchmark.analysis.contrasts import Side as Means
-from benchmark.analysis.intervals import proportion_interval, student
+from benchmark.analysis.intervals import Estimate, student
 from benchmark.analysis.population import Population, load_population
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import Experiment, RunSpecification, specifications
 from benchmark.reports.comparison.declared import Declared, Learner, Side
-from benchmark.reports.item import Estimate
 from envs import InputError, Model
 
 Values = NDArray[np.float64]
@@ -41,10 +40,14 @@ class Cell:
     has_conditions: bool = False  # whether there are others, so that rows have to name this one
 
     @property
+    def place(self) -> dict[str, str]:
+        """What names its scenario and condition in a table."""
+        return {"scenario": self.scenario} | ({"condition": self.condition} if self.has_conditions else {})
+
+    @property
     def names(self) -> dict[str, str]:
         """What names the cell in a table."""
-        condition = {"condition": self.condition} if self.has_conditions else {}
-        return {"scenario": self.scenario, **condition, **self.learner._asdict()}
+        return self.place | self.learner._asdict()
 
     @property
     def n(self) -> int:
@@ -77,27 +80,16 @@ class Cell:
         """Returns what the policy is evaluated as after training, (N,)."""
         return self.results(name, start)[:, -1]
 
-    def means(self, name: str, start: str = "start") -> Means:
-        """Returns the mean over runs after training, for contrasts."""
-        final = self.final(name, start)
-        return Means([float(final.mean())], [len(final)])
-
     @cached_property
     def wrong_pings(self) -> Estimate:
         """Wrong PINGs per 1,000 steps of the whole training, with Student's interval."""
-        rate = self.population.arrays["disagreements"][:, -1:] / self.steps[-1] * 1000
-        low, high = student(rate)
-        return Estimate(float(rate.mean()), max(float(low[0]), 0.0), float(high[0]))
+        rate = student(self.population.arrays["disagreements"][:, -1] / self.steps[-1] * 1000)
+        return rate._replace(low=max(rate.low, 0.0))
 
     @property
     def random_success(self) -> float:
         """How often the random policy succeeds, exactly."""
         return _random_success(self.population.model, self.population.horizon)
-
-    @property
-    def has_maps(self) -> bool:
-        """Whether one map shows all that is learned, see `envs.Model.has_cell_maps`."""
-        return self.population.model.has_cell_maps
 
 
 @lru_cache(maxsize=128)
@@ -105,13 +97,9 @@ def _random_success(model: Model, horizon: int) -> float:
     return float(evaluate(model, uniform_policy(model), horizon).success)
 
 
-def proportion(values: NDArray[Any]) -> Estimate:
-    """Returns the mean of (N,) numbers in [0, 1], with its exact binomial interval; NaN without numbers."""
-    if not len(values):
-        return Estimate(np.nan, np.nan, np.nan)
-    mean = float(values.mean())
-    low, high = proportion_interval(mean, len(values))
-    return Estimate(mean, float(low), float(high))
+def means_of(cells: Sequence[Cell], name: str, start: str = "start") -> Means:
+    """Returns the means over the runs of each cell after training, for contrasts; see `Cell.results`."""
+    return Means([float(cell.final(name, start).mean()) for cell in cells], [cell.n for cell in cells])
 
 
 @dataclass(frozen=True, eq=False)

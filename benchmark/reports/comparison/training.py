@@ -10,15 +10,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion_interval, student
+from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion, student
 from benchmark.drawing import film
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner
-from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Frames, drawing, item, no_rows, writing
+from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
 from envs.words import listed
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -32,16 +32,12 @@ def curves(runs: Runs) -> pd.DataFrame:
     for cell in runs:
         steps = np.array(cell.steps)
         columns: dict[str, Any] = {**cell.names, "step": steps}
-        for name in ("success", "score"):
-            mean = cell.results(name).mean(axis=0)
-            low, high = proportion_interval(mean, cell.n)
-            columns |= {name: mean, f"{name}_low": low, f"{name}_high": high}
+        columns |= {name: proportion(cell.results(name)) for name in ("success", "score")}
         rate = np.diff(cell.population.arrays["disagreements"], axis=1) / np.diff(steps) * 1000
         rate = np.column_stack([np.full(len(rate), np.nan), rate])  # nothing before the first step
-        low, high = student(rate)
-        columns |= {"wrong_pings": rate.mean(axis=0)}
-        columns |= {"wrong_pings_low": np.maximum(low, 0.0), "wrong_pings_high": high}
-        frames.append(pd.DataFrame(columns))
+        wrong = student(rate)
+        columns["wrong_pings"] = wrong._replace(low=np.maximum(wrong.low, 0.0))
+        frames.append(pd.DataFrame(expanded(columns)))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -192,10 +188,8 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     families = runs.declared.families
     for x in runs.own:
         for y in runs.own:
-            is_same_place = (x.scenario, x.condition) == (y.scenario, y.condition)
-            if is_same_place and families[x.learner] != families[y.learner] and (ratio := _ratio(x, y)):
-                names = {key: name for key, name in x.names.items() if key in ("scenario", "condition")}
-                yield {**names, "x": str(x.learner), "y": str(y.learner), **ratio}
+            if x.place == y.place and families[x.learner] != families[y.learner] and (ratio := _ratio(x, y)):
+                yield {**x.place, "x": str(x.learner), "y": str(y.learner), **ratio}
 
 
 @speedups.sentence
@@ -242,7 +236,7 @@ def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
     low = np.array([combined([1, -1], [float(a), float(b)], sizes)[0] for a, b in zip(*means, strict=True)])
     places, most = np.flatnonzero(low > 0), int((means[0] - means[1]).argmax())
     return {
-        **{key: name for key, name in x.names.items() if key in ("scenario", "condition")},
+        **x.place,
         "x": str(x.learner),
         "y": str(y.learner),
         "n": min(sizes),
@@ -342,26 +336,18 @@ def learning(runs: Runs, directory: Path) -> None:
     first: dict[str, Learner] = {}
     for cell in runs.own:
         first.setdefault(runs.declared.families[cell.learner], cell.learner)
-    films = []
-    for family in ("tabular", "deep"):
-        cells = [cell for cell in runs if cell.learner == first.get(family)]
-        agents = [typical_agent(cell.population) for cell in cells]
-        titles = [
-            f"{cell.scenario}: {cell.learner}, seed {cell.population.seeds[agent]} (median)"
-            for cell, agent in zip(cells, agents, strict=True)
-        ]
-        if cells:
-            films.append(
-                [
-                    film.film_of(title, cell.population, agent)
-                    for title, cell, agent in zip(titles, cells, agents, strict=True)
-                ]
-            )
-    film.write(film.learning(films), directory / "learning.webp")
+    films: dict[str, list[film.Film]] = {"tabular": [], "deep": []}
+    for cell in runs:
+        for family, row in films.items():
+            if cell.learner == first.get(family):
+                agent = typical_agent(cell.population)
+                title = f"{cell.scenario}: {cell.learner}, seed {cell.population.seeds[agent]} (median)"
+                row.append(film.film_of(title, cell.population, agent))
+    film.write(film.learning([row for row in films.values() if row]), directory / "learning.webp")
 
 
 def _shown(runs: Runs) -> list[Shown]:
-    return [Shown(*cell.learner, cell.population) for cell in runs.own if cell.has_maps]
+    return [Shown(*cell.learner, cell.population) for cell in runs.own]
 
 
 agents = explorer_item(_shown)

@@ -33,18 +33,14 @@ from benchmark.analysis.contrasts import (
     mixed,
 )
 from benchmark.analysis.contrasts import Side as Means
-from benchmark.analysis.intervals import LEVEL, p_above
+from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.reports.comparison.declared import Declared, Learner, Side
-from benchmark.reports.comparison.runs import Cell, Runs
-from benchmark.reports.item import Estimate, expanded
+from benchmark.reports.comparison.runs import Cell, Runs, means_of
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 Outcome = Literal[
     "earns", "another class", "does not earn", "neither learned", "mixed", "undecided", "no verdict"
 ]
-OUTCOMES: Final[tuple[Outcome, ...]] = (
-    "earns", "another class", "does not earn", "neither learned", "mixed", "undecided", "no verdict",
-)  # fmt: skip
 Pairs = Sequence[tuple[Cell, Cell]]  # of a row: x and y in every scenario
 
 
@@ -91,7 +87,7 @@ def effects_of(runs: Runs) -> list[dict[str, Any]]:
                 sides = _sides(pairs, endpoint)
                 found = contrast(*sides, margin=0.5)  # of which the interval does not depend
                 row |= {f"{endpoint}_x": sides[0].mean, f"{endpoint}_y": sides[1].mean}
-                row |= expanded({f"{endpoint}_difference": Estimate(found.difference, found.low, found.high)})
+                row[f"{endpoint}_difference"] = Estimate(found.difference, found.low, found.high)
             rows.append(row)
     return rows
 
@@ -110,7 +106,7 @@ def difference(pairs: Pairs) -> dict[str, Any]:
         row[f"wrong_pings_{side}"] = float(np.mean([rate.value for rate in rates[i]]))
     value = row["wrong_pings_x"] - row["wrong_pings_y"]
     reach = share * float(np.linalg.norm([rate.high - rate.value for side in rates for rate in side]))
-    return row | expanded({"wrong_pings_difference": Estimate(value, value - reach, value + reach)})
+    return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
 
 
 def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
@@ -196,10 +192,7 @@ def _name(side: Side) -> str:
 
 def _sides(pairs: Pairs, endpoint: str) -> tuple[Means, Means]:
     """Returns the means of x and of y by scenario."""
-    x, y = (
-        Means([float(cell.final(endpoint).mean()) for cell in cells], [cell.n for cell in cells])
-        for cells in zip(*pairs, strict=True)
-    )
+    x, y = (means_of(cells, endpoint) for cells in zip(*pairs, strict=True))
     return x, y
 
 

@@ -107,14 +107,14 @@ def test_bounded_scores_are_covered(n: int) -> None:
 def test_students_interval_agrees_with_scipy() -> None:
     values = np.random.default_rng(0).gamma(4, size=(30, 2))
     expected = stats.ttest_1samp(values, 0).confidence_interval()
-    low, high = student(values)
+    _, low, high = student(values)
     assert low == pytest.approx(expected.low)
     assert high == pytest.approx(expected.high)
 
 
 def test_simultaneous_intervals_by_hand() -> None:
     values = np.array([[1.0, 0.5], [2, 0.5], [3, 0.5], [4, 0.5]])
-    low, high = student(values, 0.9, 2)
+    _, low, high = student(values, 0.9, 2)
     # Two means, so 2.5 % in each tail; t with 3 degrees of freedom is 3.182 (Student's table).
     reach = 3.182 * np.sqrt(5 / 3) / 2
     assert low == pytest.approx([2.5 - reach, 0.5], abs=1e-3)
@@ -127,6 +127,6 @@ def test_simultaneous_intervals_hold_all_means_at_once() -> None:
     held = 0
     for _ in range(200):
         shared = rng.normal(size=(100, 1))  # agents differ in all columns alike
-        low, high = student(means + shared + rng.normal(size=(100, 120)), 0.95, 120)
+        _, low, high = student(means + shared + rng.normal(size=(100, 120)), 0.95, 120)
         held += bool(((low <= means) & (means <= high)).all())
     assert held >= 0.93 * 200
