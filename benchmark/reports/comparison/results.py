@@ -49,7 +49,7 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
 }
 
 
-@item(
+contrasts = item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
     {
@@ -64,15 +64,11 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },
-)
-def contrasts(runs: Runs) -> list[dict[str, Any]]:
-    """See `benchmark.reports.comparison.verdicts`."""
-    return contrasts_of(runs)
+)(contrasts_of)
 
 
 @contrasts.figure("The contrasts, with intervals, margins and verdicts.")
 def _(tables: Frames, _: Runs) -> Figure | None:
-
     if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
         return None
     frame = tables["contrasts"]
@@ -176,7 +172,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     return Finding(f"{start}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
 
 
-@item(
+effects = item(
     "effects",
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     {
@@ -190,10 +186,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         "wrong_pings_difference": "difference in wrong PINGs",
     },
     where=no_rows,
-)
-def effects(runs: Runs) -> list[dict[str, Any]]:
-    """95 % intervals are not adjusted, and there are no verdicts."""
-    return effects_of(runs.own)
+)(effects_of)
 
 
 @effects.figure("Differences between two scenarios, by learner.")
@@ -295,7 +288,8 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
             figures.dots(axis, panel, "success", learners, runs)
-            names = [_with_tuning(learner, runs) for learner in learners]
+            tried = {name: f" ({n} tried)" for name, n in runs.tuning.items() if n}
+            names = [f"{learner}{tried.get(learner.algorithm, '')}" for learner in learners]
             figures.rows(axis, names, first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
             if baseline in learners:
@@ -304,12 +298,6 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
         text = "success probability after training; bar: 95 % interval over runs"
         figure.supxlabel(figures.with_references(text, runs), fontsize="small")
     return figure
-
-
-def _with_tuning(learner: Learner, runs: Runs) -> str:
-    """Returns a learner's name, with how many settings were tried."""
-    n_tried = runs.tuning.get(learner.algorithm, 0)
-    return f"{learner} ({n_tried} tried)" if n_tried else str(learner)
 
 
 def _heat(tables: Frames, runs: Runs) -> Figure:
@@ -418,9 +406,8 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         for name, row in rows.items()
         if (checked := algorithms[row["algorithm"]]["reference_for"])
     ]
-    return (
-        f"Success of each reference implementation and of its learner: {'; '.join(parts)}." if parts else None
-    )
+    told = f"Success of each reference implementation and of its learner: {'; '.join(parts)}."
+    return told if parts else None
 
 
 @item("scores", "every run at the end of training")
@@ -468,9 +455,8 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
     "scenarios",
     "what each scenario is, and what is possible in it",
     {
-        **dict.fromkeys(
-            ("scenario", "description", "observed", "hidden", "cells", "states", "observations"), ""
-        ),
+        **dict.fromkeys(["scenario", "description", "observed", "hidden"], ""),
+        **dict.fromkeys(["cells", "states", "observations"], ""),
         "random_return": "random return",
         "random_success": "random success",
         "optimal_return": "optimal return",
@@ -507,13 +493,11 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
         }
         found = [c for c in runs.planners if c.scenario == scenario and c.population.algorithm is SEARCH]
         if found:
-            returns, success = (
-                np.concatenate([cell.final(name) for cell in found]) for name in ("grid_return", "success")
-            )
-            best = int(returns.argmax())
-            row |= {"restarts": len(returns), "memoryless_return": returns[best]}
-            row |= {"memoryless_success": success[best]}
-            row["memoryless_score"] = (returns[best] - random) / (optimal - random)
+            names = ("grid_return", "success", "unbounded_score")
+            reached = np.concatenate([[cell.final(name) for name in names] for cell in found], axis=1)
+            best = reached[:, reached[0].argmax()]
+            row["restarts"] = reached.shape[1]
+            row |= zip(("memoryless_return", "memoryless_success", "memoryless_score"), best, strict=True)
         yield row
 
 

@@ -20,6 +20,8 @@ from benchmark.reports.comparison.declared import Declared, Learner, Side
 from envs import InputError, Model
 
 Values = NDArray[np.float64]
+Place = tuple[str, str, Learner]  # scenario, condition and learner
+Listed = Mapping[Place, Sequence[RunSpecification]]  # the runs of cells
 
 SB3: Final = "Stable-Baselines3 itself"  # what trains references, as readers see it
 CELL: Final = dict.fromkeys(("scenario", "condition", "algorithm", "observation"), "")  # columns, unlabelled
@@ -138,9 +140,8 @@ class Runs:
     @property
     def own(self) -> "Runs":
         """The same without references."""
-        return replace(
-            self, cells=[cell for cell in self if cell.learner not in self.references], references={}
-        )
+        cells = [cell for cell in self if cell.learner not in self.references]
+        return replace(self, cells=cells, references={})
 
     @property
     def scenarios(self) -> list[str]:
@@ -207,9 +208,8 @@ class Runs:
             return ""
         sizes = [cell.n for cell in references]
         n = f"{max(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
-        nets = [
-            cell.population.algorithm for cell in references if cell.population.algorithm.family == "deep"
-        ]
+        algorithms = [cell.population.algorithm for cell in references]
+        nets = [each for each in algorithms if each.family == "deep"]
         is_sb3 = bool(nets) and all("stable_baselines3" in each.packages for each in nets)
         return f"hollow: reference implementations, {n} runs{f', nets by {SB3}' if is_sb3 else ''}"
 
@@ -254,21 +254,22 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     cells: list[Cell] = []
     planners: list[Cell] = []
 
-    def rank(place: tuple[str, str, Learner]) -> tuple[int, bool, int]:
+    def rank(place: Place) -> tuple[int, bool, int]:
         learner = place[2]
         return order[references.get(learner, learner)], learner in references, order[learner]
 
-    for scenario, condition, learner in sorted(there, key=rank):
+    for place in sorted(there, key=rank):
+        *_, learner = place
         if learner in few:
             continue
-        population = load_population(there[scenario, condition, learner], store)
+        population = load_population(there[place], store)
         policy = algorithms[learner.algorithm].policy
         if not population.unbounded_scores_of(policy, "start").shape[1]:
             raise InputError(
                 f"{experiment.argument}: algorithms.{learner.algorithm}.policy = {policy}: its training "
                 "returns no such policy; accepted: greedy."
             )
-        cell = Cell(scenario, condition, learner, population, policy, len(experiment.conditions) > 1)
+        cell = Cell(*place, population, policy, len(experiment.conditions) > 1)
         (planners if population.algorithm.family == "planner" else cells).append(cell)
     if len({cell.learner for cell in cells} - references.keys()) < 2:
         raise InputError(
@@ -276,6 +277,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
             "neither reference implementations nor planners, each with two runs of every scenario."
         )
     left_out = "left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
+    seeds_note = ""
+    if seeds is not None:
+        seeds_note = f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared."
     return Runs(
         cells,
         planners,
@@ -284,30 +288,22 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         references={each: learner for each, learner in references.items() if each not in few},
         tuning={name: each.tuning.settings for name, each in algorithms.items() if each.tuning is not None},
         missing="; ".join(filter(None, [missing, left_out])),
-        seeds_note=""
-        if seeds is None
-        else f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared.",
+        seeds_note=seeds_note,
     )
 
 
-def _common_seeds(
-    learner: Learner, there: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]]
-) -> set[int]:
+def _common_seeds(learner: Learner, there: Listed) -> set[int]:
     """Returns the seeds of which a learner has a run everywhere."""
     own = [{run.seed for run in runs} for place, runs in there.items() if place[2] == learner]
     return set.intersection(*own)
 
 
-def _missing(
-    wanted: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]],
-    there: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]],
-    statuses: Mapping[str, str],
-) -> str:
+def _missing(wanted: Listed, there: Listed, statuses: Mapping[str, str]) -> str:
     """Says which runs are missing; empty if none is."""
     lacking = [
-        f"{learner} in {scenario} has {len(there[scenario, condition, learner])} of {len(runs)}"
-        for (scenario, condition, learner), runs in wanted.items()
-        if len(there[scenario, condition, learner]) < len(runs)
+        f"{place[2]} in {place[0]} has {len(there[place])} of {len(runs)}"
+        for place, runs in wanted.items()
+        if len(there[place]) < len(runs)
     ]
     if not lacking:
         return ""

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion, student
+from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
 from benchmark.drawing import film
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison import figures, words
@@ -43,11 +43,9 @@ def curves(runs: Runs) -> pd.DataFrame:
 
 @curves.figure("Success probability over training, with its 95 % interval.")
 def _(tables: Frames, runs: Runs) -> Figure:
-
     frame = tables["curves"]
     longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], runs)
-    drawn = [*(runs.declared.compared or figures.learners_in(frame, runs)), *longest]
-    drawn = list(dict.fromkeys(drawn))
+    drawn = [*dict.fromkeys([*(runs.declared.compared or figures.learners_in(frame, runs)), *longest])]
     signs = f"; dotted: {ENOUGH:g}"
     with figures.curve_panels(frame, runs, drawn, "success", "success", signs) as (figure, axes):
         for axis in axes:
@@ -147,7 +145,7 @@ def _medians(cell: Cell, rng: np.random.Generator) -> tuple[NDArray[np.float64],
         return np.median(when[first][drawn], axis=1), np.median(when[first + 1][drawn], axis=1)
 
 
-def _ratio(x: Cell, y: Cell) -> dict[str, float]:
+def _ratio(x: Cell, y: Cell) -> dict[str, Any]:
     """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
 
     Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
@@ -163,24 +161,13 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
     high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
     ratio = min(steps[1], y.steps[-1]) / min(steps[0], x.steps[-1])
-    return {
-        "x_step": steps[0],
-        "y_step": steps[1],
-        "ratio": ratio,
-        "ratio_low": float(low),
-        "ratio_high": float(high),
-    }
+    return {"x_step": steps[0], "y_step": steps[1], "ratio": Estimate(ratio, float(low), float(high))}
 
 
 @item(
     "speedups",
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
-    {
-        **PAIR,
-        "x_step": "steps of x",
-        "y_step": "steps of y",
-        "ratio": "ratio, y to x",
-    },
+    {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
     where=lambda frame: frame[frame["ratio"] >= 1],
 )
 def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
@@ -228,25 +215,23 @@ def ahead(runs: Runs) -> Iterator[dict[str, Any]]:
 
 def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
     """Returns when x is ahead of y in a scenario."""
-    common = sorted({*x.steps} & {*y.steps})
-    means = [
-        cell.results("success").mean(axis=0)[[cell.steps.index(step) for step in common]] for cell in (x, y)
-    ]
     sizes = [x.n, y.n]
-    low = np.array([combined([1, -1], [float(a), float(b)], sizes)[0] for a, b in zip(*means, strict=True)])
-    places, most = np.flatnonzero(low > 0), int((means[0] - means[1]).argmax())
+    means = [dict(zip(cell.steps, cell.results("success").mean(axis=0), strict=True)) for cell in (x, y)]
+    common = {step: (means[0][step], means[1][step]) for step in x.steps if step in means[1]}
+    ahead = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
+    most = max(common, key=lambda step: common[step][0] - common[step][1])
     return {
         **x.place,
         "x": str(x.learner),
         "y": str(y.learner),
         "n": min(sizes),
-        "steps_ahead": len(places),
-        "first_step": float(common[places[0]]) if len(places) else np.inf,
-        "last_step": float(common[places[-1]]) if len(places) else np.inf,
-        "largest_difference": float((means[0] - means[1])[most]),
-        "largest_at": common[most],
-        "largest_x": float(means[0][most]),
-        "largest_y": float(means[1][most]),
+        "steps_ahead": len(ahead),
+        "first_step": float(ahead[0]) if ahead else np.inf,
+        "last_step": float(ahead[-1]) if ahead else np.inf,
+        "largest_difference": common[most][0] - common[most][1],
+        "largest_at": most,
+        "largest_x": common[most][0],
+        "largest_y": common[most][1],
     }
 
 
@@ -310,21 +295,14 @@ def _(table: pd.DataFrame, folder: Folder) -> str:
         for _, row in shown.iterrows()
     ]
     text = f"CPU time of a run, median: {listed(parts)}."
-    is_plain = [
-        algorithms[name]["family"] == "tabular" and not algorithms[name]["packages"]
-        for name in shown["algorithm"]
-    ]
-    plain = shown[is_plain]
+    declared = [algorithms[name] for name in shown["algorithm"]]
+    plain = shown[[each["family"] == "tabular" and not each["packages"] for each in declared]]
     if plain.empty:
         return text
-    deep = shown[[algorithms[name]["family"] == "deep" for name in shown["algorithm"]]]
-    ratios = [
-        f"`{words.name_of(row)}` "
-        + link(
-            f"{words.two_digits(row['cpu_time_s'] / plain.iloc[0]['cpu_time_s'])} times", "cost", row, plain
-        )
-        for _, row in deep.iterrows()
-    ]
+    ratios = []
+    for _, row in shown[[each["family"] == "deep" for each in declared]].iterrows():
+        times = words.two_digits(row["cpu_time_s"] / plain.iloc[0]["cpu_time_s"])
+        ratios.append(f"`{words.name_of(row)}` {link(f'{times} times', 'cost', row, plain)}")
     return f"{text} As long as a table in plain Python: {listed(ratios)}."
 
 

@@ -78,10 +78,10 @@ def contrasts_of(runs: Runs) -> list[dict[str, Any]]:
 
 
 def effects_of(runs: Runs) -> list[dict[str, Any]]:
-    """Returns the effects, a row for each pair of cells that differ by it: exploratory."""
+    """Returns the effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
     rows = []
     for x, y, name in runs.declared.effects:
-        for names, pairs in _cases(runs, x, y, is_pooled=False):
+        for names, pairs in _cases(runs.own, x, y, is_pooled=False):
             row = {"effect": name} | names | difference(pairs)
             for endpoint in ENDPOINTS:
                 sides = _sides(pairs, endpoint)
