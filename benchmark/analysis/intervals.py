@@ -43,11 +43,7 @@ def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
 
 
 def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of the 95 % interval of a resampled statistic.
-
-    Args:
-      samples: (RESAMPLES + 1, ...), the statistic itself first.
-    """
+    """Returns the ends of the 95 % interval of a resampled statistic, which itself is the first sample."""
     with np.errstate(invalid="ignore"):  # of infinite ratios the interval is NaN
         low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
@@ -116,12 +112,6 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
 
     It is the tail that the lower end of `combined` leaves out when that end is the value; 1 if the observed
     sum is at most the value, or so little above it that no end is.
-
-    Args:
-      weights: As for `combined`, as are means and sizes.
-      means: Each of other agents.
-      sizes: How many numbers each mean is of.
-      value: With which the sum is compared.
     """
 
     def distance(z: float) -> float:

@@ -116,6 +116,20 @@ def show(value: object) -> str:
     return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
 
 
+def duration(seconds: float) -> str:
+    """Returns a time with two significant digits.
+
+    >>> duration(0.000319), duration(0.0345), duration(0.0999), duration(175)
+    ('0.32 ms', '34 ms', '100 ms', '180 s')
+    """
+    return f"{two_digits(seconds * 1000)} ms" if seconds < 0.1 else f"{two_digits(seconds)} s"
+
+
+def two_digits(value: float) -> str:
+    """Returns a number rounded to two significant digits."""
+    return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"
+
+
 def _column_texts(column: pd.Series) -> list[str]:
     """Returns the values of a column as a CSV file has them; integers beside floats are floats, too."""
     values = column.tolist()

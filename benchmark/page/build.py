@@ -27,7 +27,7 @@ from benchmark.execution.provenance import digest_of_file, digest_of_source
 from benchmark.reports import explorer, files, sameness
 from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Finding, Item
+from benchmark.reports.item import Item
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
@@ -168,11 +168,11 @@ class _Part:
             )
             return text.strip()
 
-        sections = self._sections(document.render(place))
+        headline, sections = document.headline, self._sections(document.render(place))
         return {
             "id": self.name,
             "question": document.question,
-            "headline": self._paragraphs(document.headline),
+            "headline": [self.inline(text) for text in headline.text.split("\n\n")] if headline else [],
             "lead": self._figure(lead) if lead is not None and has_lead else None,
             "description": self.inline(inert(self.folder.manifest["description"])),
             "note": self.inline(inert(self.folder.manifest.get("note", ""))),
@@ -191,9 +191,6 @@ class _Part:
     def inline(self, text: str) -> Markup:
         """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
         return self._html(self._parser.parseInline(text))
-
-    def _paragraphs(self, finding: Finding | None) -> list[Markup]:
-        return [] if finding is None else [self.inline(text) for text in finding.text.split("\n\n")]
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links from the page to the folder's files."""

@@ -136,10 +136,6 @@ class Document:
         """The names of the items that hold measured times."""
         return [f"`{item.name}`" for item in self.items if item.is_measured]
 
-    def plain(self, finding: Finding) -> str:
-        """Returns a finding without the links of its numbers."""
-        return tables.plain(finding.text)
-
 
 def front(results: Path) -> str:
     """Returns the README of the repository, whose numbers and verdicts are those of published tables.
@@ -165,8 +161,7 @@ def front(results: Path) -> str:
         return f"{row(name, table, where)[column]:.2f}"
 
     def duration(name: str, table: str, column: str, **where: str) -> str:
-        seconds = float(row(name, table, where)[column])
-        return f"{seconds * 1000:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
+        return tables.duration(row(name, table, where)[column])
 
     def headline(name: str) -> str:
         found = Document(results / name).headline
@@ -187,7 +182,7 @@ def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"text": tables.paragraph, "number": tables.show}
+    environment.filters |= {"text": tables.paragraph, "number": tables.show, "plain": tables.plain}
     return environment
 
 

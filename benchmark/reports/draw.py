@@ -96,14 +96,7 @@ def draw(
 
 
 def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, Any]) -> None:
-    """Writes a folder's manifest, tables, figures and other files, and README, which is made of these.
-
-    Args:
-      items: Of the report that the manifest names.
-      data: What they are computed from.
-      directory: Exists, and is empty.
-      manifest: What made the data.
-    """
+    """Writes manifest, tables, figures and other files into an empty folder, and README, made of these."""
     frames = tables_of(items, data)
     (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
     for name, frame in frames.items():
@@ -118,15 +111,7 @@ def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mappin
 def export(
     experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, form: str
 ) -> None:
-    """Writes an experiment's figures or tables in another form, into a folder of their own.
-
-    Args:
-      experiment: As loaded, with a report.
-      store: Where its records are.
-      directory: The folder to write.
-      seeds: Other seeds than the declared ones.
-      form: One of `FORMATS`.
-    """
+    """Writes an experiment's figures or tables, in one of `FORMATS`, into a folder of their own."""
     report, items = report_of(experiment)
     data = report.load(experiment, store, seeds, False)
     frames = tables_of(items, data)

@@ -219,13 +219,9 @@ def forecast(experiment: Experiment) -> str:
 
 
 def cannot_show(n: int, n_pooled: int, n_tests: int, reporting: Reporting) -> str:
-    """Says if so many runs cannot show equivalence, even if all succeed; else empty.
+    """Says if n runs per scenario and learner cannot show equivalence, even if all succeed; else empty.
 
-    Args:
-      n: Runs per scenario and learner.
-      n_pooled: Scenarios of one mean.
-      n_tests: Contrasts that p-values are adjusted for.
-      reporting: With the margin, and whether p-values are adjusted.
+    A mean is over so many pooled scenarios, and p-values may be adjusted for so many tests.
     """
     margin, adjusted = reporting.margins.success, reporting.adjust == "holm"
     needed = runs_for_any_equivalence(margin, n_pooled, n_tests if adjusted else 1)

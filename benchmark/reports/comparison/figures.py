@@ -61,13 +61,7 @@ def style_of(learner: Learner, runs: Runs) -> dict[str, Any]:
 
 
 def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, str]) -> Figure:
-    """Draws contrasts: a row each and a column per endpoint, with intervals, margins and verdicts.
-
-    Args:
-      frame: As of the item `contrasts`.
-      names: Of the rows.
-      endpoints: Name to label.
-    """
+    """Draws contrasts: a named row each and a labelled column per endpoint, with margins and verdicts."""
     with figure_of(1, len(endpoints), (11.0, 0.36 * len(frame) + 1.7)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], endpoints.items(), strict=True):
             margin = float(frame[f"{key}_margin"].iloc[0])
@@ -100,16 +94,8 @@ def curve_panels(
 ) -> Iterator[tuple[Figure, Iterable[Axes]]]:
     """Draws a column of `curves` over training: panels per scenario, by groups of learners if there are few.
 
-    Args:
-      frame: As of the item `curves`.
-      runs: Of the comparison.
-      learners: Those that are drawn.
-      column: What is drawn.
-      label: What it is.
-      signs: What else is drawn, for the legend.
-
     Yields:
-      The figure and its axes, to be completed before the legend is drawn.
+      The figure and its axes, to be completed before the legend is drawn. It also names further signs.
     """
     scenarios, frame = list(frame["scenario"].unique()), frame[frame["step"] > 0]
     is_few = len(scenarios) <= FEW

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
 from benchmark.drawing import film
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import duration, link, two_digits
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner
 from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs
@@ -291,7 +291,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str:
     algorithms = folder.manifest["algorithms"]
     shown = words.compared(table, folder, with_references=True)
     parts = [
-        f"`{words.name_of(row)}` {link(words.duration(row['cpu_time_s']), 'cost', row)}"
+        f"`{words.name_of(row)}` {link(duration(row['cpu_time_s']), 'cost', row)}"
         for _, row in shown.iterrows()
     ]
     text = f"CPU time of a run, median: {listed(parts)}."
@@ -301,7 +301,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str:
         return text
     ratios = []
     for _, row in shown[[each["family"] == "deep" for each in declared]].iterrows():
-        times = words.two_digits(row["cpu_time_s"] / plain.iloc[0]["cpu_time_s"])
+        times = two_digits(row["cpu_time_s"] / plain.iloc[0]["cpu_time_s"])
         ratios.append(f"`{words.name_of(row)}` {link(f'{times} times', 'cost', row, plain)}")
     return f"{text} As long as a table in plain Python: {listed(ratios)}."
 

@@ -116,17 +116,3 @@ def times(ratio: float) -> str:
     if ratio == float("inf"):
         return "∞"
     return f"{ratio:.2g}" if ratio < 10 else f"{ratio:,.0f}"
-
-
-def duration(seconds: float) -> str:
-    """Returns a time with two significant digits.
-
-    >>> duration(0.000319), duration(0.0345), duration(0.0999), duration(175)
-    ('0.32 ms', '34 ms', '100 ms', '180 s')
-    """
-    return f"{two_digits(seconds * 1000)} ms" if seconds < 0.1 else f"{two_digits(seconds)} s"
-
-
-def two_digits(value: float) -> str:
-    """Returns a number rounded to two significant digits."""
-    return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"

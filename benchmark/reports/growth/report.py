@@ -161,15 +161,10 @@ def exponents(data: Measured) -> Iterator[dict[str, Any]]:
 
 
 def exponent(sizes: NDArray[np.float64], values: NDArray[np.float64]) -> Estimate:
-    """Fits `values = factor * sizes ** exponent` by least squares on the logarithms.
+    """Fits `values = factor * sizes ** exponent` by least squares on the logarithms; returns the exponent.
 
-    Args:
-      sizes: (n,) different, above 0.
-      values: (n,) above 0.
-
-    Returns:
-      The exponent and its 95 % interval, from the residuals by Student's t with n - 2 degrees of freedom;
-      what takes more points than there are is NaN.
+    Its 95 % interval is from the residuals by Student's t with n - 2 degrees of freedom. What takes more
+    points than there are is NaN.
     """
     n = len(sizes)
     if n == 1:
@@ -183,11 +178,9 @@ def exponent(sizes: NDArray[np.float64], values: NDArray[np.float64]) -> Estimat
 def workers(data: Measured) -> Iterator[dict[str, Any]]:
     """Tabulates how much faster several workers are than one of them."""
     for kind in ("processes", "dask"):
-        seconds = {
-            n: min(values["seconds"] for values in taken)
-            for n, taken in data.taken[f"workers_{kind}"].items()
-        }
-        for n, taken in data.taken[f"workers_{kind}"].items():
+        turns = data.taken[f"workers_{kind}"]
+        seconds = {n: min(values["seconds"] for values in taken) for n, taken in turns.items()}
+        for n, taken in turns.items():
             yield {
                 "workers": f"{n} {kind}",
                 "jobs": round(taken[0]["jobs"]),
