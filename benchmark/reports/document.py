@@ -131,11 +131,6 @@ class Document:
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
-    @property
-    def measured(self) -> list[str]:
-        """The names of the items that hold measured times."""
-        return [f"`{item.name}`" for item in self.items if item.is_measured]
-
 
 def front(results: Path) -> str:
     """Returns the README of the repository, whose numbers and verdicts are those of published tables.

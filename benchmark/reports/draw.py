@@ -165,8 +165,7 @@ def was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
 
 def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
     """Returns the tables of all items that have one, by name."""
-    found = {item.name: item.table(data) for item in items}
-    return {name: frame for name, frame in found.items() if frame is not None}
+    return {item.name: frame for item in items if (frame := item.table(data)) is not None}
 
 
 def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:

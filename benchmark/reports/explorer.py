@@ -51,7 +51,8 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
         "agents", "what the explorer on the page shows: maps and final policies, as compressed JSON", FILE
     )
     def agents(data: Any, directory: Path) -> None:
-        shown = [each for each in lister(data) if _has_map(each.population.model)]
+        models = ((each, each.population.model) for each in lister(data))
+        shown = [each for each, model in models if model.has_cell_maps and model.n_outcomes == 1]
         if shown:
             (directory / FILE).write_bytes(compressed(packed(shown)))
 
@@ -100,11 +101,6 @@ def typical_agent(population: Population) -> int:
     means = np.clip(population.unbounded_scores, 0, 1).mean(axis=1).round(9)
     median = np.sort(means)[(len(means) - 1) // 2]
     return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
-
-
-def _has_map(model: Model) -> bool:
-    """Returns whether one map shows a scenario, and the page's script can walk in it."""
-    return model.has_cell_maps and model.n_outcomes == 1
 
 
 def _learner(shown: Shown) -> dict[str, Any]:

@@ -231,7 +231,8 @@ class Report:
     name: str
     question: str  # the page's heading
     check: Callable[["Experiment"], None]  # raises InputError if it cannot report on the experiment
-    load: Callable[["Experiment", "Store", Sequence[int] | None, bool], Any]  # returns a `Data`
+    # Of an experiment, its store, other seeds than declared and whether runs may be missing, returns a `Data`
+    load: Callable[["Experiment", "Store", Sequence[int] | None, bool], Any]
     items: tuple[Item, ...]
     document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
     headline: Callable[["Folder"], Finding | None] = lambda _: None

@@ -215,14 +215,7 @@ class Runs:
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Runs:
-    """Reads all runs of a comparison.
-
-    Args:
-      experiment: As loaded.
-      store: Where its records are.
-      seeds: Other seeds than the declared ones.
-      partial: Whether to take the runs that are there if some are missing; learners with fewer than two
-        seeds in all scenarios are then left out.
+    """Reads all runs of a comparison; in part, without learners with fewer than two seeds in all scenarios.
 
     Raises:
       InputError: Runs are missing, and which; or there are too few to draw anything.

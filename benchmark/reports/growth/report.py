@@ -11,21 +11,21 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 from scipy import stats
 
+from benchmark.drawing.style import figure_of, variant_style
 from benchmark.reports.folder import Folder
 from benchmark.reports.growth import points
 from benchmark.reports.growth.points import Values, command, fresh
 from benchmark.reports.item import Estimate, Frames, entry, item
 from benchmark.reports.measured import Measured, Measuring
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Turns = Mapping[str, Mapping[int, list[Values]]]  # what points took, by curve and size: a round each
 
@@ -107,11 +107,7 @@ def _(table: pd.DataFrame, _: Folder) -> str:
 
 
 @growth.figure("Time and peak memory against the numbers of agents, cells and stored runs.")
-def _(frames: Frames, _: object) -> "Figure":
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    from benchmark.drawing.style import figure_of, variant_style
-
+def _(frames: Frames, _: object) -> Figure:
     frame = frames["growth"]
     with figure_of(2, len(PANELS), (10.5, 6.0)) as (figure, axes):
         for axis, first in zip(axes.flat, np.repeat(axes[:, 0], len(PANELS)), strict=True):

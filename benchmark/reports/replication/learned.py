@@ -44,23 +44,21 @@ def figure(frames: Frames, data: Data) -> Figure | None:
     with figure_of(3, len(data.models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(data.models.items()):
             curve = curves[curves["scenario"] == name]
-            letters = [
-                f"({letter})" for letter in ascii_lowercase[column :: len(data.models)]
-            ]  # as the paper's
+            letters = ascii_lowercase[column :: len(data.models)]  # as the paper's
             axis = axes[0, column]
             band = {"color": COLOURS[9], "alpha": 0.55, "lw": 0, "label": "least to largest agent"}
             axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
             axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9, label="mean of the agents")
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a right PING pays in S1")
-            axis.set(title=f"{letters[0]} max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
+            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
             axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
             axis.set(ylim=(bottom - room, top + room))
             scene = scene_of(model)
             triangles(axes[1, column], scene, moves[moves["scenario"] == name], norm_of(moves["mean"]))
-            axes[1, column].set(title=f"{letters[1]} moves, {name}")
+            axes[1, column].set(title=f"({letters[1]}) moves, {name}")
             ping = pings[pings["scenario"] == name]
             heat(axes[2, column], scene, ping["mean"].to_numpy(), norm_of(pings["mean"]))
-            axes[2, column].set(title=f"{letters[2]} PING, {name}")
+            axes[2, column].set(title=f"({letters[2]}) PING, {name}")
             dots(axes[2, column], ping[ping["mean"] > 0])
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(loc="upper left", frameon=False)
