@@ -7,13 +7,14 @@ that of any wrong claim of equivalence. Equivalence takes two one-sided tests (S
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from benchmark.analysis.intervals import LEVEL, combined, p_above
+from benchmark.analysis.intervals import LEVEL, TAIL, combined, p_above
 
 BETTER: Final = "better"
 WORSE: Final = "worse"
@@ -60,10 +61,7 @@ class Contrast:
 def contrast(x: Side, y: Side, margin: float) -> Contrast:
     """Compares two learners that were trained in the same scenarios, by different runs.
 
-    Args:
-      x: A learner.
-      y: The other.
-      margin: A smaller difference makes them equivalent.
+    They are equivalent if their difference is smaller than the margin.
     """
     weights = [1 / len(x.means)] * len(x.means) + [-1 / len(y.means)] * len(y.means)
     means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
@@ -72,8 +70,8 @@ def contrast(x: Side, y: Side, margin: float) -> Contrast:
     not_less, not_more = (p_above(each, means, sizes, -margin) for each in (weights, opposite))
     return Contrast(
         x.mean - y.mean,
-        *combined(weights, means, sizes, LEVEL),
-        *combined(weights, means, sizes, 2 * LEVEL - 1),
+        *combined(weights, means, sizes),
+        *combined(weights, means, sizes, 2 * TAIL),
         p_different=min(2 * min(above, below), 1.0),
         p_equivalent=max(not_less, not_more),
     )
@@ -83,41 +81,30 @@ def mixed(verdict: str, differences: Sequence[float], margin: float) -> list[int
     """Returns which scenarios contradict a verdict on their mean; if any does, the verdict is *mixed*.
 
     A mean may not cancel: no scenario may be worse by the margin than the verdict says of all together.
-
-    Args:
-      verdict: On the mean over scenarios.
-      differences: x - y in each scenario.
-      margin: A smaller difference does not matter.
+    Differences are x - y in each scenario.
 
     >>> mixed(EQUIVALENT, [0.3, -0.15, -0.15], 0.1), mixed(BETTER, [0.3, 0.0, -0.05], 0.1)
     ([0, 1, 2], [])
     """
-    low, high = (-margin, margin) if verdict == EQUIVALENT else (-math.inf, math.inf)
-    if verdict in (BETTER, EQUIVALENT):
-        low = -margin
-    if verdict in (WORSE, EQUIVALENT):
-        high = margin
+    low = -margin if verdict in (BETTER, EQUIVALENT) else -math.inf
+    high = margin if verdict in (WORSE, EQUIVALENT) else math.inf
     return [i for i, difference in enumerate(differences) if not low < difference < high]
 
 
 def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) -> int:
     """Returns how few runs can show that two learners are equivalent, if all runs of both succeed.
 
-    Args:
-      margin: As for `contrast`.
-      n_scenarios: Over which means are.
-      n_contrasts: Which p-values are adjusted for.
+    Means are over scenarios, and p-values are adjusted for so many contrasts.
 
     >>> runs_for_any_equivalence(0.1, 1, 1), runs_for_any_equivalence(0.1, 1, 51)
     (29, 66)
     """
-    n, step = 1, 512
-    while step:  # the smallest n is found bit by bit
-        side = Side([1.0] * n_scenarios, [n + step - 1] * n_scenarios)
-        if contrast(side, side, margin).p_equivalent * n_contrasts > 1 - LEVEL:
-            n += step
-        step //= 2
-    return n
+
+    def is_enough(n: int) -> bool:
+        side = Side([1.0] * n_scenarios, [n] * n_scenarios)
+        return contrast(side, side, margin).p_equivalent * n_contrasts <= 1 - LEVEL
+
+    return 1 + bisect_left(range(1, 1024), True, key=is_enough)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -134,15 +121,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def verdict(difference: float, p_different: float, p_equivalent: float) -> str:
-    """Returns the verdict on x against y.
+    """Returns the verdict on x against y, by their difference, x - y, and adjusted p-values.
 
     A difference that is shown, but shown to be smaller than the margin, too, does not matter: the two are
     equivalent.
-
-    Args:
-      difference: x - y.
-      p_different: Adjusted.
-      p_equivalent: Adjusted.
     """
     if p_equivalent <= 1 - LEVEL:
         return EQUIVALENT
@@ -157,12 +139,9 @@ def decide(
     is_allowed: Sequence[bool],
     adjust: Callable[[Sequence[float]], list[float]] = holm,
 ) -> list[Mapping[str, object]]:
-    """Returns the p-values of a set of contrasts, and their verdicts.
+    """Returns the p-values of a set of contrasts, adjusted for all, and verdicts on those that are allowed.
 
-    Args:
-      contrasts: All of the set.
-      is_allowed: Which of them may have a verdict; p-values are adjusted for all.
-      adjust: Adjusts p-values for their number; `list` leaves them as they are.
+    To adjust p-values by `list` leaves them as they are.
     """
     different = adjust([each.p_different for each in contrasts])
     equivalent = adjust([each.p_equivalent for each in contrasts])

@@ -7,7 +7,7 @@ resampled, see `resample`; those intervals are percentiles, and seeded: equal re
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,15 @@ BOOTSTRAP_SEED: Final = 20210803
 _FARTHEST: Final = 8.0  # standard errors: smaller p-values count as zero
 _NONE: Final = 1e-12  # a count below is zero but for rounding
 LEVEL: Final = 0.95  # of confidence, unless another is given
+TAIL: Final = (1 - LEVEL) / 2  # which an interval leaves out on each side
+
+
+class Estimate(NamedTuple):
+    """A number, or several as an array, with the 95 % interval of each."""
+
+    value: Any
+    low: Any
+    high: Any
 
 
 @lru_cache(maxsize=8)
@@ -34,18 +43,14 @@ def resample(n_agents: int, scenario: str) -> NDArray[np.float64]:
 
 
 def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of the 95 % interval of a resampled statistic.
-
-    Args:
-      samples: (RESAMPLES + 1, ...), the statistic itself first.
-    """
+    """Returns the ends of the 95 % interval of a resampled statistic, which itself is the first sample."""
     with np.errstate(invalid="ignore"):  # of infinite ratios the interval is NaN
         low, high = np.percentile(samples[1:], [2.5, 97.5], axis=0)
     return low, high
 
 
 def proportion_interval(
-    mean: NDArray[np.float64] | float, n: NDArray[np.int_] | int, level: float = LEVEL
+    mean: NDArray[np.float64] | float, n: NDArray[np.int_] | int, tail: float = TAIL
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns the ends of intervals of means of numbers in [0, 1].
 
@@ -56,18 +61,12 @@ def proportion_interval(
     Args:
       mean: Of any shape.
       n: How many numbers each mean is of.
-      level: Of confidence.
+      tail: The probability that is left out on each side.
 
     >>> [round(float(end), 4) for end in proportion_interval(1.0, 100)]  # 0.025 ** (1 / 100)
     [0.9638, 1.0]
     """
-    return _ends(np.asarray(mean), np.asarray(n), (1 - level) / 2)
-
-
-def _ends(
-    mean: NDArray[np.float64], n: NDArray[np.int_], tail: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of `proportion_interval` that leave out a tail on each side."""
+    mean, n = np.asarray(mean), np.asarray(n)
     count = np.clip(mean, 0, 1) * n
     least, most = np.maximum(count, _NONE), np.maximum(n - count, _NONE)
     low = np.where(count > _NONE, special.betaincinv(least, most + 1, tail), 0.0)
@@ -75,8 +74,16 @@ def _ends(
     return np.minimum(low, mean), np.maximum(high, mean)
 
 
+def proportion(values: NDArray[Any]) -> Estimate:
+    """Returns means over agents of (N, ...) numbers in [0, 1], see `proportion_interval`; NaN without any."""
+    if not len(values):
+        return Estimate(np.nan, np.nan, np.nan)
+    mean = values.mean(axis=0)
+    return Estimate(mean, *proportion_interval(mean, len(values)))
+
+
 def combined(
-    weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], level: float = LEVEL
+    weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], tail: float = TAIL
 ) -> tuple[float, float]:
     """Returns the ends of the interval of a weighted sum of independent means of numbers in [0, 1].
 
@@ -88,17 +95,10 @@ def combined(
       weights: Of the means; negative for those that are subtracted.
       means: Each of other agents.
       sizes: How many numbers each mean is of.
-      level: Of confidence.
+      tail: The probability that is left out on each side.
     """
-    return _combined(weights, means, sizes, (1 - level) / 2)
-
-
-def _combined(
-    weights: Sequence[float], means: Sequence[float], sizes: Sequence[int], tail: float
-) -> tuple[float, float]:
-    """Returns the ends of `combined` that leave out a tail on each side."""
     weight, mean = np.asarray(weights, dtype=float), np.asarray(means, dtype=float)
-    low, high = _ends(mean, np.asarray(sizes), tail)
+    low, high = proportion_interval(mean, np.asarray(sizes), tail)
     value = float(weight @ mean)
     down, up = weight * (mean - low), weight * (high - mean)
     return (
@@ -112,52 +112,31 @@ def p_above(weights: Sequence[float], means: Sequence[float], sizes: Sequence[in
 
     It is the tail that the lower end of `combined` leaves out when that end is the value; 1 if the observed
     sum is at most the value, or so little above it that no end is.
-
-    Args:
-      weights: As for `combined`, as are means and sizes.
-      means: Each of other agents.
-      sizes: How many numbers each mean is of.
-      value: With which the sum is compared.
     """
 
     def distance(z: float) -> float:
-        return _combined(weights, means, sizes, float(stats.norm.sf(z)))[0] - value
+        return combined(weights, means, sizes, float(stats.norm.sf(z)))[0] - value
 
     if distance(0.0) <= 0:
         return 1.0
     return 0.0 if distance(_FARTHEST) > 0 else float(stats.norm.sf(optimize.brentq(distance, 0.0, _FARTHEST)))
 
 
-def student(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of Student's 95 % interval of means over agents, (N, ...).
+def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1) -> Estimate:
+    """Returns means over agents with Student's intervals.
 
     For numbers that vary alike between agents, not for those of which a few are far from all others. Where
-    all agents agree, it has no width.
-    """
-    n = len(values)
-    reach = stats.t.ppf((1 + LEVEL) / 2, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
-    mean = values.mean(axis=0)
-    return mean - reach, mean + reach
-
-
-def simultaneous(
-    values: NDArray[np.float64], level: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the ends of intervals of several means that hold the true means all at once.
-
-    By Student's t with Bonferroni's correction, so it does not matter how the values of an agent depend on
-    each other. If all values of a column are equal, the interval has no width.
+    all agents agree, the interval has no width.
 
     Args:
-      values: (N, M), of N agents.
-      level: Of confidence in all M intervals together, such as 0.95.
-
-    Returns:
-      Lower and upper ends, (M,) each.
+      values: (N, ...), of N agents.
+      level: Of confidence.
+      n_means: How many intervals hold the true means all at once with this confidence, by Bonferroni's
+        correction: it does not matter how the values of an agent depend on each other.
     """
-    n_agents, n_means = values.shape
-    t = stats.t.ppf(1 - (1 - level) / (2 * n_means), n_agents - 1)
+    n = len(values)
+    t = stats.t.ppf(1 - (1 - level) / (2 * n_means), n - 1)
     mean = values.mean(axis=0)
     is_constant = np.ptp(values, axis=0) == 0  # rounding would give it a width
-    reach = np.where(is_constant, 0.0, t * values.std(axis=0, ddof=1) / np.sqrt(n_agents))
-    return mean - reach, mean + reach
+    reach = np.where(is_constant, 0.0, t * values.std(axis=0, ddof=1) / np.sqrt(n))
+    return Estimate(mean, mean - reach, mean + reach)

@@ -30,9 +30,14 @@ class Population:
     """
 
     specification: Mapping[str, Any]  # of the first run, as recorded
-    arrays: Mapping[str, NDArray[Any]]  # name to values, (N, ...), see `benchmark.execution.store.Record`
+    agents: Sequence[Mapping[str, NDArray[Any]]]  # (N,) arrays, see `benchmark.execution.store.Record`
     seeds: Sequence[int]  # (N,)
     provenance: Sequence[Mapping[str, Any]]  # (N,) see `benchmark.execution.store.Record`
+
+    @cached_property
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """The arrays of all agents, (N, ...) each, by name."""
+        return _Stacked(self.agents)
 
     @cached_property
     def model(self) -> Model:
@@ -105,25 +110,20 @@ class Population:
         returns = self.arrays[evaluated("grid_return", policy, start)]
         return np.asarray((returns - random) / (optimal - random))
 
-    def of_agent(self, agent: int) -> Mapping[str, NDArray[Any]]:
-        """Returns the arrays of one agent by name, without stacking those of the others."""
-        if isinstance(self.arrays, _Stacked):
-            return self.arrays.agents[agent]
-        return {name: values[agent] for name, values in self.arrays.items()}
-
     def subset(self, start: int, stop: int) -> "Population":
         """Returns the population of some of the agents, from place `start` to before `stop`."""
-        arrays = self.arrays
-        if isinstance(arrays, _Stacked):
-            arrays = _Stacked(arrays.agents[start:stop])
-        else:
-            arrays = {name: values[start:stop] for name, values in arrays.items()}
-        return Population(self.specification, arrays, self.seeds[start:stop], self.provenance[start:stop])
+        some = slice(start, stop)
+        return Population(self.specification, self.agents[some], self.seeds[some], self.provenance[some])
 
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
         """(F,) in which fresh states the agent is in the target region."""
         return np.asarray(self.model.zone_of_cell == ZONES.index("target"))
+
+    @property
+    def region_overlap(self) -> NDArray[np.float64]:
+        """(N,) how the fresh states in which an agent values PING overlap with the target region."""
+        return overlap(self.values_ping, self.in_target)
 
     @cached_property
     def values_ping(self) -> NDArray[np.bool_]:
@@ -234,7 +234,7 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
     records = store.get([run.digest for run in runs])
     return Population(
         specification=json.loads(records[0].specification),
-        arrays=_Stacked([record.arrays for record in records]),
+        agents=[record.arrays for record in records],
         seeds=[run.seed for run in runs],
         provenance=[record.provenance for record in records],
     )

@@ -126,7 +126,7 @@ class Moment:
 def film_of(title: str, population: Population, agent: int = 0) -> Film:
     """Returns the film of one agent of a population."""
     model, places = population.model, population.map_indices
-    arrays = population.of_agent(agent)
+    arrays = population.agents[agent]
     greedy = arrays["greedy"][places]
     n_starts = len(model.starts)
     return Film(
@@ -148,14 +148,10 @@ def end_of(film: Film, place: int) -> Moment:
 
 
 def picture(film: Film, moment: Moment, cell_pixels: int = 30, *, has_marks: bool = True) -> Image.Image:
-    """Draws a moment.
+    """Draws a moment; the side of a cell is shorter in large rooms.
 
-    Args:
-      film: The agent.
-      moment: What to show of it.
-      cell_pixels: Side of a cell; less in large rooms.
-      has_marks: Whether to draw PING's values and all greedy actions. If not, for small cells, there is
-        only a dot where PING is the single greedy action.
+    Marks are PING's values and all greedy actions. Without them, for small cells, there is only a dot where
+    PING is the single greedy action.
     """
     film = film.seen(moment)
     scene, place = film.scene, moment.place
@@ -179,9 +175,7 @@ def picture(film: Film, moment: Moment, cell_pixels: int = 30, *, has_marks: boo
 def learning(films: Sequence[Sequence[Film]], cell_pixels: int = 21) -> list[Image.Image]:
     """Draws several agents side by side, at every step at which one of them has a map.
 
-    Args:
-      films: Rows of columns; the films of a row share a colour scale, which is drawn below them.
-      cell_pixels: Side of a cell; less in large rooms.
+    The films of a row share a colour scale, which is drawn below them.
     """
     columns = max(sum(film.scene.columns for film in row) for row in films)
     cell_pixels = _fitting(cell_pixels, sum(max(film.scene.rows for film in row) for row in films), columns)

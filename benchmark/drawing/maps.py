@@ -50,7 +50,6 @@ _WAY: Final[dict[str, Any]] = {"color": _RGB["person"], "lw": 0.9, "ls": ":"}
 _COLUMNS: Final = 6
 _CHARACTERS: Final = 30  # of a line of text below one map
 _MOST_MAPS: Final = 4  # of a scenario; of those with more places or phases, three are shown
-_HIDDEN: Final = {"wrong_pings": "wrong PINGs"}  # in words, where they differ
 _MAP, _GAP, _LINE, _LEGEND = 1.36, 0.07, 0.125, 0.65  # inches: a map, between maps, a line of text, a legend
 
 
@@ -64,12 +63,7 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
 def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
     """Draws one value per cell and move as a triangle on the side of the cell to which the move leads.
 
-    Args:
-      axis: Where to draw.
-      scene: The map.
-      frame: Columns row, column, action (moves alone) and `value`.
-      norm: The colour scale.
-      value: The column to draw.
+    The frame has columns row, column, action (moves alone) and the one that is drawn.
     """
     style: dict[str, Any] = {"cmap": COLOUR_MAP, "norm": norm, "edgecolors": "face", "linewidths": 0.2}
     axis.add_collection(PolyCollection(_shapes(frame, TRIANGLES), array=frame[value].to_numpy(), **style))
@@ -79,10 +73,7 @@ def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, va
 def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
     """Draws an arrow for every chosen move and a dot for every chosen PING, except where the episode is over.
 
-    Args:
-      axis: Where to draw.
-      scene: The map.
-      chosen: Columns row, column, action.
+    The frame has columns row, column and action.
     """
     cell = chosen["row"] * scene.columns + chosen["column"]
     chosen = chosen[~scene.is_over[cell.to_numpy(dtype=int)]]
@@ -98,9 +89,7 @@ def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
 def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:
     """Draws an arrow head for every move, beside the centre of its cell, so that several fit into one.
 
-    Args:
-      axis: Where to draw.
-      moves: Columns row, column, action.
+    The frame has columns row, column and action.
     """
     style: dict[str, Any] = {"facecolors": "white", "edgecolors": "black", "linewidths": 0.4}
     axis.add_collection(PolyCollection(_shapes(moves, ARROWHEADS), **style))
@@ -123,13 +112,7 @@ def colour_bar(
 
 
 def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = None) -> None:
-    """Draws a legend of borders, glyphs and more marks on the maps.
-
-    Args:
-      figure: Where to draw.
-      *more: Further entries.
-      columns: Entries in a row; by default all.
-    """
+    """Draws a legend of borders, glyphs and more marks on the maps, in one row or so many columns."""
     borders = [
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
@@ -143,11 +126,8 @@ def gallery(models: Sequence[Model]) -> Figure:
     """Draws the maps of scenarios, with their names above, and cells, observations and what is hidden below.
 
     Scenarios that differ only in what is observed share their maps. Of a scenario in which the issuer may
-    stand in several places, or which has several phases, up to four maps are shown.
-
-    Args:
-      models: The scenarios, in the order in which they are shown; a group of maps goes to the first row that
-        has room for it.
+    stand in several places, or which has several phases, up to four maps are shown. A group of maps goes to
+    the first row that has room for it.
     """
     groups: dict[object, list[Model]] = {}
     for model in models:
@@ -218,13 +198,18 @@ def _about(group: Sequence[Model], width: int) -> list[str]:
     feedback = sorted(FEEDBACK[kind] for kind in kinds)
     about = [f"{first.grid.rows * first.grid.columns} cells, {' and '.join(feedback)}"]
     for model in group:
-        hidden = ", ".join(_HIDDEN.get(part, part) for part in model.scenario.hidden) or "nothing"
+        hidden = in_words(model.scenario.hidden) or "nothing"
         seen = f"{model.n_observations:,} observations"
         if len(group) > 1:
             about.append(f"{model.scenario.name}: {seen}; hidden: {hidden}")
         else:
             about += [seen, f"hidden: {hidden}"]
     return [line for sentence in about for line in wrap(sentence, width)]
+
+
+def in_words(parts: Sequence[str]) -> str:
+    """Returns parts of the state as readers see them."""
+    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
 
 
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:

@@ -46,14 +46,8 @@ def check_file(path: Path, *endings: str) -> None:
         raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
-def write_figure(figure: Figure, path: Path) -> None:
-    """Writes a figure as a file, and closes it; equal figures give equal bytes."""
-    save_figure(figure, path)
-    plt.close(figure)
-
-
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Writes a figure without the date and the program.
+    """Writes a figure without the date and the program: equal figures give equal bytes.
 
     Args:
       figure: Stays open.
@@ -71,13 +65,7 @@ def save_figure(figure: Figure, path: Path, **options: Any) -> None:
 
 @contextmanager
 def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure in the project's style, with axes (rows, columns).
-
-    Args:
-      rows: Of axes.
-      columns: Of axes.
-      size: Width and height in inches.
-    """
+    """Makes a figure of this size in inches in the project's style, with axes (rows, columns)."""
     with plt.rc_context(_RC):
         figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
         yield figure, axes
@@ -91,13 +79,10 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
 
 
 def variant_style(place: int) -> dict[str, Any]:
-    """Returns the colour and marker of a variant; no two places share both.
+    """Returns the colour and marker of a variant by its place in the experiment; no two share both.
 
     Colours and markers are each used in turn. Their numbers, 8 and 15, have no common divisor, so that
     all 120 pairs come up before one returns. From there on the marker is the place itself.
-
-    Args:
-      place: Of the variant in its experiment, from 0.
     """
     n_pairs = len(_VARIANT_COLOURS) * len(_VARIANT_MARKERS)
     marker = _VARIANT_MARKERS[place % len(_VARIANT_MARKERS)] if place < n_pairs else f"${place}$"

@@ -47,16 +47,10 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n")
 
 
-def read_csv(file: Path | IO[str], as_text: str = "") -> pd.DataFrame:
-    """Reads what `write_csv` wrote.
-
-    Args:
-      file: To be read.
-      as_text: A column that is read as it is written, or nothing.
-    """
+def read_csv(file: Path | IO[str]) -> pd.DataFrame:
+    """Reads what `write_csv` wrote."""
     # Only an empty entry is a missing value; a text such as "NA" is none.
-    types = {as_text: str} if as_text else None
-    frame = pd.read_csv(file, dtype=types, keep_default_na=False, na_values=[""])
+    frame = pd.read_csv(file, keep_default_na=False, na_values=[""])
     for name in frame:
         if not pd.api.types.is_numeric_dtype(frame[name]):
             frame[name] = frame[name].map(_computed, na_action="ignore")
@@ -120,6 +114,20 @@ def show(value: object) -> str:
         return "-"
     shown = f"{value:.{_SHOWN_DIGITS}g}"
     return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
+
+
+def duration(seconds: float) -> str:
+    """Returns a time with two significant digits.
+
+    >>> duration(0.000319), duration(0.0345), duration(0.0999), duration(175)
+    ('0.32 ms', '34 ms', '100 ms', '180 s')
+    """
+    return f"{two_digits(seconds * 1000)} ms" if seconds < 0.1 else f"{two_digits(seconds)} s"
+
+
+def two_digits(value: float) -> str:
+    """Returns a number rounded to two significant digits."""
+    return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"
 
 
 def _column_texts(column: pd.Series) -> list[str]:

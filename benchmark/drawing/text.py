@@ -9,12 +9,8 @@ from agents.policy import contains
 from benchmark.drawing.film import ENDINGS, Film, Moment
 from envs.scene import ARROWS
 
-_BRACKETS: Final = {
-    "outside": "  ",
-    "target": "[]",
-    "uncomfortable": "{}",
-    "issuer": "  ",
-}  # before and after a cell
+# Before and after a cell
+_BRACKETS: Final = {"outside": "  ", "target": "[]", "uncomfortable": "{}", "issuer": "  "}
 _LEGEND: Final = f"""\
 {ARROWS} greedy move   P greedy PING   + several   . all alike
 [ ] target region   {{ }} uncomfortable region

@@ -25,9 +25,9 @@ from PIL import Image
 from benchmark.drawing.tables import inert
 from benchmark.execution.provenance import digest_of_file, digest_of_source
 from benchmark.reports import explorer, files, sameness
-from benchmark.reports.document import Document
+from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Finding, Item
+from benchmark.reports.item import Item
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
@@ -149,12 +149,9 @@ class _Part:
         has_lead = lead is not None and document.has_figure(lead)
         folded: set[str] = set()
 
-        def place(item: Item) -> str:
+        def place(item: Item, is_folded: bool) -> str:
+            folded.update([item.name] * is_folded)
             return f"\n\n{_PLACE}{item.name}{_PLACE}\n\n"
-
-        def place_folded(item: Item) -> str:
-            folded.add(item.name)
-            return place(item)
 
         def content(match: "re.Match[str]") -> str:
             item = items[match[1]]
@@ -171,19 +168,17 @@ class _Part:
             )
             return text.strip()
 
-        sections = self._sections(document.render(place, place_folded))
+        headline, sections = document.headline, self._sections(document.render(place))
         return {
             "id": self.name,
             "question": document.question,
-            "headline": self._paragraphs(document.headline),
+            "headline": [self.inline(text) for text in headline.text.split("\n\n")] if headline else [],
             "lead": self._figure(lead) if lead is not None and has_lead else None,
             "description": self.inline(inert(self.folder.manifest["description"])),
             "note": self.inline(inert(self.folder.manifest.get("note", ""))),
             "findings": [self.inline(inert(finding.text)) for finding in document.findings],
-            "sections": [
-                each | {"body": Markup(_PLACED.sub(content, each["body"]))}
-                for each in sections  # ours
-            ],
+            # The HTML is ours.
+            "sections": [each | {"body": Markup(_PLACED.sub(content, each["body"]))} for each in sections],
             "readme": self.link("README.md"),
             "manifest": self.link(MANIFEST),
             "made": self.folder.manifest,
@@ -196,9 +191,6 @@ class _Part:
     def inline(self, text: str) -> Markup:
         """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
         return self._html(self._parser.parseInline(text))
-
-    def _paragraphs(self, finding: Finding | None) -> list[Markup]:
-        return [] if finding is None else [self.inline(text) for text in finding.text.split("\n\n")]
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links from the page to the folder's files."""
@@ -256,7 +248,7 @@ class _Part:
             "caption": self.inline(item.caption),
             "alt": item.caption,
             "source": self.link(f"{item.name}.png"),
-            "data": base64.b64encode(buffer.getvalue()).decode("ascii"),
+            "data": _base64(buffer.getvalue()),
             "width": small.width,
             "height": small.height,
         }
@@ -276,14 +268,7 @@ def _kind(name: str, texts: Iterable[str]) -> str:
 
 def _render(parts: Sequence[_Part]) -> str:
     """Returns the page."""
-    templates = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters["slug"] = _slug
     reports = []
     for part in parts:
@@ -319,9 +304,12 @@ def _render(parts: Sequence[_Part]) -> str:
 
 
 def pack(data: object) -> str:
-    """Returns data as JSON, compressed to less than half, in base64."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
+    """Returns data as compressed JSON in base64."""
+    return _base64(explorer.compressed(data))
+
+
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode("ascii")
 
 
 def _agents(folder: Folder) -> str:
@@ -332,7 +320,7 @@ def _agents(folder: Folder) -> str:
             json.loads(gzip.decompress(content))["agents"]
         except (EOFError, zlib.error) as error:
             raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
-    return base64.b64encode(content).decode("ascii")
+    return _base64(content)
 
 
 def _script() -> str:
@@ -361,9 +349,8 @@ def _index(results: Path) -> str:
     """Returns the page that lists all folders of results."""
     lines = []
     for path in sorted(results.iterdir()):
-        if any(map(path.match, (".*", "*_smoke", "*_partial", "*_seeds_*"))):
-            continue
-        if not (path / "README.md").exists():
+        is_apart = any(map(path.match, (".*", "*_smoke", "*_partial", "*_seeds_*")))
+        if is_apart or not (path / "README.md").exists():
             continue
         paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")
         first = next((paragraph for paragraph in paragraphs if not paragraph.startswith("#")), "")

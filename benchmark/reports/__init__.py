@@ -4,14 +4,11 @@ A report is imported when it is asked for. Reports, and further items of a repor
 Python can import.
 """
 
-from typing import TYPE_CHECKING, Final, TypeVar
+from collections.abc import Mapping
+from typing import Any, Final, TypeVar
 
 from benchmark.reports.item import Item, Report
 from envs.inputs import InputError, imported, unknown_name
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Any
 
 __all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 
@@ -39,14 +36,12 @@ def load_report(name: str, source: str = "benchmark.reports") -> Report:
 
 
 def load_items(
-    report: Report, declared: "Mapping[str, Any]", source: str = "benchmark.reports"
+    report: Report, declared: Mapping[str, Any], source: str = "benchmark.reports"
 ) -> tuple[Item, ...]:
     """Returns a report's items, without those that an experiment omits, and those that it adds.
 
-    Args:
-      report: As loaded.
-      declared: The experiment's table `report`: `omit` has names, `items` has `module:attribute` of each.
-      source: The file that named them, for the message.
+    The experiment's table `report` declares both: `omit` has names, `items` has `module:attribute` of each.
+    Messages name the source of the table.
 
     Raises:
       InputError: An unknown name, a module that cannot be imported, an object that is not an item, or an item

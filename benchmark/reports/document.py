@@ -8,7 +8,7 @@ are there, too. All of it is made from published files alone, so texts can be co
 
 import re
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +22,7 @@ from benchmark.reports.item import Finding, Item, as_written
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"
-Place = Callable[[Item], str]
+Place = Callable[[Item, bool], str]  # of an item, and whether it is shown on demand alone
 
 
 class Document:
@@ -68,53 +68,46 @@ class Document:
         """Returns an item's table as readers see it, of Markdown texts."""
         return item.display(self.folder.frame(item.name))
 
-    def render(self, show: Place, fold: Place, template: Path | None = None, **more: object) -> str:
+    def render(self, place: Place, template: Path | None = None, **more: object) -> str:
         """Returns the document as Markdown.
 
         Args:
-          show: Returns what stands in the place of an item.
-          fold: The same for an item that is shown on demand.
+          place: Returns what stands in the place of an item.
           template: By default that of the report.
           more: What the template needs besides.
         """
         named = {item.name: item for item in self.items}
 
-        def place(how: Place) -> Callable[[str], str]:
-            def at(name: str) -> str:
-                return how(named[name]) if self.has(name) else ""
-
-            return at
+        def show(name: str, *, is_folded: bool = False) -> str:
+            return place(named[name], is_folded) if self.has(name) else ""
 
         def others() -> str:
             own = {item.name for item in self.report.items}
-            return "\n\n".join(show(item) for item in self.items if item.name not in own)
+            return "\n\n".join(place(item, False) for item in self.items if item.name not in own)
 
         template = template or self.report.document
-        environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(template.parent),
-            undefined=jinja2.StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-            keep_trailing_newline=True,
-        )
-        environment.filters["text"] = tables.paragraph
-        environment.filters["number"] = tables.show
-        text = environment.get_template(template.name).render(
-            manifest=self.folder.manifest,
-            folder=self.folder,
-            show=place(show),
-            fold=place(fold),
-            has=self.has,
-            others=others,
-            document=self,
-            **more,
+        text = (
+            templates_in(template.parent)
+            .get_template(template.name)
+            .render(
+                manifest=self.folder.manifest,
+                folder=self.folder,
+                show=show,
+                fold=partial(show, is_folded=True),
+                has=self.has,
+                others=others,
+                document=self,
+                **more,
+            )
         )
         return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
 
     def readme(self) -> str:
         """Returns README of the folder: what was found, the document, and what each file is."""
 
-        def show(item: Item) -> str:
+        def place(item: Item, is_folded: bool) -> str:
+            if is_folded:
+                return ""
             parts = [f"![{item.caption}]({item.name}.png)"] if self.has_figure(item) else []
             frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
             if not frame.empty:
@@ -122,8 +115,7 @@ class Document:
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
             return "\n\n".join(parts)
 
-        body = self.render(show, lambda _: "")
-        return self.render(show, lambda _: "", _FRAME, body=body) + "\n"
+        return self.render(place, _FRAME, body=self.render(place)) + "\n"
 
     @property
     def listed(self) -> str:
@@ -138,15 +130,6 @@ class Document:
                 rows.append((", ".join(names), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
-
-    @property
-    def measured(self) -> list[str]:
-        """The names of the items that hold measured times."""
-        return [f"`{item.name}`" for item in self.items if item.is_measured]
-
-    def plain(self, finding: Finding) -> str:
-        """Returns a finding without the links of its numbers."""
-        return tables.plain(finding.text)
 
 
 def front(results: Path) -> str:
@@ -173,8 +156,7 @@ def front(results: Path) -> str:
         return f"{row(name, table, where)[column]:.2f}"
 
     def duration(name: str, table: str, column: str, **where: str) -> str:
-        seconds = float(row(name, table, where)[column])
-        return f"{seconds * 1000:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
+        return tables.duration(row(name, table, where)[column])
 
     def headline(name: str) -> str:
         found = Document(results / name).headline
@@ -182,11 +164,21 @@ def front(results: Path) -> str:
 
     functions = {"interval": interval, "value": value, "duration": duration, "headline": headline}
     with Folder(results / "compare_deep").reading():
-        return (
-            jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
-            .from_string(_FRONT.read_text(encoding="utf-8"))
-            .render(functions)
-        )
+        return templates_in(_FRONT.parent).get_template(_FRONT.name).render(functions)
+
+
+def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
+    """Returns the templates in a folder: of HTML, or of Markdown, with filters for texts and numbers."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
+        autoescape=is_html,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"text": tables.paragraph, "number": tables.show, "plain": tables.plain}
+    return environment
 
 
 def write(path: Path) -> None:

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import pandas as pd
+from matplotlib import pyplot as plt
 
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
 from benchmark.drawing import tables
-from benchmark.drawing.style import write_figure
+from benchmark.drawing.style import save_figure
 from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import (
@@ -95,14 +96,7 @@ def draw(
 
 
 def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, Any]) -> None:
-    """Writes a folder's manifest, tables, figures and other files, and README, which is made of these.
-
-    Args:
-      items: Of the report that the manifest names.
-      data: What they are computed from.
-      directory: Exists, and is empty.
-      manifest: What made the data.
-    """
+    """Writes manifest, tables, figures and other files into an empty folder, and README, made of these."""
     frames = tables_of(items, data)
     (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
     for name, frame in frames.items():
@@ -117,15 +111,7 @@ def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mappin
 def export(
     experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, form: str
 ) -> None:
-    """Writes an experiment's figures or tables in another form, into a folder of their own.
-
-    Args:
-      experiment: As loaded, with a report.
-      store: Where its records are.
-      directory: The folder to write.
-      seeds: Other seeds than the declared ones.
-      form: One of `FORMATS`.
-    """
+    """Writes an experiment's figures or tables, in one of `FORMATS`, into a folder of their own."""
     report, items = report_of(experiment)
     data = report.load(experiment, store, seeds, False)
     frames = tables_of(items, data)
@@ -179,8 +165,7 @@ def was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
 
 def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
     """Returns the tables of all items that have one, by name."""
-    found = {item.name: item.table(data) for item in items}
-    return {name: frame for name, frame in found.items() if frame is not None}
+    return {item.name: frame for item in items if (frame := item.table(data)) is not None}
 
 
 def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:
@@ -189,7 +174,8 @@ def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:
     if figure is not None:
         if data.is_incomplete:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
-        write_figure(figure, path)
+        save_figure(figure, path)
+        plt.close(figure)
 
 
 # What a folder is made of

@@ -51,12 +51,18 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
         "agents", "what the explorer on the page shows: maps and final policies, as compressed JSON", FILE
     )
     def agents(data: Any, directory: Path) -> None:
-        shown = [each for each in lister(data) if _has_map(each.population.model)]
+        models = ((each, each.population.model) for each in lister(data))
+        shown = [each for each, model in models if model.has_cell_maps and model.n_outcomes == 1]
         if shown:
-            text = json.dumps(packed(shown), separators=(",", ":"), allow_nan=False)
-            (directory / FILE).write_bytes(gzip.compress(text.encode(), mtime=0))
+            (directory / FILE).write_bytes(compressed(packed(shown)))
 
     return agents
+
+
+def compressed(data: object) -> bytes:
+    """Returns data as JSON, compressed to less than half."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return gzip.compress(text.encode(), mtime=0)
 
 
 def packed(shown: Sequence[Shown]) -> dict[str, Any]:
@@ -97,11 +103,6 @@ def typical_agent(population: Population) -> int:
     return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
 
 
-def _has_map(model: Model) -> bool:
-    """Returns whether one map shows a scenario, and the page's script can walk in it."""
-    return model.has_cell_maps and model.n_outcomes == 1
-
-
 def _learner(shown: Shown) -> dict[str, Any]:
     """Returns a learner's first agent at every second map and the last, and the final policies of the others.
 
@@ -112,9 +113,9 @@ def _learner(shown: Shown) -> dict[str, Any]:
     last = len(population.map_indices) - 1
     chosen = [*range(0, last, 2), last]
     places = population.map_indices[chosen]
-    first = population.of_agent(0)
+    first = population.agents[0]
     n_shown = min(len(population.seeds), MOST_AGENTS)
-    policies = np.stack([population.of_agent(agent)["greedy"][-1] for agent in range(n_shown)])
+    policies = np.stack([agent["greedy"][-1] for agent in population.agents[:n_shown]])
     return {
         "scenario": population.scenario,
         "algorithm": shown.algorithm,

@@ -45,18 +45,14 @@ class Folder:
         """Returns whether there is a file of this name, or one that matches this pattern."""
         return any(self.path.glob(file))
 
-    def frame(self, name: str, as_text: str = "") -> pd.DataFrame:
-        """Returns a table, from its CSV file.
-
-        Args:
-          name: Of the file, without its ending.
-          as_text: A column that is read as it is written, or nothing.
+    def frame(self, name: str) -> pd.DataFrame:
+        """Returns a table, from its CSV file, which is named without its ending.
 
         Raises:
           OSError: There is no such file.
         """
         if name not in self._frames:
-            self._frames[name] = read_csv(self.path / f"{name}.csv", as_text)
+            self._frames[name] = read_csv(self.path / f"{name}.csv")
         return self._frames[name]
 
     @contextmanager

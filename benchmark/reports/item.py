@@ -17,12 +17,13 @@ The folder of results, its README, the page and the certificate iterate over ite
 import html
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import pandas as pd
 
+from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.tables import inert, link, plain, show
 
 if TYPE_CHECKING:
@@ -37,14 +38,6 @@ Frames = Mapping[str, pd.DataFrame]  # by the item's name
 _NO_NUMBER: Final = "-"
 
 
-class Estimate(NamedTuple):
-    """A number with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
 @dataclass(frozen=True)
 class Finding:
     """A sentence in Markdown. Its numbers are links to the rows that they come from, see `tables.link`.
@@ -56,23 +49,22 @@ class Finding:
     verdict: str = ""  # "" if it only describes
 
 
+@dataclass(eq=False)
 class Item:
     """A table, a figure, or both, with its sentences; or files of another form. Made by `item`."""
 
-    def __init__(
-        self, compute: Callable[[Any], Rows] | None, name: str, description: str, **options: Any
-    ) -> None:
-        """See `item`."""
-        self.compute = compute
-        self.name = name
-        self.description = description
-        self.columns: Mapping[str, str] = options.get("columns", {})
-        self.where: Callable[[pd.DataFrame], pd.DataFrame] | None = options.get("where")
-        self.files: tuple[str, ...] = options.get("files", ())
-        self.is_measured: bool = options.get("is_measured", False)
-        self.write: Callable[[Any, Path], None] | None = options.get("write")
-        self.caption = ""  # of the figure
-        self.draw: Callable[[Frames, Any], Figure | None] | None = None
+    compute: Callable[[Any], Rows] | None
+    name: str
+    description: str
+    columns: Mapping[str, str] | None = None  # that readers see; by default all
+    where: Callable[[pd.DataFrame], pd.DataFrame] | None = None
+    is_measured: bool = False
+    files: tuple[str, ...] = ()  # of another form
+    write: Callable[[Any, Path], None] | None = None
+    caption: str = ""  # of the figure
+    draw: "Callable[[Frames, Any], Figure | None] | None" = None
+
+    def __post_init__(self) -> None:
         self.display: Callable[[pd.DataFrame], pd.DataFrame] = self._chosen
         self._tell: list[Callable[[pd.DataFrame, Folder], Any]] = []
 
@@ -148,12 +140,7 @@ def item(
       where: Chooses the rows that readers see.
       is_measured: Whether it holds measured times or memory, which differ every time.
     """
-
-    def register(function: Callable[[Any], Rows]) -> Item:
-        options = {"columns": columns or {}, "where": where, "is_measured": is_measured}
-        return Item(function, name, description, **options)
-
-    return register
+    return lambda function: Item(function, name, description, columns, where, is_measured)
 
 
 def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
@@ -163,22 +150,12 @@ def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
 
 def drawing(name: str, description: str, caption: str) -> Callable[[Any], Item]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
-
-    def register(function: Any) -> Item:
-        made = Item(None, name, description)
-        made.figure(caption)(function)
-        return made
-
-    return register
+    return lambda function: Item(None, name, description, caption=caption, draw=function)
 
 
 def writing(name: str, description: str, *files: str) -> Callable[[Callable[[Any, Path], None]], Item]:
     """Makes an item of a function that writes files of another form: of the data and a folder."""
-
-    def register(function: Callable[[Any, Path], None]) -> Item:
-        return Item(None, name, description, files=files, write=function)
-
-    return register
+    return lambda function: Item(None, name, description, files=files, write=function)
 
 
 def expanded(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -254,12 +231,11 @@ class Report:
     name: str
     question: str  # the page's heading
     check: Callable[["Experiment"], None]  # raises InputError if it cannot report on the experiment
-    load: Callable[["Experiment", "Store", Sequence[int] | None, bool], Any]  # returns a `Data`
+    # Of an experiment, its store, other seeds than declared and whether runs may be missing, returns a `Data`
+    load: Callable[["Experiment", "Store", Sequence[int] | None, bool], Any]
     items: tuple[Item, ...]
     document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
-    headline: Callable[["Folder"], Finding | None] = field(default=lambda _: None)
-    forecast: Callable[["Experiment"], str] = field(
-        default=lambda _: ""
-    )  # what its runs cannot show; or empty
+    headline: Callable[["Folder"], Finding | None] = lambda _: None
+    forecast: Callable[["Experiment"], str] = lambda _: ""  # what its runs cannot show; or empty
     lead: str = ""  # the item whose figure stands above the headline on the page
     packages: tuple[str, ...] = ()  # that it needs beyond the basic ones

@@ -55,4 +55,6 @@ def population(
             blank[f"{prefix}{field}"] = np.zeros((n, points))
         blank[f"{prefix}zone_steps"] = np.zeros((n, points, 4))
     provenance = [{"cpu_time_s": [0.5], "peak_memory_mb": None}] * n
-    return Population(specification, blank | arrays, range(n), provenance)
+    arrays = blank | arrays
+    agents = [{name: values[i] for name, values in arrays.items()} for i in range(n)]
+    return Population(specification, agents, range(n), provenance)

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from benchmark.analysis.intervals import proportion
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
-from benchmark.reports.comparison.runs import proportion
 from benchmark.reports.item import item
 
 

@@ -127,21 +127,17 @@ class Declared:
         source: str,
     ) -> Self:
         """Returns what is declared, with the cells that it names."""
+        scenarios, conditions, learners = axes["scenarios"], axes["conditions"], [*map(str, families)]
+        known = {"scenario": scenarios, "condition": conditions, "learner": learners}
 
         def side(where: str, name: str) -> Side:
             found: dict[str, Any] = {}
             for part in name.split(" @ "):
-                for axis, known in (
-                    ("scenario", axes["scenarios"]),
-                    ("condition", axes["conditions"]),
-                    ("learner", [*map(str, families)]),
-                ):
-                    if part in known and axis not in found:
-                        found[axis] = Learner.of(part) if axis == "learner" else part
-                        break
-                else:
-                    known = [*map(str, families), *axes["scenarios"], *axes["conditions"]]
-                    unknown_name(where, "learner, scenario or condition", part, known)
+                axis = next((axis for axis in known if part in known[axis] and axis not in found), None)
+                if axis is None:
+                    names = [*learners, *scenarios, *conditions]
+                    unknown_name(where, "learner, scenario or condition", part, names)
+                found[axis] = Learner.of(part) if axis == "learner" else part
             return Side(**found)
 
         def sides(where: str, x: str, y: str, others: Sequence[tuple[Side, Side]]) -> tuple[Side, Side]:
@@ -223,13 +219,9 @@ def forecast(experiment: Experiment) -> str:
 
 
 def cannot_show(n: int, n_pooled: int, n_tests: int, reporting: Reporting) -> str:
-    """Says if so many runs cannot show equivalence, even if all succeed; else empty.
+    """Says if n runs per scenario and learner cannot show equivalence, even if all succeed; else empty.
 
-    Args:
-      n: Runs per scenario and learner.
-      n_pooled: Scenarios of one mean.
-      n_tests: Contrasts that p-values are adjusted for.
-      reporting: With the margin, and whether p-values are adjusted.
+    A mean is over so many pooled scenarios, and p-values may be adjusted for so many tests.
     """
     margin, adjusted = reporting.margins.success, reporting.adjust == "holm"
     needed = runs_for_any_equivalence(margin, n_pooled, n_tests if adjusted else 1)

@@ -40,11 +40,10 @@ _COLUMNS: Final = 4  # of panels, if there are many scenarios
 FEW: Final = 4  # scenarios that have a column each
 
 
-def learners_in(frame: pd.DataFrame, runs: Runs | None = None) -> list[Learner]:
-    """Lists the learners in a frame, in its order; with a runs, without reference implementations."""
+def learners_in(frame: pd.DataFrame, runs: Runs) -> list[Learner]:
+    """Lists the learners in a frame, in its order, without reference implementations."""
     pairs = dict.fromkeys(zip(frame["algorithm"], frame["observation"], strict=True))
-    references = {} if runs is None else runs.references
-    return [learner for pair in pairs if (learner := Learner(*pair)) not in references]
+    return [learner for pair in pairs if (learner := Learner(*pair)) not in runs.references]
 
 
 def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
@@ -62,13 +61,7 @@ def style_of(learner: Learner, runs: Runs) -> dict[str, Any]:
 
 
 def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, str]) -> Figure:
-    """Draws contrasts: a row each and a column per endpoint, with intervals, margins and verdicts.
-
-    Args:
-      frame: As of the item `contrasts`.
-      names: Of the rows.
-      endpoints: Name to label.
-    """
+    """Draws contrasts: a named row each and a labelled column per endpoint, with margins and verdicts."""
     with figure_of(1, len(endpoints), (11.0, 0.36 * len(frame) + 1.7)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], endpoints.items(), strict=True):
             margin = float(frame[f"{key}_margin"].iloc[0])
@@ -101,16 +94,8 @@ def curve_panels(
 ) -> Iterator[tuple[Figure, Iterable[Axes]]]:
     """Draws a column of `curves` over training: panels per scenario, by groups of learners if there are few.
 
-    Args:
-      frame: As of the item `curves`.
-      runs: Of the comparison.
-      learners: Those that are drawn.
-      column: What is drawn.
-      label: What it is.
-      signs: What else is drawn, for the legend.
-
     Yields:
-      The figure and its axes, to be completed before the legend is drawn.
+      The figure and its axes, to be completed before the legend is drawn. It also names further signs.
     """
     scenarios, frame = list(frame["scenario"].unique()), frame[frame["step"] > 0]
     is_few = len(scenarios) <= FEW
@@ -137,7 +122,10 @@ def curve_panels(
         yield figure, axes.flat[: len(places)]
         drawn = list(dict.fromkeys(learner for panel in panels.values() for learner in panel))
         bars = " or bar" if runs.references else ""
-        legend(figure, runs, drawn, f"line: mean over runs; shade{bars}: 95 % interval{signs}")
+        title = with_references(f"line: mean over runs; shade{bars}: 95 % interval{signs}", runs)
+        handles = [Line2D([], [], label=str(each), lw=1.3, ms=5, **style_of(each, runs)) for each in drawn]
+        place: dict[str, Any] = {"loc": "outside lower center", "ncols": 4, "frameon": False}
+        figure.legend(handles=handles, **place, handlelength=3, title=title)
 
 
 def lines(axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], runs: Runs) -> None:
@@ -185,18 +173,3 @@ def references_of(learner: Learner, runs: Runs) -> list[Learner]:
 def with_references(text: str, runs: Runs) -> str:
     """Returns what a figure says of its signs, and what it says of references."""
     return "; ".join(filter(None, [text, runs.reference_note]))
-
-
-def legend(figure: Figure, runs: Runs, learners: Sequence[Learner], title: str) -> None:
-    """Draws the legend that names each learner's line."""
-    handles = [
-        Line2D([], [], label=str(learner), lw=1.3, ms=5, **style_of(learner, runs)) for learner in learners
-    ]
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=4,
-        frameon=False,
-        handlelength=3,
-        title=with_references(title, runs),
-    )

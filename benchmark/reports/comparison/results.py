@@ -1,6 +1,6 @@
 """Items of a comparison: what each learner reached, how learners differ, and what they know."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
 from benchmark.analysis.contrasts import MIXED, NO_VERDICT, UNDECIDED
-from benchmark.analysis.contrasts import Side as Means
-from benchmark.analysis.population import overlap
-from benchmark.drawing.maps import gallery
+from benchmark.analysis.intervals import Estimate, proportion
+from benchmark.drawing.maps import gallery, in_words
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison import figures, words
-from benchmark.reports.comparison.declared import Declared, Learner, cannot_show
-from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, proportion
+from benchmark.reports.comparison.declared import Declared, cannot_show
+from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, means_of
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
-    OUTCOMES,
     Outcome,
     contrasts_of,
     counted,
@@ -32,13 +30,12 @@ from benchmark.reports.comparison.verdicts import (
     winners,
 )
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Estimate, Finding, Frames, item, no_rows
+from benchmark.reports.item import Finding, Frames, item, no_rows
 from envs import ZONES
 from envs.scene import COLOUR_MAP
 from envs.words import listed
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
-_FEW: Final = 4  # scenarios whose table readers see; of more, the figure
 _MOST_TOLD: Final = 10  # contrasts that are told whatever their verdict
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
@@ -52,7 +49,7 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
 }
 
 
-@item(
+contrasts = item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
     {
@@ -67,15 +64,11 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },
-)
-def contrasts(runs: Runs) -> list[dict[str, Any]]:
-    """See `benchmark.reports.comparison.verdicts`."""
-    return contrasts_of(runs)
+)(contrasts_of)
 
 
 @contrasts.figure("The contrasts, with intervals, margins and verdicts.")
 def _(tables: Frames, _: Runs) -> Figure | None:
-
     if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
         return None
     frame = tables["contrasts"]
@@ -118,14 +111,14 @@ def headline(folder: Folder) -> Finding | None:
     by_outcome: dict[Outcome, list[str]] = {}
     for place, rows in table[places != ""].groupby(places, sort=False):
         by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
-    told = [key for key in OUTCOMES if key in by_outcome]
+    told = [key for key in _OUTCOMES if key in by_outcome]
     parts = []
-    for key in OUTCOMES:
+    for key, text in _OUTCOMES.items():
         if names := by_outcome.get(key):
             count = link(str(len(names)), "contrasts", table[places.isin(names)])
-            is_rest = len(names) > _FEW and key == told[-1] != told[0]
+            is_rest = len(names) > figures.FEW and key == told[-1] != told[0]
             which = f"the other {count}" if is_rest else f"{count} ({listed(names)})"
-            parts.append(f"{_OUTCOMES[key]} {which}")
+            parts.append(f"{text} {which}")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
@@ -182,7 +175,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     return Finding(f"{start}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
 
 
-@item(
+effects = item(
     "effects",
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     {
@@ -196,10 +189,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         "wrong_pings_difference": "difference in wrong PINGs",
     },
     where=no_rows,
-)
-def effects(runs: Runs) -> list[dict[str, Any]]:
-    """95 % intervals are not adjusted, and there are no verdicts."""
-    return effects_of(runs.own)
+)(effects_of)
 
 
 @effects.figure("Differences between two scenarios, by learner.")
@@ -266,7 +256,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
         "every_cell_success": "success from any cell",
     },
-    where=lambda frame: frame if frame["scenario"].nunique() <= _FEW else no_rows(frame),
+    where=lambda frame: frame if frame["scenario"].nunique() <= figures.FEW else no_rows(frame),
 )
 def summary(runs: Runs) -> Iterator[dict[str, Any]]:
     """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
@@ -301,7 +291,8 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
             figures.dots(axis, panel, "success", learners, runs)
-            names = [_with_tuning(learner, runs) for learner in learners]
+            tried = {name: f" ({n} tried)" for name, n in runs.tuning.items() if n}
+            names = [f"{learner}{tried.get(learner.algorithm, '')}" for learner in learners]
             figures.rows(axis, names, first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
             if baseline in learners:
@@ -310,12 +301,6 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
         text = "success probability after training; bar: 95 % interval over runs"
         figure.supxlabel(figures.with_references(text, runs), fontsize="small")
     return figure
-
-
-def _with_tuning(learner: Learner, runs: Runs) -> str:
-    """Returns a learner's name, with how many settings were tried."""
-    n_tried = runs.tuning.get(learner.algorithm, 0)
-    return f"{learner} ({n_tried} tried)" if n_tried else str(learner)
 
 
 def _heat(tables: Frames, runs: Runs) -> Figure:
@@ -391,8 +376,7 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
         row["settings_tried"] = runs.tuning.get(names["algorithm"], pd.NA)  # not NaN: numbers stay whole
         for start in cells[0].population.specification["evaluated_from"]:
             for name in ENDPOINTS:
-                means = [cell.means(name, start) for cell in cells]
-                side = Means([each.mean for each in means], [each.sizes[0] for each in means])
+                side = means_of(cells, name, start)
                 row[evaluated(name, "greedy", start)] = Estimate(side.mean, *side.interval)
         final = [cell.final("unbounded_score") for cell in cells]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
@@ -426,7 +410,7 @@ def scores(runs: Runs) -> pd.DataFrame:
             columns[evaluated("uncomfortable_steps", "greedy", start)] = uncomfortable
         columns["greedy_success"] = cell.population.arrays["success"][:, -1]
         columns["target_cells_marked"], columns["cells_marked"] = _right_and_marked(cell)
-        columns["region_overlap"] = _overlap(cell)
+        columns["region_overlap"] = cell.population.region_overlap
         columns["training_wrong_pings"] = cell.population.arrays["disagreements"][:, -1]
         diverged_at = cell.population.arrays["diverged_at"]
         columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
@@ -450,7 +434,7 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
             n_marking=int(marking.sum()),
             precision=proportion(right[marking] / marked[marking]),
             recall=proportion(right / cell.population.in_target.sum()),
-            overlap=proportion(_overlap(cell)),
+            overlap=proportion(cell.population.region_overlap),
         )
 
 
@@ -458,9 +442,8 @@ def region(runs: Runs) -> Iterator[dict[str, Any]]:
     "scenarios",
     "what each scenario is, and what is possible in it",
     {
-        **dict.fromkeys(
-            ("scenario", "description", "observed", "hidden", "cells", "states", "observations"), ""
-        ),
+        **dict.fromkeys(["scenario", "description", "observed", "hidden"], ""),
+        **dict.fromkeys(["cells", "states", "observations"], ""),
         "random_return": "random return",
         "random_success": "random success",
         "optimal_return": "optimal return",
@@ -489,21 +472,19 @@ def scenarios(runs: Runs) -> Iterator[dict[str, Any]]:
             "cells": len(model.position),
             "states": len(model.observation),
             "observations": model.n_observations,
-            "observed": _in_words(model.scenario.observe),
-            "hidden": _in_words(model.scenario.hidden) or "nothing",
+            "observed": in_words(model.scenario.observe),
+            "hidden": in_words(model.scenario.hidden) or "nothing",
             "random_return": random,
             "random_success": first[scenario].random_success,
             "optimal_return": optimal,
         }
         found = [c for c in runs.planners if c.scenario == scenario and c.population.algorithm is SEARCH]
         if found:
-            returns, success = (
-                np.concatenate([cell.final(name) for cell in found]) for name in ("grid_return", "success")
-            )
-            best = int(returns.argmax())
-            row |= {"restarts": len(returns), "memoryless_return": returns[best]}
-            row |= {"memoryless_success": success[best]}
-            row["memoryless_score"] = (returns[best] - random) / (optimal - random)
+            names = ("grid_return", "success", "unbounded_score")
+            reached = np.concatenate([[cell.final(name) for name in names] for cell in found], axis=1)
+            best = reached[:, reached[0].argmax()]
+            row["restarts"] = reached.shape[1]
+            row |= zip(("memoryless_return", "memoryless_success", "memoryless_score"), best, strict=True)
         yield row
 
 
@@ -533,17 +514,7 @@ def _(table: pd.DataFrame, __: Folder) -> str | None:
     )
 
 
-def _in_words(parts: Sequence[str]) -> str:
-    """Returns parts of the state as readers see them."""
-    return ", ".join(parts).replace("wrong_pings", "wrong PINGs")
-
-
 def _right_and_marked(cell: Cell) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Returns how many cells of the target region each agent marks, and how many of all, (N,) each."""
     marked = cell.population.values_ping
     return (marked & cell.population.in_target).sum(axis=1), marked.sum(axis=1)
-
-
-def _overlap(cell: Cell) -> NDArray[np.float64]:
-    """Returns the overlap of the cells that each agent marks with the target region, (N,)."""
-    return overlap(cell.population.values_ping, cell.population.in_target)

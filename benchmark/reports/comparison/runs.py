@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
 from benchmark.analysis.contrasts import Side as Means
-from benchmark.analysis.intervals import proportion_interval, student
+from benchmark.analysis.intervals import Estimate, student
 from benchmark.analysis.population import Population, load_population
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import Experiment, RunSpecification, specifications
 from benchmark.reports.comparison.declared import Declared, Learner, Side
-from benchmark.reports.item import Estimate
 from envs import InputError, Model
 
 Values = NDArray[np.float64]
+Place = tuple[str, str, Learner]  # scenario, condition and learner
+Listed = Mapping[Place, Sequence[RunSpecification]]  # the runs of cells
 
 SB3: Final = "Stable-Baselines3 itself"  # what trains references, as readers see it
 CELL: Final = dict.fromkeys(("scenario", "condition", "algorithm", "observation"), "")  # columns, unlabelled
@@ -41,10 +42,14 @@ class Cell:
     has_conditions: bool = False  # whether there are others, so that rows have to name this one
 
     @property
+    def place(self) -> dict[str, str]:
+        """What names its scenario and condition in a table."""
+        return {"scenario": self.scenario} | ({"condition": self.condition} if self.has_conditions else {})
+
+    @property
     def names(self) -> dict[str, str]:
         """What names the cell in a table."""
-        condition = {"condition": self.condition} if self.has_conditions else {}
-        return {"scenario": self.scenario, **condition, **self.learner._asdict()}
+        return self.place | self.learner._asdict()
 
     @property
     def n(self) -> int:
@@ -77,27 +82,16 @@ class Cell:
         """Returns what the policy is evaluated as after training, (N,)."""
         return self.results(name, start)[:, -1]
 
-    def means(self, name: str, start: str = "start") -> Means:
-        """Returns the mean over runs after training, for contrasts."""
-        final = self.final(name, start)
-        return Means([float(final.mean())], [len(final)])
-
     @cached_property
     def wrong_pings(self) -> Estimate:
         """Wrong PINGs per 1,000 steps of the whole training, with Student's interval."""
-        rate = self.population.arrays["disagreements"][:, -1:] / self.steps[-1] * 1000
-        low, high = student(rate)
-        return Estimate(float(rate.mean()), max(float(low[0]), 0.0), float(high[0]))
+        rate = student(self.population.arrays["disagreements"][:, -1] / self.steps[-1] * 1000)
+        return rate._replace(low=max(rate.low, 0.0))
 
     @property
     def random_success(self) -> float:
         """How often the random policy succeeds, exactly."""
         return _random_success(self.population.model, self.population.horizon)
-
-    @property
-    def has_maps(self) -> bool:
-        """Whether one map shows all that is learned, see `envs.Model.has_cell_maps`."""
-        return self.population.model.has_cell_maps
 
 
 @lru_cache(maxsize=128)
@@ -105,13 +99,9 @@ def _random_success(model: Model, horizon: int) -> float:
     return float(evaluate(model, uniform_policy(model), horizon).success)
 
 
-def proportion(values: NDArray[Any]) -> Estimate:
-    """Returns the mean of (N,) numbers in [0, 1], with its exact binomial interval; NaN without numbers."""
-    if not len(values):
-        return Estimate(np.nan, np.nan, np.nan)
-    mean = float(values.mean())
-    low, high = proportion_interval(mean, len(values))
-    return Estimate(mean, float(low), float(high))
+def means_of(cells: Sequence[Cell], name: str, start: str = "start") -> Means:
+    """Returns the means over the runs of each cell after training, for contrasts; see `Cell.results`."""
+    return Means([float(cell.final(name, start).mean()) for cell in cells], [cell.n for cell in cells])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +140,8 @@ class Runs:
     @property
     def own(self) -> "Runs":
         """The same without references."""
-        return replace(
-            self, cells=[cell for cell in self if cell.learner not in self.references], references={}
-        )
+        cells = [cell for cell in self if cell.learner not in self.references]
+        return replace(self, cells=cells, references={})
 
     @property
     def scenarios(self) -> list[str]:
@@ -219,22 +208,14 @@ class Runs:
             return ""
         sizes = [cell.n for cell in references]
         n = f"{max(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)}"
-        nets = [
-            cell.population.algorithm for cell in references if cell.population.algorithm.family == "deep"
-        ]
+        algorithms = [cell.population.algorithm for cell in references]
+        nets = [each for each in algorithms if each.family == "deep"]
         is_sb3 = bool(nets) and all("stable_baselines3" in each.packages for each in nets)
         return f"hollow: reference implementations, {n} runs{f', nets by {SB3}' if is_sb3 else ''}"
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Runs:
-    """Reads all runs of a comparison.
-
-    Args:
-      experiment: As loaded.
-      store: Where its records are.
-      seeds: Other seeds than the declared ones.
-      partial: Whether to take the runs that are there if some are missing; learners with fewer than two
-        seeds in all scenarios are then left out.
+    """Reads all runs of a comparison; in part, without learners with fewer than two seeds in all scenarios.
 
     Raises:
       InputError: Runs are missing, and which; or there are too few to draw anything.
@@ -266,21 +247,22 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     cells: list[Cell] = []
     planners: list[Cell] = []
 
-    def rank(place: tuple[str, str, Learner]) -> tuple[int, bool, int]:
+    def rank(place: Place) -> tuple[int, bool, int]:
         learner = place[2]
         return order[references.get(learner, learner)], learner in references, order[learner]
 
-    for scenario, condition, learner in sorted(there, key=rank):
+    for place in sorted(there, key=rank):
+        *_, learner = place
         if learner in few:
             continue
-        population = load_population(there[scenario, condition, learner], store)
+        population = load_population(there[place], store)
         policy = algorithms[learner.algorithm].policy
         if not population.unbounded_scores_of(policy, "start").shape[1]:
             raise InputError(
                 f"{experiment.argument}: algorithms.{learner.algorithm}.policy = {policy}: its training "
                 "returns no such policy; accepted: greedy."
             )
-        cell = Cell(scenario, condition, learner, population, policy, len(experiment.conditions) > 1)
+        cell = Cell(*place, population, policy, len(experiment.conditions) > 1)
         (planners if population.algorithm.family == "planner" else cells).append(cell)
     if len({cell.learner for cell in cells} - references.keys()) < 2:
         raise InputError(
@@ -288,6 +270,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
             "neither reference implementations nor planners, each with two runs of every scenario."
         )
     left_out = "left out: " + ", ".join(f"`{learner}`" for learner in sorted(few)) if few else ""
+    seeds_note = ""
+    if seeds is not None:
+        seeds_note = f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared."
     return Runs(
         cells,
         planners,
@@ -296,30 +281,22 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         references={each: learner for each, learner in references.items() if each not in few},
         tuning={name: each.tuning.settings for name, each in algorithms.items() if each.tuning is not None},
         missing="; ".join(filter(None, [missing, left_out])),
-        seeds_note=""
-        if seeds is None
-        else f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared.",
+        seeds_note=seeds_note,
     )
 
 
-def _common_seeds(
-    learner: Learner, there: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]]
-) -> set[int]:
+def _common_seeds(learner: Learner, there: Listed) -> set[int]:
     """Returns the seeds of which a learner has a run everywhere."""
     own = [{run.seed for run in runs} for place, runs in there.items() if place[2] == learner]
     return set.intersection(*own)
 
 
-def _missing(
-    wanted: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]],
-    there: Mapping[tuple[str, str, Learner], Sequence[RunSpecification]],
-    statuses: Mapping[str, str],
-) -> str:
+def _missing(wanted: Listed, there: Listed, statuses: Mapping[str, str]) -> str:
     """Says which runs are missing; empty if none is."""
     lacking = [
-        f"{learner} in {scenario} has {len(there[scenario, condition, learner])} of {len(runs)}"
-        for (scenario, condition, learner), runs in wanted.items()
-        if len(there[scenario, condition, learner]) < len(runs)
+        f"{place[2]} in {place[0]} has {len(there[place])} of {len(runs)}"
+        for place, runs in wanted.items()
+        if len(there[place]) < len(runs)
     ]
     if not lacking:
         return ""

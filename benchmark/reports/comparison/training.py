@@ -10,15 +10,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, combined, proportion_interval, student
+from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
 from benchmark.drawing import film
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import duration, link
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner
-from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, proportion
+from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Frames, drawing, item, no_rows, writing
+from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
 from envs.words import listed
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -32,26 +32,20 @@ def curves(runs: Runs) -> pd.DataFrame:
     for cell in runs:
         steps = np.array(cell.steps)
         columns: dict[str, Any] = {**cell.names, "step": steps}
-        for name in ("success", "score"):
-            mean = cell.results(name).mean(axis=0)
-            low, high = proportion_interval(mean, cell.n)
-            columns |= {name: mean, f"{name}_low": low, f"{name}_high": high}
+        columns |= {name: proportion(cell.results(name)) for name in ("success", "score")}
         rate = np.diff(cell.population.arrays["disagreements"], axis=1) / np.diff(steps) * 1000
         rate = np.column_stack([np.full(len(rate), np.nan), rate])  # nothing before the first step
-        low, high = student(rate)
-        columns |= {"wrong_pings": rate.mean(axis=0)}
-        columns |= {"wrong_pings_low": np.maximum(low, 0.0), "wrong_pings_high": high}
-        frames.append(pd.DataFrame(columns))
+        wrong = student(rate)
+        columns["wrong_pings"] = wrong._replace(low=np.maximum(wrong.low, 0.0))
+        frames.append(pd.DataFrame(expanded(columns)))
     return pd.concat(frames, ignore_index=True)
 
 
 @curves.figure("Success probability over training, with its 95 % interval.")
 def _(tables: Frames, runs: Runs) -> Figure:
-
     frame = tables["curves"]
     longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], runs)
-    drawn = [*(runs.declared.compared or figures.learners_in(frame, runs)), *longest]
-    drawn = list(dict.fromkeys(drawn))
+    drawn = [*dict.fromkeys([*(runs.declared.compared or figures.learners_in(frame, runs)), *longest])]
     signs = f"; dotted: {ENOUGH:g}"
     with figures.curve_panels(frame, runs, drawn, "success", "success", signs) as (figure, axes):
         for axis in axes:
@@ -151,7 +145,7 @@ def _medians(cell: Cell, rng: np.random.Generator) -> tuple[NDArray[np.float64],
         return np.median(when[first][drawn], axis=1), np.median(when[first + 1][drawn], axis=1)
 
 
-def _ratio(x: Cell, y: Cell) -> dict[str, float]:
+def _ratio(x: Cell, y: Cell) -> dict[str, Any]:
     """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
 
     Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
@@ -167,24 +161,13 @@ def _ratio(x: Cell, y: Cell) -> dict[str, float]:
     low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
     high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
     ratio = min(steps[1], y.steps[-1]) / min(steps[0], x.steps[-1])
-    return {
-        "x_step": steps[0],
-        "y_step": steps[1],
-        "ratio": ratio,
-        "ratio_low": float(low),
-        "ratio_high": float(high),
-    }
+    return {"x_step": steps[0], "y_step": steps[1], "ratio": Estimate(ratio, float(low), float(high))}
 
 
 @item(
     "speedups",
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
-    {
-        **PAIR,
-        "x_step": "steps of x",
-        "y_step": "steps of y",
-        "ratio": "ratio, y to x",
-    },
+    {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
     where=lambda frame: frame[frame["ratio"] >= 1],
 )
 def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
@@ -192,10 +175,8 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     families = runs.declared.families
     for x in runs.own:
         for y in runs.own:
-            is_same_place = (x.scenario, x.condition) == (y.scenario, y.condition)
-            if is_same_place and families[x.learner] != families[y.learner] and (ratio := _ratio(x, y)):
-                names = {key: name for key, name in x.names.items() if key in ("scenario", "condition")}
-                yield {**names, "x": str(x.learner), "y": str(y.learner), **ratio}
+            if x.place == y.place and families[x.learner] != families[y.learner] and (ratio := _ratio(x, y)):
+                yield {**x.place, "x": str(x.learner), "y": str(y.learner), **ratio}
 
 
 @speedups.sentence
@@ -234,25 +215,23 @@ def ahead(runs: Runs) -> Iterator[dict[str, Any]]:
 
 def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
     """Returns when x is ahead of y in a scenario."""
-    common = sorted({*x.steps} & {*y.steps})
-    means = [
-        cell.results("success").mean(axis=0)[[cell.steps.index(step) for step in common]] for cell in (x, y)
-    ]
     sizes = [x.n, y.n]
-    low = np.array([combined([1, -1], [float(a), float(b)], sizes)[0] for a, b in zip(*means, strict=True)])
-    places, most = np.flatnonzero(low > 0), int((means[0] - means[1]).argmax())
+    means = [dict(zip(cell.steps, cell.results("success").mean(axis=0), strict=True)) for cell in (x, y)]
+    common = {step: (means[0][step], means[1][step]) for step in x.steps if step in means[1]}
+    ahead = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
+    most = max(common, key=lambda step: common[step][0] - common[step][1])
     return {
-        **{key: name for key, name in x.names.items() if key in ("scenario", "condition")},
+        **x.place,
         "x": str(x.learner),
         "y": str(y.learner),
         "n": min(sizes),
-        "steps_ahead": len(places),
-        "first_step": float(common[places[0]]) if len(places) else np.inf,
-        "last_step": float(common[places[-1]]) if len(places) else np.inf,
-        "largest_difference": float((means[0] - means[1])[most]),
-        "largest_at": common[most],
-        "largest_x": float(means[0][most]),
-        "largest_y": float(means[1][most]),
+        "steps_ahead": len(ahead),
+        "first_step": float(ahead[0]) if ahead else np.inf,
+        "last_step": float(ahead[-1]) if ahead else np.inf,
+        "largest_difference": common[most][0] - common[most][1],
+        "largest_at": most,
+        "largest_x": common[most][0],
+        "largest_y": common[most][1],
     }
 
 
@@ -310,7 +289,7 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
 def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what runs of the learners compared cost."""
     parts = [
-        f"`{words.name_of(row)}` {link(words.duration(row['cpu_time_s']), 'cost', row)}"
+        f"`{words.name_of(row)}` {link(duration(row['cpu_time_s']), 'cost', row)}"
         for _, row in words.compared(table, folder).iterrows()
     ]
     return f"CPU time of a run, median: {listed(parts)}." if parts else None
@@ -324,26 +303,18 @@ def learning(runs: Runs, directory: Path) -> None:
     first: dict[str, Learner] = {}
     for cell in runs.own:
         first.setdefault(runs.declared.families[cell.learner], cell.learner)
-    films = []
-    for family in ("tabular", "deep"):
-        cells = [cell for cell in runs if cell.learner == first.get(family)]
-        agents = [typical_agent(cell.population) for cell in cells]
-        titles = [
-            f"{cell.scenario}: {cell.learner}, seed {cell.population.seeds[agent]} (median)"
-            for cell, agent in zip(cells, agents, strict=True)
-        ]
-        if cells:
-            films.append(
-                [
-                    film.film_of(title, cell.population, agent)
-                    for title, cell, agent in zip(titles, cells, agents, strict=True)
-                ]
-            )
-    film.write(film.learning(films), directory / "learning.webp")
+    films: dict[str, list[film.Film]] = {"tabular": [], "deep": []}
+    for cell in runs:
+        for family, row in films.items():
+            if cell.learner == first.get(family):
+                agent = typical_agent(cell.population)
+                title = f"{cell.scenario}: {cell.learner}, seed {cell.population.seeds[agent]} (median)"
+                row.append(film.film_of(title, cell.population, agent))
+    film.write(film.learning([row for row in films.values() if row]), directory / "learning.webp")
 
 
 def _shown(runs: Runs) -> list[Shown]:
-    return [Shown(*cell.learner, cell.population) for cell in runs.own if cell.has_maps]
+    return [Shown(*cell.learner, cell.population) for cell in runs.own]
 
 
 agents = explorer_item(_shown)

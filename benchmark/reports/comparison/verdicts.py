@@ -25,7 +25,7 @@ from benchmark.analysis.contrasts import (
     EQUIVALENT,
     MIXED,
     NO_VERDICT,
-    UNDECIDED,
+    VERDICTS,
     WORSE,
     contrast,
     decide,
@@ -33,18 +33,15 @@ from benchmark.analysis.contrasts import (
     mixed,
 )
 from benchmark.analysis.contrasts import Side as Means
-from benchmark.analysis.intervals import LEVEL, p_above
+from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.reports.comparison.declared import Declared, Learner, Side
-from benchmark.reports.comparison.runs import Cell, Runs
-from benchmark.reports.item import Estimate, expanded
+from benchmark.reports.comparison.runs import Cell, Runs, means_of
+from envs.words import listed
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 Outcome = Literal[
     "earns", "another class", "does not earn", "neither learned", "mixed", "undecided", "no verdict"
 ]
-OUTCOMES: Final[tuple[Outcome, ...]] = (
-    "earns", "another class", "does not earn", "neither learned", "mixed", "undecided", "no verdict",
-)  # fmt: skip
 Pairs = Sequence[tuple[Cell, Cell]]  # of a row: x and y in every scenario
 
 
@@ -82,16 +79,16 @@ def contrasts_of(runs: Runs) -> list[dict[str, Any]]:
 
 
 def effects_of(runs: Runs) -> list[dict[str, Any]]:
-    """Returns the effects, a row for each pair of cells that differ by it: exploratory."""
+    """Returns the effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
     rows = []
     for x, y, name in runs.declared.effects:
-        for names, pairs in _cases(runs, x, y, is_pooled=False):
+        for names, pairs in _cases(runs.own, x, y, is_pooled=False):
             row = {"effect": name} | names | difference(pairs)
             for endpoint in ENDPOINTS:
                 sides = _sides(pairs, endpoint)
                 found = contrast(*sides, margin=0.5)  # of which the interval does not depend
                 row |= {f"{endpoint}_x": sides[0].mean, f"{endpoint}_y": sides[1].mean}
-                row |= expanded({f"{endpoint}_difference": Estimate(found.difference, found.low, found.high)})
+                row[f"{endpoint}_difference"] = Estimate(found.difference, found.low, found.high)
             rows.append(row)
     return rows
 
@@ -100,26 +97,20 @@ def difference(pairs: Pairs) -> dict[str, Any]:
     """Returns what a row says besides its endpoints: sizes, policies, wrong PINGs, and the random policy."""
     row: dict[str, Any] = {"n": min(cell.n for pair in pairs for cell in pair)}
     rates, share = [], 1 / len(pairs)
-    for i, side in enumerate("xy"):
-        cells = [pair[i] for pair in pairs]
+    for side, cells in zip("xy", zip(*pairs, strict=True), strict=True):
         row[f"policy_{side}"] = cells[0].policy
         row["random_success"] = random = share * sum(cell.random_success for cell in cells)
         means = [float(cell.final("success").mean()) for cell in cells]
         row[f"p_random_{side}"] = p_above([share] * len(cells), means, [cell.n for cell in cells], random)
         rates.append([cell.wrong_pings for cell in cells])
-        row[f"wrong_pings_{side}"] = float(np.mean([rate.value for rate in rates[i]]))
+        row[f"wrong_pings_{side}"] = float(np.mean([rate.value for rate in rates[-1]]))
     value = row["wrong_pings_x"] - row["wrong_pings_y"]
     reach = share * float(np.linalg.norm([rate.high - rate.value for side in rates for rate in side]))
-    return row | expanded({"wrong_pings_difference": Estimate(value, value - reach, value + reach)})
+    return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
 
 
 def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
-    """Decides whether deep RL earns its keep over a table, see the module's docstring.
-
-    Args:
-      declared: With a baseline.
-      rows: Contrasts, all of one scenario or pooled.
-    """
+    """Decides by contrasts with a baseline, all of one scenario or pooled; see the module's docstring."""
     rows = decisive_rows(declared, rows)
     verdicts, alpha = set(rows["success_verdict"]), 1 - LEVEL
     if NO_VERDICT in verdicts or len(rows) < len(declared.decisive):
@@ -164,12 +155,11 @@ def decisive_rows(declared: Declared, rows: pd.DataFrame) -> pd.DataFrame:
 def counted(rows: pd.DataFrame) -> str:
     """Counts the verdicts on success in words."""
     counts = []
-    for verdict in dict.fromkeys([BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT]):
+    for verdict in VERDICTS:
         if n := int((rows["success_verdict"] == verdict).sum()):
             verb = ("has" if n == 1 else "have") if verdict == NO_VERDICT else "is" if n == 1 else "are"
             counts.append(f"{n} {verb} {verdict}")
-    *others, last = counts or ["none is there"]
-    return f"{', '.join(others)} and {last}" if others else last
+    return listed(counts or ["none is there"])
 
 
 def _cases(runs: Runs, x: Side, y: Side, *, is_pooled: bool) -> list[tuple[dict[str, str], Pairs]]:
@@ -196,10 +186,7 @@ def _name(side: Side) -> str:
 
 def _sides(pairs: Pairs, endpoint: str) -> tuple[Means, Means]:
     """Returns the means of x and of y by scenario."""
-    x, y = (
-        Means([float(cell.final(endpoint).mean()) for cell in cells], [cell.n for cell in cells])
-        for cells in zip(*pairs, strict=True)
-    )
+    x, y = (means_of(cells, endpoint) for cells in zip(*pairs, strict=True))
     return x, y
 
 

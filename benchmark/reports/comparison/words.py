@@ -22,7 +22,9 @@ def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
     """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
     found = str(row["success_verdict"])
     where = place(row)
-    x, y = (f"`{row[side]}`{_policy(row, side)}" for side in "xy")
+    x, y = (f"`{row[side]}`" for side in "xy")
+    if row["policy_x"] != row["policy_y"]:
+        x, y = f"{x} ({row['policy_x']} policy)", f"{y} ({row['policy_y']} policy)"
     text = _IN_WORDS.get(found, "against {} is undecided in success").format(y)
     text = f"{f'In {where}, ' if where else ''}{x} {text}: {difference(row, 'success', table)}"
     if found == EQUIVALENT and row["success_p_different"] <= 0.05:
@@ -58,11 +60,6 @@ def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
     """Returns a difference with its 95 % interval."""
     value, low, high = (signed(row[f"{name}_difference{end}"], decimals) for end in ("", "_low", "_high"))
     return f"{link(value, table, row)} [{low}, {high}]"
-
-
-def _policy(row: pd.Series, side: str) -> str:
-    """Returns the class of a policy, where it is not that of the other side."""
-    return f" ({row[f'policy_{side}']} policy)" if row["policy_x"] != row["policy_y"] else ""
 
 
 def setting(folder: Folder) -> str:
@@ -110,17 +107,3 @@ def times(ratio: float) -> str:
     if ratio == float("inf"):
         return "∞"
     return f"{ratio:.2g}" if ratio < 10 else f"{ratio:,.0f}"
-
-
-def duration(seconds: float) -> str:
-    """Returns a time with two significant digits.
-
-    >>> duration(0.000319), duration(0.0345), duration(0.0999), duration(175)
-    ('0.32 ms', '34 ms', '100 ms', '180 s')
-    """
-    return f"{two_digits(seconds * 1000)} ms" if seconds < 0.1 else f"{two_digits(seconds)} s"
-
-
-def two_digits(value: float) -> str:
-    """Returns a number rounded to two significant digits."""
-    return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"

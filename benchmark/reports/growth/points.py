@@ -159,14 +159,9 @@ def _train(
     size: int,
     results: str,
 ) -> Values:
-    """Lists, trains and stores runs in a new store; workers have imported and compiled before.
+    """Lists, trains and stores the runs of so many seeds in a new store; so many jobs are under way.
 
-    Args:
-      executor: Runs the jobs, and is released.
-      jobs: How many are under way.
-      listed: Lists the runs with given seeds.
-      size: The number of seeds.
-      results: The folder of the store, which is made anew.
+    The workers have imported and compiled before, and the executor is released.
     """
     shutil.rmtree(results, ignore_errors=True)
     peaks: list[float] = []

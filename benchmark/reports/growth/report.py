@@ -11,21 +11,21 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 from scipy import stats
 
+from benchmark.drawing.style import figure_of, variant_style
 from benchmark.reports.folder import Folder
 from benchmark.reports.growth import points
 from benchmark.reports.growth.points import Values, command, fresh
 from benchmark.reports.item import Estimate, Frames, entry, item
 from benchmark.reports.measured import Measured, Measuring
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Turns = Mapping[str, Mapping[int, list[Values]]]  # what points took, by curve and size: a round each
 
@@ -107,11 +107,7 @@ def _(table: pd.DataFrame, _: Folder) -> str:
 
 
 @growth.figure("Time and peak memory against the numbers of agents, cells and stored runs.")
-def _(frames: Frames, _: object) -> "Figure":
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    from benchmark.drawing.style import figure_of, variant_style
-
+def _(frames: Frames, _: object) -> Figure:
     frame = frames["growth"]
     with figure_of(2, len(PANELS), (10.5, 6.0)) as (figure, axes):
         for axis, first in zip(axes.flat, np.repeat(axes[:, 0], len(PANELS)), strict=True):
@@ -161,15 +157,10 @@ def exponents(data: Measured) -> Iterator[dict[str, Any]]:
 
 
 def exponent(sizes: NDArray[np.float64], values: NDArray[np.float64]) -> Estimate:
-    """Fits `values = factor * sizes ** exponent` by least squares on the logarithms.
+    """Fits `values = factor * sizes ** exponent` by least squares on the logarithms; returns the exponent.
 
-    Args:
-      sizes: (n,) different, above 0.
-      values: (n,) above 0.
-
-    Returns:
-      The exponent and its 95 % interval, from the residuals by Student's t with n - 2 degrees of freedom;
-      what takes more points than there are is NaN.
+    Its 95 % interval is from the residuals by Student's t with n - 2 degrees of freedom. What takes more
+    points than there are is NaN.
     """
     n = len(sizes)
     if n == 1:
@@ -183,11 +174,9 @@ def exponent(sizes: NDArray[np.float64], values: NDArray[np.float64]) -> Estimat
 def workers(data: Measured) -> Iterator[dict[str, Any]]:
     """Tabulates how much faster several workers are than one of them."""
     for kind in ("processes", "dask"):
-        seconds = {
-            n: min(values["seconds"] for values in taken)
-            for n, taken in data.taken[f"workers_{kind}"].items()
-        }
-        for n, taken in data.taken[f"workers_{kind}"].items():
+        turns = data.taken[f"workers_{kind}"]
+        seconds = {n: min(values["seconds"] for values in taken) for n, taken in turns.items()}
+        for n, taken in turns.items():
             yield {
                 "workers": f"{n} {kind}",
                 "jobs": round(taken[0]["jobs"]),

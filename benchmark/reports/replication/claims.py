@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmark.analysis.contrasts import POWER
-from benchmark.analysis.intervals import LEVEL, interval, proportion_interval, simultaneous, student
+from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, student
 from benchmark.analysis.population import Population, overlap
 from envs.model import PING
 from envs.regions import target_distance
@@ -214,7 +214,7 @@ def _signs(population: Population, level: float = LEVEL) -> NDArray[np.bool_]:
     ever chose PING has 0 throughout, and is not above zero.
     """
     q = population.arrays["q"][:, :, PING]
-    return np.stack([q.mean(axis=0), *simultaneous(q, level)]) > 0
+    return np.stack(student(q, level, q.shape[1])) > 0
 
 
 def _valued_outside(populations: Sequence[Population], _: str) -> list[Part]:
@@ -241,9 +241,8 @@ def _reaches(populations: Sequence[Population], _: str) -> list[Part]:
     """Measures the share of agents that succeed more likely than not, with its exact interval."""
     (population,) = populations
     succeeds = population.arrays["success"][:, -1] > 0.5  # (N,)
-    share, n = float(succeeds.mean()), len(succeeds)
-    low, high = map(float, proportion_interval(share, n))
-    return [Part(population.scenario, share, low, high, math.sqrt(share * (1 - share) / n))]
+    error = float(succeeds.std()) / math.sqrt(len(succeeds))
+    return [Part(population.scenario, *proportion(succeeds), error)]
 
 
 def _mean_map(population: Population, level: float = LEVEL) -> tuple[float, float, float]:
@@ -258,16 +257,11 @@ def _mean_map(population: Population, level: float = LEVEL) -> tuple[float, floa
     return value, low, high
 
 
-def _own_maps(population: Population) -> NDArray[np.float64]:
-    """Returns how each agent's own map overlaps with the target region, (N,)."""
-    return overlap(population.values_ping, population.in_target)
-
-
 def _random_helps(populations: Sequence[Population], _: str) -> list[Part]:
     """Compares the overlaps in S2 with those in S1; that of agents' own maps has Welch's interval."""
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
     s2, s1 = (_mean_map(each, level) for each in populations)
-    x, y = map(_own_maps, populations)
+    x, y = (each.region_overlap for each in populations)
     squares = np.array([each.var(ddof=1) / len(each) for each in (x, y)])
     error, difference, reach = math.sqrt(squares.sum()), float(x.mean() - y.mean()), 0.0
     if error > 0:
@@ -283,13 +277,12 @@ def _identifies(populations: Sequence[Population], _: str) -> list[Part]:
     """Measures how maps overlap with the target region: the mean map, and, by Student, the agents' own."""
     parts = [Part(f"mean map {each.scenario}", *_mean_map(each)) for each in populations]
     for population in populations:
-        own, valued, in_target = _own_maps(population), population.values_ping, population.in_target
+        own, valued, in_target = population.region_overlap, population.values_ping, population.in_target
         found = (valued & in_target).sum(axis=1)
         precision, recall = found.sum() / max(valued.sum(), 1), found.mean() / in_target.sum()
-        low, high = map(float, student(own))
         error = float(own.std(ddof=1)) / math.sqrt(len(own))
         note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
-        parts.append(Part(f"own maps {population.scenario}", float(own.mean()), low, high, error, note))
+        parts.append(Part(f"own maps {population.scenario}", *student(own), error, note))
     return parts
 
 

@@ -114,13 +114,7 @@ def check(experiment: Experiment) -> None:
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Data:
-    """Reads all agents of a replication.
-
-    Args:
-      experiment: As loaded.
-      store: Where its records are.
-      seeds: Other seeds than the declared ones.
-      partial: Refused: claims are judged of all runs or not at all.
+    """Reads all agents of a replication; claims are judged of all runs or not at all, so never in part.
 
     Raises:
       InputError: A run is missing, or lacks what the claims need.

@@ -1,5 +1,6 @@
 """The items on what was learned: the paper's figure, the curves, and the distance from the exact optimum."""
 
+from collections.abc import Iterator
 from string import ascii_lowercase
 from typing import Any
 
@@ -11,13 +12,13 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
-from benchmark.analysis.intervals import proportion_interval
+from benchmark.analysis.intervals import proportion
 from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
 from benchmark.drawing.tables import link, show
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Frames, drawing, entry, item
+from benchmark.reports.item import Frames, drawing, entry, expanded, item
 from benchmark.reports.replication.data import Data
 from envs import ACTIONS
 from envs.scenario import FEEDBACK
@@ -43,23 +44,21 @@ def figure(frames: Frames, data: Data) -> Figure | None:
     with figure_of(3, len(data.models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(data.models.items()):
             curve = curves[curves["scenario"] == name]
-            letters = [
-                f"({letter})" for letter in ascii_lowercase[column :: len(data.models)]
-            ]  # as the paper's
+            letters = ascii_lowercase[column :: len(data.models)]  # as the paper's
             axis = axes[0, column]
             band = {"color": COLOURS[9], "alpha": 0.55, "lw": 0, "label": "least to largest agent"}
             axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
             axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9, label="mean of the agents")
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a right PING pays in S1")
-            axis.set(title=f"{letters[0]} max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
+            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
             axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
             axis.set(ylim=(bottom - room, top + room))
             scene = scene_of(model)
             triangles(axes[1, column], scene, moves[moves["scenario"] == name], norm_of(moves["mean"]))
-            axes[1, column].set(title=f"{letters[1]} moves, {name}")
+            axes[1, column].set(title=f"({letters[1]}) moves, {name}")
             ping = pings[pings["scenario"] == name]
             heat(axes[2, column], scene, ping["mean"].to_numpy(), norm_of(pings["mean"]))
-            axes[2, column].set(title=f"{letters[2]} PING, {name}")
+            axes[2, column].set(title=f"({letters[2]}) PING, {name}")
             dots(axes[2, column], ping[ping["mean"] > 0])
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(loc="upper left", frameon=False)
@@ -109,11 +108,11 @@ def learning(data: Data) -> pd.DataFrame:
     frames = []
     for population in data.default:
         columns: dict[str, Any] = {"scenario": population.scenario, "step": population.evaluation_steps}
-        columns |= _bounded("success", population.arrays["success"])
-        columns |= _bounded("score", np.clip(population.unbounded_scores, 0.0, 1.0))
-        columns |= _bounded("optimal_share", _is_optimal(population.unbounded_scores))
+        columns["success"] = proportion(population.arrays["success"])
+        columns["score"] = proportion(np.clip(population.unbounded_scores, 0.0, 1.0))
+        columns["optimal_share"] = proportion(_is_optimal(population.unbounded_scores))
         columns["unbounded_score"] = population.unbounded_scores.mean(axis=0)
-        frames.append(pd.DataFrame(columns))
+        frames.append(pd.DataFrame(expanded(columns)))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -143,15 +142,14 @@ def _(frames: Frames, data: Data) -> Figure:
 
 
 @item("optimal", "the exact optimum, what was learned, success, and the regret, with all agents as well")
-def optimal(data: Data) -> pd.DataFrame:
+def optimal(data: Data) -> Iterator[dict[str, Any]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors, by population."""
-    rows = []
     for population in [*data.default, *(data.everyone.values() if data.sets else ())]:
         first, *_, last = population.seeds
         row: dict[str, Any] = {"scenario": population.scenario, "agents": len(population.seeds)}
         row |= {"first_seed": first, "last_seed": last}
-        row |= _bounded("success", population.arrays["success"][:, -1])
-        row |= _bounded("optimal_share", _is_optimal(population.unbounded_scores[:, -1]))
+        row["success"] = proportion(population.arrays["success"][:, -1])
+        row["optimal_share"] = proportion(_is_optimal(population.unbounded_scores[:, -1]))
         for name, (random, best) in population.anchors.items():
             learned = population.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
@@ -161,8 +159,7 @@ def optimal(data: Data) -> pd.DataFrame:
         row["start_value_optimal"] = optimal_values(population).max(axis=1)[start]
         row["start_value_learned"] = population.arrays["q"].max(axis=-1).mean(axis=0)[start]
         row["cells_differing"] = differing(population)[~model.is_over[model.fresh_state]].mean()
-        rows.append(row)
-    return pd.DataFrame(rows)
+        yield row
 
 
 @optimal.sentence
@@ -261,10 +258,3 @@ def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
 def _is_optimal(scores: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Returns which scores are those of an optimal policy."""
     return scores >= 1 - OPTIMUM_TOLERANCE
-
-
-def _bounded(name: str, values: NDArray[Any]) -> dict[str, Any]:
-    """Returns columns of the mean over agents of (N, ...) numbers in [0, 1]: `name`, and its interval."""
-    mean = values.mean(axis=0)
-    low, high = proportion_interval(mean, len(values))
-    return {name: mean, f"{name}_low": low, f"{name}_high": high}

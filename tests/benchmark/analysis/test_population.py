@@ -38,10 +38,10 @@ def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
         assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
         records = store.get([runs[i].digest for i in (5, 0)])
     for i, record in zip((0, 5), records, strict=True):
-        assert loaded.arrays.keys() == loaded.of_agent(i).keys() == record.arrays.keys()
+        assert loaded.arrays.keys() == loaded.agents[i].keys() == record.arrays.keys()
         for name, values in record.arrays.items():
             assert np.array_equal(loaded.arrays[name][i], values)
-            assert np.array_equal(loaded.of_agent(i)[name], values)
+            assert np.array_equal(loaded.agents[i][name], values)
 
 
 def test_scores_lie_between_the_exact_anchors() -> None:
@@ -96,7 +96,7 @@ def test_optimal_values_by_hand() -> None:
 
 def test_subset_is_some_of_the_agents() -> None:
     whole = population(n=4, success=np.arange(16).reshape(4, 4))
-    assert whole.of_agent(2)["success"].tolist() == [8, 9, 10, 11]
+    assert whole.agents[2]["success"].tolist() == [8, 9, 10, 11]
     part = whole.subset(1, 3)
     assert list(part.seeds) == [1, 2]
     assert part.arrays["success"].tolist() == whole.arrays["success"][1:3].tolist()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from matplotlib.colors import to_rgba
 
-from benchmark.drawing.style import figure_of, variant_style, write_figure
+from benchmark.drawing.style import figure_of, save_figure, variant_style
 
 
 def test_no_two_variants_look_alike() -> None:
@@ -20,7 +20,7 @@ def test_texts_are_no_mathematics_but_ticks_of_a_logarithmic_axis_are(text: str,
         axes[0, 0].plot([1, 1000], [0, 1], label=text)
         axes[0, 0].set(title=text, xscale="log")
         figure.legend()
-    write_figure(figure, tmp_path / "f.svg")
+    save_figure(figure, tmp_path / "f.svg")
     svg = (tmp_path / "f.svg").read_text(encoding="utf-8")
 
     def glyphs(shown: str) -> list[int]:

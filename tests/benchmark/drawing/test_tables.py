@@ -93,7 +93,7 @@ def test_no_text_in_a_csv_file_is_a_formula_and_all_are_read_back(
     cells = [cell for row in rows for cell in row[0].split(";")]  # which separates cells in some countries
     assert not [cell for cell in cells if cell.startswith(("\t", "\n")) or cell.strip()[:1] in set("=+-@＝")]
     assert {row[2] for row in rows} == {"-1.5"}  # numbers stay numbers
-    assert read_csv(path, "=name").fillna("").equals(frame)
+    assert read_csv(path).fillna("").equals(frame)
 
 
 def test_names_of_missing_values_are_texts(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_explorer_shows_what_was_stored(
     opened.cell("right", *cell).hover()
     assert f"Row {cell[0]}, column {cell[1]}" in opened.panel("right", ".readout").inner_text()
     lines = readout(opened, "right")
-    arrays, step = population.of_agent(0), population.map_indices[chosen]
+    arrays, step = population.agents[0], population.map_indices[chosen]
     assert [line[0] for line in lines] == list(ACTIONS)
     values = arrays["values"][chosen, observed]
     assert [number(line[1]) for line in lines] == pytest.approx(values, nan_ok=True, abs=0.0006)
@@ -134,7 +134,7 @@ def test_scale_ends_at_the_limits_of_every_back_end(opened: Opened, learners: Le
     for side in ("left", "right"):
         opened.choose(side, "S2", *TABLE)
     population = learners["S2", *TABLE]
-    values = population.of_agent(0)["values"][shown_maps(population)].astype(float)
+    values = population.agents[0]["values"][shown_maps(population)].astype(float)
     low, high = colour_limits(values[:, ~population.model.is_over[population.model.fresh_state]])
     legend = [
         number(text) for text in opened.panel("left", ".legend").inner_text().replace("≤", "").split("≥")
@@ -243,7 +243,7 @@ def assert_walks(opened: Opened, population: Population, masks: NDArray[np.uint8
 def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None:
     kinds: dict[tuple[str, bool], list[tuple[tuple[str, str, str], int]]] = {}
     for key, population in learners.items():
-        greedy = population.of_agent(0)["greedy"][population.map_indices]
+        greedy = population.agents[0]["greedy"][population.map_indices]
         for chosen in shown_maps(population):
             taken = walk(population.model, greedy[chosen], population.horizon)
             had_choice = contains(greedy[chosen])[list(taken.cells[:-1])].sum(axis=1) > 1
@@ -258,7 +258,7 @@ def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None
         opened.page.wait_for_function(
             "label => document.querySelector('.map').ariaLabel.startsWith(label)", arg=label
         )
-        assert_walks(opened, population, population.of_agent(0)["greedy"][place])
+        assert_walks(opened, population, population.agents[0]["greedy"][place])
 
 
 def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, open_page: Open) -> None:
@@ -272,7 +272,7 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert found is not None
         expected = population.unbounded_scores[1, -1], population.arrays["success"][1, -1]
         assert [number(text.rstrip(".")) for text in found.groups()] == pytest.approx(expected, abs=0.0006)
-        masks = population.of_agent(1)["greedy"][-1]
+        masks = population.agents[1]["greedy"][-1]
         opened.cell("left", 1, 3).hover()
         greedy = {line[0] for line in readout(opened, "left") if "greedy" in line[2]}
         observed = population.model.scenario.grid.columns + 3
@@ -324,7 +324,7 @@ def test_cells_without_preference_are_hatched_and_scores_below_zero_drawn_at_zer
         opened.choose(side, "S2", *TABLE)
     population = learners["S2", *TABLE]
     shown = population.map_indices[shown_maps(population)]
-    greedy, scores = population.of_agent(0)["greedy"][shown], population.unbounded_scores[0, shown]
+    greedy, scores = population.agents[0]["greedy"][shown], population.unbounded_scores[0, shown]
     is_over = population.model.is_over[population.model.fresh_state]
     for place in (0, 3, 10):
         opened.to_map(place)

@@ -269,7 +269,7 @@ def test_count_of_cells_is_covered() -> None:
     for _ in range(100):
         q = np.zeros((100, 120, 5))
         q[:, :, PING] = truth + rng.normal(scale=0.3, size=(100, 120))
-        (part,) = parts_of("ping-S1", {"S1": replace(one, arrays={"q": q})})
+        (part,) = parts_of("ping-S1", {"S1": replace(one, agents=[{"q": each} for each in q])})
         covered += part.low <= 10 <= part.high
         without_width += part.low == part.high
     assert covered >= 95
