@@ -29,16 +29,6 @@ def test_gymnasium_checker_passes_without_a_screen(name: str, monkeypatch: pytes
         check_env(env.unwrapped)
 
 
-@pytest.mark.parametrize("observation", OBSERVATIONS)
-def test_stable_baselines3_checker_passes(observation: str) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # warnings of its imports
-        from stable_baselines3.common.env_checker import check_env as check_env_sb3
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env_sb3(ProxemicEnv("S2", observation))
-
-
 def test_id_works_without_another_import_and_stays_light() -> None:
     heavy = "{'torch', 'pandas', 'matplotlib', 'numba', 'pygame', 'stable_baselines3', 'scipy'}"
     make = "gymnasium.make('envs:Proxemic/S1-v0', observation='one_hot')"
