@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -33,6 +32,7 @@ from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
 from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
 from tests.agents.words import uniform, xoshiro
+from tests.support import ROOT
 
 S1 = compile_scenario(load_scenario("S1"))
 WIDE = {"uncomfortable_radius": 2, "target_radius": 3}
@@ -404,12 +404,12 @@ def equal(one: Any, other: Any, rows: Any = slice(None)) -> bool:
 
 CASES: dict[str, list[dict[str, Any]]] = {
     "compiled_dqn": [
-        {"policy_kwargs": {"net_arch": (128, 128)}, "batch_size": 64},
+        {"policy_kwargs": {"net_arch": (48, 40)}, "batch_size": 64},
         {"policy_kwargs": {"net_arch": ()}, "n_steps": 3, "batch_size": 128},
         {"policy_kwargs": {"net_arch": (33,)}, "tau": 0.3, "n_envs": 2, "batch_size": 17},
     ],
     "compiled_ppo": [
-        {"policy_kwargs": {"net_arch": (128, 128)}, "n_steps": 50, "batch_size": 100},
+        {"policy_kwargs": {"net_arch": (48, 40)}, "n_steps": 50, "batch_size": 100},
         {"policy_kwargs": {"net_arch": ()}, "batch_size": 17, "ent_coef": 0.1},
         {"policy_kwargs": {"net_arch": (33,)}, "batch_size": 13, "clip_range_vf": 0.1, "target_kl": 0.004},
     ],
@@ -451,12 +451,12 @@ def digest_of_all() -> str:
 
 
 # Of every processor. A change that is meant to alter it has to raise `agents.nets.learner.VERSION`.
-DIGEST = "06bf44f731d10b908e588ff7c91fd44ce9624415256c8eee7172e92e4b17f479"
+DIGEST = "23da283a07f858596af78295f41d0474d0650dce5d0e5b1aaa422a90633df31c"
 
 
 @pytest.mark.parametrize("kind", ["this one", "nehalem"])
 def test_bits_are_the_same_on_every_processor(kind: str) -> None:
-    """As compiled for this processor, and for one of 2008 without AVX and fused operations."""
+    """As compiled for this processor, and for one of 2008, where fused operations are emulated, slowly."""
     if kind == "this one":
         assert digest_of_all() == DIGEST
         return
@@ -470,9 +470,8 @@ def test_bits_are_the_same_on_every_processor(kind: str) -> None:
         "OPENBLAS_CORETYPE": kind.title(),
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
     }
-    root = Path(__file__).parents[2]
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=root, env=os.environ | target, capture_output=True, text=True
+        [sys.executable, "-c", code], cwd=ROOT, env=os.environ | target, capture_output=True, text=True
     )
     assert done.stdout.split() == [DIGEST, kind], done.stderr
 
@@ -580,14 +579,6 @@ def test_a_diverged_agent_counts_as_random_from_the_next_point_and_disturbs_no_o
     counts, sound = training.disagreements[1], trained(name, seeds=[1], points=points).disagreements[0]
     assert np.array_equal(counts[~is_lost], sound[~is_lost])
     assert len(set(counts[is_lost])) == 1
-
-
-def test_an_actor_that_is_not_finite_takes_no_more_steps() -> None:
-    agent = agent_of("compiled_ppo", "one_hot", S1, np.float32)
-    agent.advance(160)
-    agent.parameters.values[:] = np.nan
-    agent.advance(400)
-    assert agent.walk.taken[0] == 160
 
 
 # What is kept
