@@ -154,7 +154,6 @@ def test_walk_with_many_ticks_is_refused_before_it_is_laid_out() -> None:
         (["run", "\u001b[31mred"], "unknown experiment"),
         (["run"], "EXPERIMENT; 'python -m benchmark run --help'"),
         ([], "COMMAND"),
-        (["run", "reproduce", "--executor", "json:"], "executor json: cannot be imported"),
     ],
 )
 def test_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str) -> None:
