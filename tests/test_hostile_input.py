@@ -62,17 +62,14 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     [
         (f"a = {'[' * 500}{']' * 500}", "nested too deeply"),
         (f"[{'.'.join('a' * 3000)}]", "nested too deeply"),
-        (f"{EXPERIMENT}[sweep.size.small.scenario]\n'{'.'.join('a' * 1200)}' = 1", "nested too deeply"),
         (
             f"extends = 'reproduce'\ndescription = 'x'\n[changes]\n'{'.'.join('a' * 3000)}' = 1",
             "nested too deeply",
         ),
-        (f"horizon = {'9' * 5000}", "too many digits"),
         (EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"), "horizon: too many digits"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
         (EXPERIMENT + SWEEP, "10,000 conditions"),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
-        ("a = 1\n" * 2, "not valid TOML"),
         (EXPERIMENT.replace("map_every", "x" * 5000), "unknown key xxxxx"),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
         (LONG.replace("= 500", "= 1"), "evaluation_every = 1 with budget = 1000000000: 1,000,000,001 evalu"),
@@ -147,7 +144,6 @@ def test_walk_with_many_ticks_is_refused_before_it_is_laid_out() -> None:
     ("arguments", "expected"),
     [
         (["watch", "--save=--"], "the value --"),
-        (["run", "reproduce", "--jobs", "9" * 5000], "--jobs"),
         (["run", "reproduce", "--seeds", "9" * 5000], "--seeds 999"),
         (["run", "reproduce", "--seeds", "٣"], "--seeds ٣: "),
         (["verify", "reproduce", "--runs", "-1"], "--runs -1: "),
@@ -206,4 +202,3 @@ def test_messages_are_one_printable_line() -> None:
     assert str(InputError(long)) == f".../mine.toml: seeds = 0: {'x' * 200}; accepted: at least 1."
     longer = str(InputError("x" * 1000 + "; accepted: at least 1."))
     assert len(longer) == 300
-    assert longer.endswith("; accepted: at least 1.")

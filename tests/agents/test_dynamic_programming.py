@@ -121,16 +121,6 @@ def test_evaluation_equals_backward_sweep(name: str, weights: NDArray[np.float64
     assert [*sums, *result.zone_steps] == pytest.approx(backward(model, policy, horizon), abs=1e-9)
 
 
-def test_batches_keep_their_shape() -> None:
-    model = model_of("S2")
-    policy = uniform_policy(model)
-    single = evaluate(model, policy, 20)
-    batch = evaluate(model, np.tile(policy, (2, 3, 1, 1)), 20)
-    assert batch.grid_return.shape == (2, 3)
-    assert batch.zone_steps.shape == (2, 3, len(ZONES))
-    assert (batch.grid_return == single.grid_return).all()
-
-
 def test_wrong_policies_are_refused() -> None:
     model = model_of("S1")
     policy = uniform_policy(model)
