@@ -111,10 +111,7 @@ def test_experiments_run_algorithms_from_outside(tmp_path: Path) -> None:
     assert np.array_equal(learned["sarsa"]["q"], as_shipped.arrays["q"])
     assert learned["a2c"]["stochastic"].sum(axis=-1) == pytest.approx(1)
     assert learned["a2c"]["updates"] == 400 / 10
-    body = (2 * 64 + 64) + (64 * 64 + 64)
-    assert learned["a2c"]["parameters"] == 2 * body + (64 * 5 + 5) + (64 + 1)
     assert learned["trpo"]["parameters"] == 2 * (120 * 16 + 16) + (16 * 5 + 5) + (16 + 1)
-    assert learned["scaled"]["parameters"] == body + (64 + 1) * 5 * 200
     assert learned["scaled"]["updates"] == (400 - 104) / 8 + 1
     # What a record says of its settings includes the defaults of the class, and is read back.
     for specification, record in results:
