@@ -31,34 +31,31 @@ from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
 from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
+from tests.agents import MOODS
 from tests.agents.words import uniform, xoshiro
 from tests.support import ROOT
 
 S1 = compile_scenario(load_scenario("S1"))
-WIDE = {"uncomfortable_radius": 2, "target_radius": 3}
 # Three observed parts, two outcomes of every action, and six starts. O = 490.
-MOODS = compile_scenario(
+MOODY = compile_scenario(
     load_scenario(
         "S1",
         {
             "grid": {"rows": 7, "columns": 7, "start": [[0, 0], [6, 0], [0, 6]]},
             "issuer.position": [4, 4],
-            "phases": [
-                {"name": "calm", "next": {"tense": 0.3}},
-                {"name": "tense", "next": {"calm": 0.5}, "regions": WIDE},
-            ],
+            "phases": MOODS,
             "first_phase": "any",
             "observe": ["agent", "phase", "wrong_pings"],
         },
     )
 )
 FEEDBACK = {"issuer.feedback": {"kind": "uniform", "low": -1.0, "high": 1.0}}
-NOISY_MOODS = compile_scenario(load_scenario(MOODS.scenario, FEEDBACK))
+NOISY_MOODY = compile_scenario(load_scenario(MOODY.scenario, FEEDBACK))
 # Many observations, 13,320, of which an agent meets few.
 ANYWHERE = compile_scenario(
     load_scenario("S1", {"issuer.position": "anywhere", "observe": ["agent", "issuer"]})
 )
-SCENES = {"S1": S1, "moods": MOODS, "noisy moods": NOISY_MOODS, "anywhere": ANYWHERE}
+SCENES = {"S1": S1, "moods": MOODY, "noisy moods": NOISY_MOODY, "anywhere": ANYWHERE}
 AGENTS: dict[str, Any] = {"compiled_dqn": DqnAgent, "compiled_ppo": PpoAgent}
 SETTINGS: dict[str, Any] = {
     "compiled_dqn": DqnSettings(
@@ -437,14 +434,14 @@ def digest_of_all() -> str:
     digest = hashlib.sha256()
     for name, cases in CASES.items():
         for changes in cases:
-            for observation, model in zip(OBSERVATIONS, (NOISY_MOODS, S1), strict=True):
+            for observation, model in zip(OBSERVATIONS, (NOISY_MOODY, S1), strict=True):
                 training = trained(name, observation, [0], model, (0, 100, 200), budget=200, **changes)
                 for field in fields(training):
                     if field.name != "cpu_time_s":
                         digest.update(np.ascontiguousarray(getattr(training, field.name)).tobytes())
     settings = learner.Settings(budget=1000)
-    table = learner.train(NOISY_MOODS, settings, sequences(), Schedule(1000, (1000,)))
-    evaluation = evaluate(NOISY_MOODS, mask_policy(table.greedy[:, -1]), 200)
+    table = learner.train(NOISY_MOODY, settings, sequences(), Schedule(1000, (1000,)))
+    evaluation = evaluate(NOISY_MOODY, mask_policy(table.greedy[:, -1]), 200)
     for values in (table.q, table.max_q, evaluation.grid_return, evaluation.success, evaluation.zone_steps):
         digest.update(values.tobytes())
     return digest.hexdigest()
@@ -615,5 +612,5 @@ def test_parameters_and_updates_by_hand() -> None:
     assert trained("compiled_dqn", gradient_steps=0).updates.tolist() == [0] * 3
     cells, phases, pings = 49, 2, 5
     hidden = (cells + phases + pings) * 24 + 24 + 24 * 16 + 16
-    training = trained("compiled_dqn", model=MOODS)
+    training = trained("compiled_dqn", model=MOODY)
     assert training.parameters.tolist() == [hidden + 16 * 5 + 5] * 3
