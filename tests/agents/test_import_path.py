@@ -190,13 +190,11 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
     ("name", "values", "expected"),
     [
         ("stable_baselines3:A2C", {"learning_rat": 1.0}, r"learning_rat \(did you mean learning_rate\?\)"),
-        ("stable_baselines3:A2C", {"n_steps": 5.5}, "n_steps = 5.5"),
         ("stable_baselines3:A2C", {"learning_rate": "fast"}, "A2C cannot be made"),
         ("stable_baselines3:A2C", {"n_steps": 5, "n_envs": 3}, "rollouts of 15 steps"),
         ("stable_baselines3:A2C", {"seed": 3}, "unknown key seed"),
         ("stable_baselines3:A2C", {"policy_kwargs": {"ortho_int": True}}, "A2C cannot be made: .*ortho_int"),
         (f"{HERE}:Demanding", {}, "the key factor is missing"),
-        (f"{HERE}:Demanding", {"factor": 1, "rollout": 4}, "unknown key rollout"),
         (f"{HERE}:Episodic", {}, "train_freq = .*integer"),
         # Classes that cannot be trained
         ("stable_baselines3:SAC", {}, "SAC cannot be made: The algorithm only supports .*Box.* Discrete"),

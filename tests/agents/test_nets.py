@@ -508,11 +508,8 @@ def _each(numbers: Any, of: Any) -> Any:
     return result
 
 
-def _tanh(numbers: Any) -> None:
-    arithmetic.tanh(numbers)
-
-
-multiply, each, tanh = (numba.njit(function) for function in (_multiply, _each, _tanh))
+multiply, each = numba.njit(_multiply), numba.njit(_each)
+tanh = numba.njit(lambda numbers: arithmetic.tanh(numbers))
 
 
 def test_functions_are_those_of_analysis() -> None:

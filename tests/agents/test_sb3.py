@@ -12,7 +12,6 @@ import torch
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from stable_baselines3.common.env_checker import check_env
-from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -138,9 +137,6 @@ def test_vec_env_refuses_what_a_batch_cannot_do() -> None:
     with pytest.raises(ValueError, match="SameStep"):
         SB3VecEnv(ProxemicVectorEnv(2))
     env = vec_env(3)
-    assert env.get_attr("num_envs") == [3, 3, 3]
-    assert env.get_attr("num_envs", [0]) == [3]
-    assert env.env_is_wrapped(Monitor) == [False] * 3
     with pytest.raises(NotImplementedError, match="x: "):
         env.set_attr("x", 1)
     with pytest.raises(NotImplementedError, match="reset: "):
@@ -158,12 +154,6 @@ def test_settings_have_sb3s_names_and_defaults(name: str) -> None:
     for key, field in settings.model_fields.items():
         if key not in ours:
             assert field.default == parameters[key].default, key
-    left_out = set(parameters) - set(settings.model_fields)
-    assert left_out <= {
-        "self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "stats_window_size",
-        "_init_setup_model", "replay_buffer_class", "replay_buffer_kwargs", "optimize_memory_usage",
-        "rollout_buffer_class", "rollout_buffer_kwargs", "use_sde", "sde_sample_freq",
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SETTINGS)

@@ -55,6 +55,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     ({"issuer.feedback.volume": 1.0}, "[issuer.feedback.none]: unknown key volume; accepted: kind."),
     ({"issuer.feedback": {}}, "accepted: a table with a key kind"),
     ({"ping_limit": 0}, "ping_limit = 0"),
+    ({"grid.rows": 1000, "grid.columns": 1000}, "rows x columns = 1000 x 1000"),
     ({"ping_limit": 10**6}, "120000000 states"),
     (ANYWHERE | {"ping_limit": 50, "issuer.feedback": {"kind": "delayed"}}, "1440000 states"),
     (OBSERVING, "100800 observations"),
