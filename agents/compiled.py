@@ -20,19 +20,11 @@ _DIGEST_SIZE = 32
 _ROOT = Path(__file__).parents[1]
 
 
-def compiled(*, nogil: bool = False) -> Callable[[_Function], _Function]:
-    """Returns a decorator that compiles a function when it is first called.
-
-    Args:
-      nogil: Whether it releases Python's global lock.
-    """
-
-    def compile_function(function: _Function) -> _Function:
-        dispatcher: Any = numba.njit(nogil=nogil)(function)
-        dispatcher._cache = _Cache(function)
-        return dispatcher  # type: ignore[no-any-return]
-
-    return compile_function
+def compiled(function: _Function) -> _Function:
+    """Makes a function that is compiled when it is first called, and that releases Python's global lock."""
+    dispatcher: Any = numba.njit(nogil=True)(function)
+    dispatcher._cache = _Cache(function)
+    return dispatcher  # type: ignore[no-any-return]
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]

@@ -37,15 +37,10 @@ class Schedule:
 
     budget: int
     evaluation_steps: tuple[int, ...] = ()  # (T,) when policies are recorded: rising, from 0 to the budget
-    map_steps: tuple[int, ...] = ()  # (V,) when the values of all observations are, too
+    map_steps: tuple[int, ...] = ()  # (V,) those of them when the values of all observations are, too
 
     def __post_init__(self) -> None:
-        """Checks the steps.
-
-        Raises:
-          ValueError: The steps do not rise, an evaluation step is below 0 or beyond the budget, or a map step
-            is not an evaluation step.
-        """
+        """Refuses, by a ValueError, steps that are not as described."""
         steps, map_steps = list(self.evaluation_steps), set(self.map_steps)
         if steps != sorted(set(steps)) or (steps and not 0 <= steps[0] <= steps[-1] <= self.budget):
             raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {self.budget}.")
@@ -91,11 +86,7 @@ class DeepTraining(Training):
 
 
 def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
-    """Checks the arguments of `Algorithm.train`.
-
-    Raises:
-      ValueError: There are no seeds, or the schedule is for another budget.
-    """
+    """Refuses, by a ValueError, what `Algorithm.train` does not accept."""
     if not seeds:
         raise ValueError("0 agents; at least one.")
     budget = settings.budget
@@ -197,12 +188,7 @@ def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool
 
 
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
-    """Checks that a training keeps the contract.
-
-    Raises:
-      ValueError: A field has another shape than the contract says, or there are neither action values nor
-        probabilities.
-    """
+    """Refuses, by a ValueError, other shapes than those of `Training`, and a training without policies."""
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
     table = n_observations, n_actions = model.n_observations, model.next_state.shape[1]
     expected: dict[str, list[tuple[int, ...]]] = {

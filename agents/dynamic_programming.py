@@ -23,6 +23,9 @@ VERSION: Final = 2  # part of every run's identity: raise it when a change alter
 
 _N_SUMS = 5 + len(ZONES)
 
+# What sweeps read of a model: next states, their probabilities, ends and observations.
+Dynamics = tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int32]]
+
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
@@ -65,10 +68,8 @@ def starts_of(model: Model, start: NDArray[np.float64]) -> Starts:
     return Starts(states, start[states], first, n_block)
 
 
-def dynamics(
-    model: Model,
-) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int32]]:
-    """Returns what sweeps read of a model: next states, their probabilities, ends and observations."""
+def dynamics(model: Model) -> Dynamics:
+    """Returns what sweeps read of a model."""
     return model.next_state, model.probability, model.terminated, model.observation
 
 
@@ -125,13 +126,13 @@ def evaluate(
     sums = np.zeros((len(batch), _N_SUMS))
     _sweep(
         batch,
-        *dynamics(model),
+        dynamics(model),
         model.grid_reward,
         model.issuer_reward,
         model.event == EVENTS.index("target_ping"),
         model.is_wrong_ping,
         model.zone,
-        *starts_of(model, start),
+        starts_of(model, start),
         horizon,
         sums,
     )
@@ -146,22 +147,16 @@ def evaluate(
     )
 
 
-@compiled(nogil=True)
+@compiled
 def _sweep(
     policies: NDArray[np.float64],
-    next_state: NDArray[np.int32],
-    outcome: NDArray[np.float64],
-    terminated: NDArray[np.bool_],
-    observation: NDArray[np.int32],
+    dynamics: Dynamics,
     grid_reward: NDArray[np.float64],
     issuer_reward: NDArray[np.float64],
     is_success: NDArray[np.bool_],
     is_wrong_ping: NDArray[np.bool_],
     zone: NDArray[np.int8],
-    starts: NDArray[np.int64],
-    start_probability: NDArray[np.float64],
-    group: NDArray[np.int64],
-    n_block: int,
+    starts: Starts,
     horizon: int,
     sums: NDArray[np.float64],
 ) -> None:
@@ -170,6 +165,8 @@ def _sweep(
     First it finds the states that the policy can reach, for a greedy policy very few, and lists the
     transitions between them, ordered by target. Then every step is a pass over that list.
     """
+    next_state, outcome, terminated, observation = dynamics
+    start_states, start_probability, group, n_block = starts
     n_states, n_actions, n_outcomes = next_state.shape
     place = np.full(n_states, -1, dtype=np.int32)  # a state's index in `reached`
     reached = np.empty(n_block, dtype=np.int64)  # the states reached, in the order of their discovery
@@ -187,8 +184,8 @@ def _sweep(
                 continue
             n_reached = n_starts
             for i in range(n_starts):
-                place[starts[group[g] + i]] = i
-                reached[i] = starts[group[g] + i]
+                place[start_states[group[g] + i]] = i
+                reached[i] = start_states[group[g] + i]
             first[:] = 0
             i = 0
             while i < n_reached:

@@ -26,7 +26,7 @@ from pydantic import Field
 
 from agents.compiled import compiled
 from agents.contract import LearnerSettings, Schedule, SequentialAlgorithm, snapshots
-from agents.dynamic_programming import dynamics, from_starts, solve, starts_of
+from agents.dynamic_programming import Dynamics, Starts, dynamics, from_starts, solve, starts_of
 from agents.policy import Policy
 from envs.model import ACTIONS, Model
 
@@ -143,28 +143,24 @@ def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray
     """
     gains, visits = np.zeros(policy.shape), np.zeros(len(policy))
     starts = starts_of(model, from_starts(model))
-    expected_return = _sweep(policy, *dynamics(model), model.grid_reward, *starts, horizon, gains, visits)
+    expected_return = _sweep(policy, dynamics(model), model.grid_reward, starts, horizon, gains, visits)
     gains -= (policy * gains).sum(axis=1, keepdims=True)
     return expected_return, gains / np.where(visits > 0, visits, 1.0)[:, None]
 
 
-@compiled(nogil=True)
+@compiled
 def _sweep(
     policy: NDArray[np.float64],
-    next_state: NDArray[np.int32],
-    outcome: NDArray[np.float64],
-    terminated: NDArray[np.bool_],
-    observation: NDArray[np.int32],
+    dynamics: Dynamics,
     reward: NDArray[np.float64],
-    starts: NDArray[np.int64],
-    start_probability: NDArray[np.float64],
-    first: NDArray[np.int64],
-    n_block: int,
+    starts: Starts,
     horizon: int,
     gains: NDArray[np.float64],
     visits: NDArray[np.float64],
 ) -> float:
     """Carries the state distribution forward and values back; adds up sum_t d_t(s) Q_t(s, a), and visits."""
+    next_state, outcome, terminated, observation = dynamics
+    start_states, start_probability, first, n_block = starts
     n_actions, n_outcomes = reward.shape[1], next_state.shape[2]
     here = np.zeros((horizon + 1, n_block))  # probability of each state before each step
     value, later = np.zeros(n_block), np.zeros(n_block)
@@ -173,7 +169,7 @@ def _sweep(
         offset = g * n_block
         here[0] = 0.0
         for i in range(first[g], first[g + 1]):
-            here[0, starts[i] - offset] = start_probability[i]
+            here[0, start_states[i] - offset] = start_probability[i]
         n_steps = 0
         while n_steps < horizon:
             here[n_steps + 1] = 0.0
@@ -211,7 +207,7 @@ def _sweep(
                 value[i] = best
             value, later = later, value
         for i in range(first[g], first[g + 1]):
-            total += start_probability[i] * later[starts[i] - offset]
+            total += start_probability[i] * later[start_states[i] - offset]
     return total
 
 

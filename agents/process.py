@@ -91,9 +91,10 @@ def draw_word(stream: Stream) -> tuple[np.uint64, Stream]:
 
 
 @numba.njit
-def uniform(word: np.uint64) -> float:
-    """Returns a word as a number from [0, 1)."""
-    return (word >> U(11)) * 2.0**-53
+def draw_number(stream: Stream) -> tuple[float, Stream]:
+    """Draws a number from [0, 1); returns it and the stream that follows."""
+    word, stream = draw_word(stream)
+    return (word >> U(11)) * 2.0**-53, stream
 
 
 _draw_issuer_reward = numba.njit(draw_issuer_reward)
@@ -102,17 +103,16 @@ _draw_issuer_reward = numba.njit(draw_issuer_reward)
 @numba.njit
 def draw_reward(mean: float, noise: float, stream: Stream) -> tuple[float, Stream]:
     """Returns a noisy reward and the stream that follows."""
-    word, stream = draw_word(stream)
-    return _draw_issuer_reward(mean, noise, uniform(word)), stream
+    number, stream = draw_number(stream)
+    return _draw_issuer_reward(mean, noise, number), stream
 
 
 @numba.njit
 def draw_outcome(first: np.uint64, outcomes: NDArray[np.void], stream: Stream) -> tuple[np.uint64, Stream]:
     """Returns the index of an outcome, given that of the action's first, and the stream that follows."""
-    word, stream = draw_word(stream)
-    draw = uniform(word)
+    number, stream = draw_number(stream)
     i = first
-    while draw >= outcomes[i].probability_up_to:
+    while number >= outcomes[i].probability_up_to:
         i += U(1)
     return i, stream
 
@@ -122,27 +122,6 @@ def draw_start(starts: NDArray[np.uint32], stream: Stream) -> tuple[np.uint64, S
     """Returns a state to start in and the stream that follows."""
     place = U(0)
     if len(starts) > 1:
-        word, stream = draw_word(stream)
-        place = U(uniform(word) * len(starts))
+        number, stream = draw_number(stream)
+        place = U(number * len(starts))
     return U(starts[place]), stream
-
-
-@numba.njit
-def step(
-    process: Process, state: np.uint64, action: int, stream: Stream
-) -> tuple[float, np.uint64, np.uint64, Stream]:
-    """Returns reward, next state and next observation of an action, and the stream that follows.
-
-    The next observation is O where the episode terminates. Drawn are, in this order and only where there is
-    something to draw, the noise of the reward and the outcome.
-    """
-    i = U(process.first[state]) + U(action) * U(process.n_outcomes)
-    reward = process.outcomes[i].reward
-    if process.is_noisy and process.outcomes[i].noise > 0.0:
-        reward, stream = draw_reward(reward, process.outcomes[i].noise, stream)
-    if process.n_outcomes > 1:
-        i, stream = draw_outcome(i, process.outcomes, stream)
-    outcome = process.outcomes[i]
-    following = state + U(outcome.state_change)
-    observation = process.n_observations if outcome.terminates else process.observation[following]
-    return reward, following, U(observation), stream

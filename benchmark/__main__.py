@@ -129,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     where.add_argument("--executor", metavar="NAME", help=about)
     about = "run all jobs on the workers of the Dask scheduler at this address"
     where.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
-    run.set_defaults(partial=False)
+    run.set_defaults(partial=False, format=None)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
     _add_experiment(report, "; without one, only the texts of all results and the page are written")
@@ -200,13 +200,9 @@ def _add_jobs(command: argparse.ArgumentParser, otherwise: str = "") -> None:
 def _add_experiment(
     command: argparse.ArgumentParser, if_missing: str = "", *, seeds: bool = True, draws: bool = True
 ) -> None:
-    """Adds an experiment and its seeds to a command's arguments.
+    """Adds an experiment, and perhaps its seeds, to a command's arguments.
 
-    Args:
-      command: Its parser.
-      if_missing: What happens without an experiment; if empty, one is required.
-      seeds: Whether seeds can be chosen.
-      draws: Whether tables and figures are made of the runs.
+    An experiment is required, unless it is said what happens if it is missing.
     """
     about = f"a name shown by 'list', or the path of a TOML file{if_missing}"
     nargs = "?" if if_missing else None

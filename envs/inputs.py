@@ -127,11 +127,7 @@ TableT = TypeVar("TableT", bound=Table)
 
 
 def require(is_met: bool, found: str, accepted: str) -> None:
-    """Refuses a value within a validator of a `Table`, unless it is as it must be.
-
-    Raises:
-      ValueError: It is not; `parse` adds the file and the key.
-    """
+    """Refuses a value in a validator of a `Table` by a ValueError, to which `parse` adds file and key."""
     if not is_met:
         raise ValueError(f"{found}: accepted: {accepted}")
 
@@ -164,11 +160,7 @@ Line = Annotated[str, AfterValidator(_in_one_line)]  # free text that labels som
 
 
 def check_file_name(path: Path, what: str) -> None:
-    """Checks that something, for example "results are" (for the message), can be named after its file.
-
-    Raises:
-      InputError: It cannot.
-    """
+    """Refuses, by an InputError, a file after which something, say "results are", cannot be named."""
     if not is_name(path.stem):
         shown = str(path) if str(path).isprintable() else json.dumps(str(path))
         raise InputError(f"{shown}: {what} named after the file; accepted: {_NAME_RULE}.")
@@ -213,11 +205,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def whole_number(text: str, option: str, low: int, high: int) -> int:
-    """Returns the number, from `low` to `high`, that an option of the command line gives.
-
-    Raises:
-      InputError: It is another text or number.
-    """
+    """Returns the number from `low` to `high` that an option gives; other texts raise an InputError."""
     if not (text.isascii() and text.isdecimal() and len(text) <= len(str(high)) and low <= int(text) <= high):
         raise InputError(f"{option} {shortened(text)}: accepted: a whole number from {low} to {high:,}.")
     return int(text)
@@ -234,12 +222,9 @@ def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
 
 
 def _check_texts(value: object, source: str, key: str = "", depth: int = 1) -> None:
-    """Checks how deeply tables are nested, texts for control characters, and numbers for digits.
+    """Refuses, by an InputError, tables nested too deeply, control characters, and too many digits.
 
     Control characters could take over a terminal; Python does not write more than so many digits.
-
-    Raises:
-      InputError: They are, or one has; the message shows it escaped.
     """
     if depth > _DEEPEST:
         raise InputError(f"{source}: nested too deeply; accepted: at most {_DEEPEST} levels.")
@@ -264,8 +249,7 @@ def _check_texts(value: object, source: str, key: str = "", depth: int = 1) -> N
 def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
     """Returns a copy of nested tables with some values replaced, by dotted key: `{"grid.start": [8, 6]}`.
 
-    Raises:
-      InputError: A key passes through a value that is not a table, or through too many tables.
+    A key that passes through a value that is not a table, or through too many tables, raises an InputError.
     """
     result = json.loads(json.dumps(data, default=str))
     for dotted, value in overrides.items():
@@ -316,11 +300,7 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
 
 
 def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> NoReturn:
-    """Refuses a name; the message lists the accepted names and points to the most similar.
-
-    Raises:
-      InputError: Always.
-    """
+    """Refuses a name by an InputError that lists the accepted names and points to the most similar."""
     accepted = sorted(accepted)
     nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
     hint = f" (did you mean {nearest[0]}?)" if nearest else ""
@@ -330,11 +310,7 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> 
 
 
 def imported(name: str, source: str, kind: str) -> object:
-    """Imports what a name `module:attribute` means; the source names it, and it should be of this kind.
-
-    Raises:
-      InputError: It cannot be imported.
-    """
+    """Imports what a name `module:attribute` in a source means, of some kind, or raises an InputError."""
     module, _, attribute = name.partition(":")
     try:
         found: object = getattr(import_module(module), attribute)
@@ -348,12 +324,9 @@ def imported(name: str, source: str, kind: str) -> object:
 
 @contextmanager
 def needed_by(what: str) -> Iterator[None]:
-    """Says how to install a package of this project's extras if an import fails because it is missing.
+    """Turns the failed import of a package of this project's extras into a MissingPackageError.
 
     Other errors pass, among them those of modules that this project does not need.
-
-    Raises:
-      MissingPackageError: A package is not installed.
     """
     try:
         yield

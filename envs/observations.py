@@ -14,15 +14,7 @@ LARGEST_TABLE: Final = 50_000_000  # numbers, of all one-hot observations
 
 
 def check_one_hot(n_observations: int, n_features: int) -> None:
-    """Checks that a table of one-hot observations fits into memory.
-
-    Args:
-      n_observations: O, its rows.
-      n_features: Its columns, the sum of the components' sizes.
-
-    Raises:
-      InputError: It does not.
-    """
+    """Refuses, by an InputError, a table of one-hot observations that does not fit into memory."""
     if n_observations * n_features > LARGEST_TABLE:
         raise InputError(
             f"observation one_hot: {n_observations:,} observations of {n_features:,} numbers each; accepted: "

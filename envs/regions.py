@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from envs.inputs import InputError, Table, require
 
-ZONES: Final = ("outside", "target", "uncomfortable", "issuer")
+ZONES: Final = ("outside", "target", "uncomfortable", "issuer")  # ordered by nearness
 Cell = tuple[int, int]  # (row, column), (0, 0) top left
 Heading = Literal["up", "down", "left", "right"]
 HEADINGS: Final[dict[Heading, tuple[int, int]]] = {  # (row, column)
@@ -190,21 +190,11 @@ def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float6
     return np.asarray(inside)
 
 
-def merged(zones_of_people: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Returns the zone of every cell among several people, (C,), from their own, (people, C).
-
-    A cell is uncomfortable if anyone feels so, and counts as target only if no one does.
-    """
-    return np.asarray(zones_of_people.max(axis=0))  # ZONES are ordered by nearness
-
-
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:
     """Returns the Chebyshev distance of every cell from the target region around a person, (C,).
 
-    The region counts as complete even if the grid's edge, with so many rows and columns, cuts it.
-
-    Raises:
-      InputError: The regions are not given by their radii.
+    The region counts as complete even if the grid's edge, with so many rows and columns, cuts it. Regions
+    that are not given by their radii raise an InputError.
     """
     if regions.uncomfortable_radius is None or regions.target_radius is None:
         raise InputError("regions: the distance from the target region needs radii.")

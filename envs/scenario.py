@@ -18,7 +18,7 @@ from pydantic import AfterValidator, Field, ValidationError, WrapValidator, mode
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
 from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, require, unknown_name
-from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, merged, zones
+from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
@@ -374,10 +374,11 @@ class Scenario(Table):
     @cached_property
     def _zones_by_place(self) -> dict[Cell, NDArray[np.int8]]:
         """The zone of every cell in each phase, (P, C), by where the issuer can stand."""
+        taken = [person.position for person in self.others]
         return {
             place: np.array([self._zones(self._people(place, stage)) for stage in self.stages])
             for place in _cells(self.issuer.position, self.grid)
-            if not self._is_taken(place)
+            if not self._is_wall(place) and place not in taken
         }
 
     def _has_target(self, zone: NDArray[np.int8]) -> bool:
@@ -387,10 +388,6 @@ class Scenario(Table):
     def _is_wall(self, cell: Cell) -> bool:
         return bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
 
-    def _is_taken(self, cell: Cell) -> bool:
-        """Returns whether a cell is a wall, or another person stands there."""
-        return self._is_wall(cell) or cell in [person.position for person in self.others]
-
     def _people(self, place: Cell, stage: Phase) -> tuple[Someone, ...]:
         """Returns the issuer in a phase, and the others."""
         heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
@@ -399,10 +396,10 @@ class Scenario(Table):
         return issuer, *others
 
     def _zones(self, people: tuple[Someone, ...]) -> NDArray[np.int8]:
-        """Returns the zone of every cell among some people, (C,)."""
+        """Returns the zone of every cell among some people, (C,): uncomfortable if it is so to anyone."""
         size, width = self.grid.size, self.grid.metres_per_cell or 1.0
         each = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
-        return np.where(self.grid.is_wall, ZONES.index("outside"), merged(np.array(each))).astype(np.int8)
+        return np.where(self.grid.is_wall, ZONES.index("outside"), np.max(each, axis=0)).astype(np.int8)
 
     # Checks
 
@@ -449,11 +446,11 @@ class Scenario(Table):
         if walk is None and all(phase.position is None for phase in self.phases):
             return
         moved_by = "phases with positions" if walk is None else "issuer.walk"
-        where = f"{moved_by} with issuer.position = {_written(position)}"
+        where = f"{moved_by} with issuer.position = {json.dumps(position)}"
         require(_is_cell(position), where, "a cell")
         for here, there in pairwise(_round(position, walk) if walk is not None else ()):
             is_straight = (here[0] == there[0]) != (here[1] == there[1])
-            where = f"issuer.walk.corners: from {_written(here)} to {_written(there)}"
+            where = f"issuer.walk.corners: from {json.dumps(here)} to {json.dumps(there)}"
             require(is_straight, where, "another cell of the same row or column, also on the way back")
         where = 'feedback.kind = "delayed" with an issuer that moves'
         require(not self.is_delayed, where, "any other kind")
@@ -477,7 +474,7 @@ class Scenario(Table):
             stands["issuer.walk.corners"] = [stage.position for stage in self.stages if stage.position]
         for key, cells in stands.items():
             for cell in cells:
-                where = f"{key} = {_written(cell)}"
+                where = f"{key} = {json.dumps(cell)}"
                 require(not self._is_wall(cell), f"{where} is a wall", "another cell")
                 is_free = others.count(cell) == key.startswith("others")
                 require(is_free, f"{where} is taken by another person", "another cell")
@@ -500,17 +497,17 @@ class Scenario(Table):
         start, position = self.grid.start, self.issuer.position
         listed = _cells(position, self.grid) if position != "anywhere" else []
         for place in listed:
-            where = f"regions: with the issuer at {_written(place)}, the agent can enter no target region"
+            where = f"regions: with the issuer at {json.dumps(place)}, the agent can enter no target region"
             accepted = "a target shape that reaches beyond the uncomfortable one"
             require(self._has_target(self._zones_by_place[place]), where, accepted)
         starts = np.concatenate([np.zeros((0, 2), dtype=int), *self._starts_by_place.values()])
         used = {divmod(cell, self.grid.columns) for cell in starts[:, 1].tolist()}
-        whose = f"the issuer at {_written(position)}{' or another person' if self.others else ''}"
+        whose = f"the issuer at {json.dumps(position)}{' or another person' if self.others else ''}"
         for cell in _cells(start, self.grid) if start != "anywhere" else ():
-            where = f"grid.start = {_written(cell)} lies inside a region of {whose}"
+            where = f"grid.start = {json.dumps(cell)} lies inside a region of {whose}"
             require(cell in used, where, "a cell outside every region")
         unused = [place for place in listed if place not in self._starts_by_place]
-        where = f"issuer.position = {_written(unused[0] if unused else position)}"
+        where = f"issuer.position = {json.dumps(unused[0] if unused else position)}"
         accepted = "other cells, smaller regions, or another grid.start"
         has_starts = bool(self._starts_by_place) and not unused
         require(has_starts, f"{where} leaves no start outside every region", accepted)
@@ -533,13 +530,6 @@ def _is_cell(place: Any) -> bool:
 def _round(position: Any, walk: Walk) -> list[Cell]:
     """Returns where a walk turns, from the issuer's position and back."""
     return [position, *walk.corners, position]
-
-
-def _written(place: Any) -> str:
-    """Returns a place as a scenario's file has it."""
-    if isinstance(place, str):
-        return f'"{place}"'
-    return str([list(each) if isinstance(each, tuple) else each for each in place])
 
 
 def scenario_names() -> list[str]:

@@ -137,11 +137,10 @@ def scene_of(model: Model, context: int = 0) -> Scene:
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
     place, phase = divmod(context, len(scenario.stages))
-    people = []
-    for (row, column), heading, *_ in scenario.people[place][phase]:
-        people.append(
-            Glyph("issuer", row * grid.columns + column, HEADINGS[heading] if scenario.has_front else None)
-        )
+    people = [
+        Glyph("issuer", row * grid.columns + column, HEADINGS[heading] if scenario.has_front else None)
+        for (row, column), heading, *_ in scenario.people[place][phase]
+    ]
     starts = model.cell[model.starts[model.context[model.starts] // len(scenario.stages) == place]]
     is_floor = ~grid.is_wall.reshape(grid.size)
     return Scene(

@@ -1,7 +1,8 @@
 """A batch of envs over one `Model`: array look-ups instead of a Python object per env."""
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -142,10 +143,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             if seeds[i] is not None:
                 self._generators[i] = seeding.np_random(seeds[i])
                 self._n_used[i] = _BLOCK
-        self.restart(envs, self.draw_starts(envs))
         self._over[envs] = False
         info: Info = {name: np.zeros(self.num_envs, dtype) for name, dtype in _INFO.items()}
-        self._write_fresh_info(info, envs)
+        self._begin(envs, info)
         return self.observe(), _with_masks(info, mask)
 
     def step(
@@ -179,11 +179,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 f"actions: the episodes of envs {fresh.tolist()} are over; accepted: a reset first."
             )
         going = np.flatnonzero(~self._over)  # an env that is about to be reset takes no draws for its step
-        uniform = self._draw(going) if self.model.is_noisy else None
-        outcome = self._draw(going) if self.model.n_outcomes > 1 else None
-        taken, grid_reward, issuer_reward, terminated, truncated = self.advance(
-            actions.astype(np.intp), uniform, outcome
-        )
+        advanced = self.advance(actions.astype(np.intp), partial(self._draw, going))
+        taken, grid_reward, issuer_reward, terminated, truncated = advanced
         info = {
             "event": self._event.take(taken),
             "zone": self._zone.take(self._state),
@@ -192,27 +189,21 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             "issuer_reward": issuer_reward,
         }
         if len(fresh):  # NextStep: these envs are reset instead
-            self.restart(fresh, self.draw_starts(fresh))
             terminated[fresh] = truncated[fresh] = False
-            self._write_fresh_info(info, fresh)
+            self._begin(fresh, info)
         rewards = grid_reward + issuer_reward
         ended = terminated | truncated
         final: Info = {}
         if self._mode is not AutoresetMode.SAME_STEP:
             self._over = ended
         elif ended.any():
-            envs = np.flatnonzero(ended)
             final = self._final(info, ended)
-            self.restart(envs, self.draw_starts(envs))
-            self._write_fresh_info(info, envs)
+            self._begin(np.flatnonzero(ended), info)
         info = _with_masks(info, np.ones(self.num_envs, dtype=np.bool_)) | final
         return self.observe(), rewards, terminated, truncated, info
 
     def advance(
-        self,
-        actions: NDArray[Any],
-        uniform: NDArray[np.float64] | None,
-        outcome: NDArray[np.float64] | None = None,
+        self, actions: NDArray[Any], draw: Callable[[], NDArray[np.float64]]
     ) -> tuple[
         NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
     ]:
@@ -220,36 +211,29 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Args:
           actions: (N,) integers, 0 to 4.
-          uniform: (N,) draws from [0, 1) for the issuer's rewards; unused if `model.is_noisy` is False.
-          outcome: (N,) draws from [0, 1) for the outcomes; unused if there is one each.
+          draw: Draws from [0, 1), (N,): first for noisy rewards, then for outcomes if there are several.
 
         Returns:
           (N,) `state * A + action` before the move, grid's and issuer's rewards, terminated, truncated.
         """
         taken = self._state * len(ACTIONS) + actions
+        issuer_reward = self._issuer_reward.take(taken)
+        if self.model.is_noisy:
+            issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), draw())
         if self.model.n_outcomes > 1:
-            assert outcome is not None
-            chosen = (outcome[:, None] >= self._cumulated[taken]).sum(axis=1)
+            chosen = (draw()[:, None] >= self._cumulated[taken]).sum(axis=1)
             self._state = self._next_state[taken, chosen]
         else:
             self._state = self._first_state.take(taken)
         self._steps += 1
-        issuer_reward = self._issuer_reward.take(taken)
-        if self.model.is_noisy:
-            assert uniform is not None
-            issuer_reward = draw_issuer_reward(issuer_reward, self._issuer_noise.take(taken), uniform)
         truncated = self._steps >= self._limit
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
-    def restart(self, envs: NDArray[np.intp], uniform: NDArray[np.float64] | None) -> None:
-        """Moves the agents of these envs, (n,), to a start, of several by (n,) draws from [0, 1)."""
-        place = 0 if uniform is None else (uniform * len(self._starts)).astype(np.intp)
+    def restart(self, envs: NDArray[np.intp], draw: Callable[[], NDArray[np.float64]]) -> None:
+        """Moves the agents of these envs, (n,), to a start, of several by draws from [0, 1), (n,)."""
+        place = (draw() * len(self._starts)).astype(np.intp) if len(self._starts) > 1 else 0
         self._state[envs] = self._starts[place]
         self._steps[envs] = 0
-
-    def draw_starts(self, envs: NDArray[np.intp]) -> NDArray[np.float64] | None:
-        """Returns the next draws of these envs for their starts, (n,); None if there is a single start."""
-        return self._draw(envs)[envs] if len(self._starts) > 1 else None
 
     def observe(self) -> NDArray[Any]:
         """Returns a copy of the observations, (N, ...)."""
@@ -285,8 +269,9 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         final_info = {name: np.where(ended, values, np.zeros_like(values)) for name, values in info.items()}
         return _with_masks({"final_obs": final_obs, "final_info": _with_masks(final_info, ended)}, ended)
 
-    def _write_fresh_info(self, info: Info, envs: NDArray[np.intp]) -> None:
-        """Replaces the info of these envs by that after a reset."""
+    def _begin(self, envs: NDArray[np.intp], info: Info) -> None:
+        """Starts episodes in these envs, and replaces their info by that after a reset."""
+        self.restart(envs, lambda: self._draw(envs)[envs])
         for name in _INFO:
             info[name][envs] = 0
         info["zone"][envs] = self._zone[self._state[envs]]

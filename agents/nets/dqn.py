@@ -4,7 +4,7 @@ There are few observations, and they recur. So the target net's values are kept 
 synchronisation, and a mini-batch computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of its envs takes a number that decides whether
-to explore, and for each env one for a random action, what `agents.process.step` draws, and one for the next
+to explore, and for each env one for a random action, what `agents.nets.walk.take` draws, and one for the next
 start if an episode ends. Mini-batches take numbers of another stream: row and, with several envs, env.
 
 Axis letters: E envs, O observations, A actions, C rows of the replay buffer, B rows of a mini-batch, T
@@ -20,8 +20,8 @@ from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Numbers, inlined, like
 from agents.nets.learner import Agent, NetAlgorithm
-from agents.nets.net import Memo, Merged, Net, Parameters
-from agents.nets.walk import Walk, count, draw, take
+from agents.nets.net import Known, Merged, Net, Parameters
+from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from envs import Model
@@ -47,22 +47,11 @@ class Constants(NamedTuple):
     max_grad_norm: float
 
 
-class Replay(NamedTuple):
-    """The replay buffer, as Stable-Baselines3 has it: a row per step of the envs."""
-
-    observation: NDArray[np.int32]  # (C, E)
-    action: NDArray[np.int8]  # (C, E)
-    reward: NDArray[np.float32]  # (C, E)
-    next_observation: NDArray[np.int32]  # (C, E); O where the episode terminates
-    truncated: NDArray[np.bool_]  # (C, E) by the time limit alone
-
-
 class Target(NamedTuple):
-    """The target net, and what is known of its values."""
+    """The target net, and what is known of its values since the last synchronisation."""
 
     values: Numbers  # (P,) parameters
-    next_value: Numbers  # (O,) the largest action value
-    known: Memo  # of which it is computed since the last synchronisation
+    known: Known
 
 
 class Batch(NamedTuple):
@@ -83,7 +72,7 @@ class Dqn(NamedTuple):
     net: Net
     parameters: Parameters
     target: Target
-    replay: Replay
+    replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
     batch: Batch
     walk: Walk
     stream: NDArray[np.uint64]  # (4,) of the mini-batches
@@ -100,7 +89,7 @@ class DqnAgent(Agent):
         n_envs, n_updates, n_observations = settings.n_envs, settings.gradient_steps, model.n_observations
         (q_net,) = self.nets
         net.draw_uniform(q_net, self.parameters.values, self.drawing)
-        rows = max(settings.arguments["buffer_size"] // n_envs, 1), n_envs
+        n_rows = max(settings.arguments["buffer_size"] // n_envs, 1)
         same = {name: getattr(settings, name) for name in Constants._fields if hasattr(settings, name)}
         changed = {
             "gradient_steps": settings.rollout if n_updates < 0 else n_updates,
@@ -111,12 +100,8 @@ class DqnAgent(Agent):
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
-            target=Target(
-                values=self.parameters.values.copy(),
-                next_value=np.zeros(n_observations, kind),
-                known=net.memo_of(n_observations),
-            ),
-            replay=Replay(*(np.zeros(rows, dtype) for dtype in ("i4", "i1", "f4", "i4", "?"))),
+            target=Target(self.parameters.values.copy(), net.nothing_known(n_observations, kind)),
+            replay=room_for_steps(n_rows * n_envs),
             batch=Batch(*batch, merged=net.merged_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
             walk=self.walk,
             stream=self.learning,
@@ -141,7 +126,7 @@ def exploration_rate(constants: Constants, taken: int) -> float:
     return first + progress * (last - first) / constants.exploration_fraction
 
 
-@compiled(nogil=True)
+@compiled
 def _advance(agent: Dqn, until: int) -> None:
     """Trains an agent until so many steps are done."""
     constants, walk = agent.constants, agent.walk
@@ -153,7 +138,6 @@ def _advance(agent: Dqn, until: int) -> None:
         if walk.taken[0] > constants.learning_starts:
             for _ in range(constants.gradient_steps):
                 _draw_batch(agent)
-                _add_next_values(agent)
                 _update(agent)
 
 
@@ -165,34 +149,19 @@ def _act(agent: Dqn) -> None:
     is greedy.
     """
     replay, walk, observed = agent.replay, agent.walk, agent.net.observed
-    n_envs = len(walk.state)
-    row = walk.taken[0] // n_envs % len(replay.reward)
+    n_envs, first = len(walk.state), walk.taken[0] % len(replay.reward)
     explores = draw(walk.stream) < exploration_rate(agent.constants, walk.taken[0])
     for e in range(n_envs):
-        replay.observation[row, e] = observed[e] = walk.process.observation[walk.state[e]]
+        observed[e] = walk.process.observation[walk.state[e]]
     at = 0
     if not explores:
         at = net.forward(agent.net, agent.parameters.values, observed, n_envs)
     for e in range(n_envs):
         action = int(draw(walk.stream) * N_ACTIONS)
         if not explores:
-            action = _best(agent.net.hidden, at + e * agent.net.stride)
-        reward, following, truncates = take(walk, e, action)
-        replay.action[row, e] = action
-        replay.reward[row, e] = reward
-        replay.next_observation[row, e] = following
-        replay.truncated[row, e] = truncates
+            action = net.best_output(agent.net, at + e * agent.net.stride)
+        take(walk, e, action, replay, first + e)
     count(walk)
-
-
-@inlined
-def _best(values: Numbers, at: int) -> int:
-    """Returns the first of the best actions, whose values begin at a place."""
-    best = 0
-    for a in range(1, N_ACTIONS):
-        if values[at + a] > values[at + best]:
-            best = a
-    return best
 
 
 @inlined
@@ -201,7 +170,7 @@ def _synchronise(values: Numbers, target: Target, tau: float) -> None:
     kept, share = like(values, 1.0 - tau), like(values, tau)
     for i in range(len(values)):
         target.values[i] = kept * target.values[i] + share * values[i]
-    net.forget(target.known)
+    net.forget(target.known.memo)
 
 
 @inlined
@@ -210,55 +179,37 @@ def _draw_batch(agent: Dqn) -> None:
 
     A return ends where the episode ends, or at the row written last.
     """
-    replay, batch, n_steps = agent.replay, agent.batch, agent.constants.n_steps
-    n_rows, n_envs = replay.reward.shape
-    n_written = agent.walk.taken[0] // n_envs
-    last_row, n_filled = (n_written - 1) % n_rows, min(n_written, n_rows)
+    replay, batch, n_steps, n_envs = agent.replay, agent.batch, agent.constants.n_steps, len(agent.walk.state)
+    n_taken, n_kept = agent.walk.taken[0], len(replay.reward)
+    last_row, n_filled = (n_taken - n_envs) % n_kept, min(n_taken, n_kept) // n_envs
     gamma = like(batch.target, agent.constants.gamma)
     for b in range(len(batch.observed)):
         row = int(draw(agent.stream) * n_filled)
         e = int(draw(agent.stream) * n_envs) if n_envs > 1 else 0
-        batch.observed[b] = replay.observation[row, e]
-        batch.action[b] = replay.action[row, e]
+        i = row * n_envs + e
+        batch.observed[b] = replay.observed[i]
+        batch.action[b] = replay.action[i]
         total, discount = like(batch.target, 0), like(batch.target, 1)
         for k in range(n_steps):
-            total += replay.reward[row, e] * discount
+            total += replay.reward[i] * discount
             discount *= gamma
-            ends = (
-                replay.next_observation[row, e] == agent.walk.process.n_observations
-                or replay.truncated[row, e]
-            )
-            if ends or row == last_row or k + 1 == n_steps:
+            ends = replay.next_observed[i] == agent.walk.process.n_observations or replay.truncated[i]
+            if ends or i == last_row + e or k + 1 == n_steps:
                 break
-            row = (row + 1) % n_rows
+            i = (i + n_envs) % n_kept
         batch.target[b] = total
         batch.discount[b] = discount
-        batch.next_observed[b] = replay.next_observation[row, e]
-
-
-@inlined
-def _add_next_values(agent: Dqn) -> None:
-    """Adds what follows on the returns, by the target net, which is read for what is not known of it."""
-    target, batch, q_net, n_unknown = agent.target, agent.batch, agent.net, 0
-    unknown, terminal = q_net.observed, agent.walk.process.n_observations
-    for o in batch.next_observed:
-        if o != terminal and net.is_new(target.known, o):
-            unknown[n_unknown] = o
-            n_unknown += 1
-    if n_unknown:
-        at = net.forward(q_net, target.values, unknown, n_unknown)
-        for i in range(n_unknown):
-            row = at + i * q_net.stride
-            target.next_value[unknown[i]] = q_net.hidden[row + _best(q_net.hidden, row)]
-    for b in range(len(batch.target)):
-        if batch.next_observed[b] != terminal:
-            batch.target[b] += batch.discount[b] * target.next_value[batch.next_observed[b]]
+        batch.next_observed[b] = replay.next_observed[i]
 
 
 @inlined
 def _update(agent: Dqn) -> None:
-    """Makes a gradient step by the Huber loss."""
+    """Adds what follows on the returns, by the target net, and makes a gradient step by the Huber loss."""
     q_net, parameters, batch, merged = agent.net, agent.parameters, agent.batch, agent.batch.merged
+    net.know(q_net, agent.target.values, batch.next_observed, agent.target.known)
+    for b in range(len(batch.target)):
+        if batch.next_observed[b] != agent.walk.process.n_observations:
+            batch.target[b] += batch.discount[b] * agent.target.known.largest[batch.next_observed[b]]
     n_distinct = net.merge(batch.observed, merged)
     at = net.forward(q_net, parameters.values, merged.distinct, n_distinct)
     one, share = like(batch.target, 1), like(batch.target, 1.0 / len(batch.observed))

@@ -54,6 +54,13 @@ class Memo(NamedTuple):
     now: NDArray[np.int64]  # (1,) calls of `forget`
 
 
+class Known(NamedTuple):
+    """What is known of the largest outputs of a net."""
+
+    largest: Numbers  # (O,)
+    memo: Memo  # of which observations it is known
+
+
 class Merged(NamedTuple):
     """The observations of a mini-batch, each once."""
 
@@ -125,6 +132,11 @@ def memo_of(n_observations: int) -> Memo:
     return Memo(np.full(n_observations, -1), np.zeros(1, np.int64))
 
 
+def nothing_known(n_observations: int, kind: type[np.floating[Any]]) -> Known:
+    """Returns room for `know`."""
+    return Known(np.zeros(n_observations, kind), memo_of(n_observations))
+
+
 def merged_of(n_observations: int, n_rows: int) -> Merged:
     """Returns room for `merge`."""
     return Merged(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64), memo_of(n_observations))
@@ -193,6 +205,32 @@ def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int)
         activated, output = (hidden, before, stride, 1), (hidden, here, stride, 1)
         multiply((n_rows, width, n_in), start, activated, weights, output)
     return (len(net.width) - 1) * size
+
+
+@inlined
+def best_output(net: Net, at: int) -> int:
+    """Returns the first of the largest outputs, of those that begin at a place of `net.hidden`."""
+    best = 0
+    for j in range(1, net.n_outputs[-1]):
+        if net.hidden[at + j] > net.hidden[at + best]:
+            best = j
+    return best
+
+
+@inlined
+def know(net: Net, values: Numbers, observed: NDArray[np.int32], known: Known) -> None:
+    """Computes the largest output for those observations of which it is not known; O is none."""
+    unknown, n_unknown = net.observed, 0
+    for i in range(len(observed) + 1):
+        if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
+            at = forward(net, values, unknown, n_unknown)
+            for r in range(n_unknown):
+                row = at + r * net.stride
+                known.largest[unknown[r]] = net.hidden[row + best_output(net, row)]
+            n_unknown = 0
+        if i < len(observed) and observed[i] < len(known.largest) and is_new(known.memo, observed[i]):
+            unknown[n_unknown] = observed[i]
+            n_unknown += 1
 
 
 @inlined
@@ -319,7 +357,7 @@ def _slope_of_activation(slopes: Numbers, activated: Numbers, is_relu: bool) -> 
             slopes[i] *= one - activated[i] * activated[i]
 
 
-@compiled(nogil=True)
+@compiled
 def read(net: Net, values: Numbers, outputs: Numbers) -> None:
     """Computes the outputs for all observations, (O, outputs)."""
     n_observations, n_outputs = outputs.shape
@@ -332,7 +370,7 @@ def read(net: Net, values: Numbers, outputs: Numbers) -> None:
             _copy(outputs[start + r], net.hidden[at + r * net.stride : at + r * net.stride + n_outputs])
 
 
-@compiled()
+@compiled
 def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
     """Draws weights and biases as PyTorch's linear layers do: uniform, bounded by 1 / sqrt(inputs)."""
     n_in = net.n_inputs
@@ -345,7 +383,7 @@ def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
         n_in = net.n_outputs[i]
 
 
-@compiled()
+@compiled
 def draw_orthogonal(
     net: Net, values: Numbers, stream: NDArray[np.uint64], gains: Any, room: NDArray[np.float64]
 ) -> None:

@@ -4,7 +4,7 @@ There are few observations, and they recur. So probabilities and values are kept
 mini-batch computes each distinct observation once. Only the order of sums differs.
 
 An agent draws where its first episodes start. Then each step of each env takes a number for the action, what
-`agents.process.step` draws, and a number for the next start if the episode ends. Permutations of rollouts
+`agents.nets.walk.take` draws, and a number for the next start if the episode ends. Permutations of rollouts
 take numbers of another stream.
 
 Axis letters: E envs, L steps of a rollout, O observations, A actions, B rows of a mini-batch, T evaluation
@@ -21,8 +21,8 @@ from agents.compiled import compiled
 from agents.nets import net
 from agents.nets.arithmetic import Numbers, exp, inlined, like, log
 from agents.nets.learner import Agent, NetAlgorithm
-from agents.nets.net import Memo, Merged, Net, Parameters
-from agents.nets.walk import Walk, count, draw, take
+from agents.nets.net import Known, Memo, Merged, Net, Parameters
+from agents.nets.walk import Steps, Walk, count, draw, room_for_steps, take
 from agents.process import N_ACTIONS
 from agents.sb3.settings import PpoSettings
 from envs import Model
@@ -50,24 +50,17 @@ class Constants(NamedTuple):
     max_grad_norm: float
 
 
-class Known(NamedTuple):
-    """What actor and critic say of observations since the last update."""
+class KnownPolicy(NamedTuple):
+    """What the actor says of observations since the last update."""
 
     probability: Numbers  # (O, A)
     log_probability: Numbers  # (O, A)
-    value: Numbers  # (O,)
-    policy_of: Memo  # of which the probabilities are known
-    value_of: Memo  # of which the value is known
+    memo: Memo  # of which they are known
 
 
 class Rollout(NamedTuple):
-    """A rollout, as Stable-Baselines3 flattens it, env after env, (E * L,) each."""
+    """What is computed of a rollout, (E * L,) each."""
 
-    observed: NDArray[np.int32]
-    action: NDArray[np.int8]
-    reward: NDArray[np.float32]
-    next_observed: NDArray[np.int32]  # O where the episode terminates
-    truncated: NDArray[np.bool_]  # by the time limit alone
     old_log_probability: Numbers
     advantage: Numbers
     value_target: Numbers  # Stable-Baselines3's `returns`
@@ -90,7 +83,9 @@ class Ppo(NamedTuple):
     actor: Net
     critic: Net
     parameters: Parameters
-    known: Known
+    policy: KnownPolicy
+    known: Known  # the critic's values since the last update
+    steps: Steps  # (E * L,) of a rollout, as Stable-Baselines3 flattens it, env after env
     rollout: Rollout
     batch: Batch
     walk: Walk
@@ -112,20 +107,16 @@ class PpoAgent(Agent):
             net.draw_orthogonal(each, self.parameters.values, self.drawing, (_GAIN, gain), room)
         constants = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
-        table, rollout = (n_observations, N_ACTIONS), ("i4", "i1", "f4", "i4", "?", kind, kind, kind, "i8")
+        table = n_observations, N_ACTIONS
         return Ppo(
             constants=Constants(**constants | endless),
             actor=actor,
             critic=critic,
             parameters=self.parameters,
-            known=Known(
-                probability=np.zeros(table, kind),
-                log_probability=np.zeros(table, kind),
-                value=np.zeros(n_observations, kind),
-                policy_of=net.memo_of(n_observations),
-                value_of=net.memo_of(n_observations),
-            ),
-            rollout=Rollout(*(np.zeros(settings.rollout, dtype) for dtype in rollout)),
+            policy=KnownPolicy(np.zeros(table, kind), np.zeros(table, kind), net.memo_of(n_observations)),
+            known=net.nothing_known(n_observations, kind),
+            steps=room_for_steps(settings.rollout),
+            rollout=Rollout(*(np.zeros(settings.rollout, dtype) for dtype in (kind, kind, kind, np.int64))),
             batch=Batch(
                 observed=np.zeros(n_rows, np.int32),
                 merged=net.merged_of(n_observations, n_rows),
@@ -165,23 +156,23 @@ def _to_probabilities(logits: Numbers, at: int, log_probability: Numbers, probab
     return is_finite
 
 
-@compiled(nogil=True)
+@compiled
 def _softmax(logits: Numbers, room: Numbers) -> None:
     """Replaces logits (O, A) by probabilities, given room (A,) for their logarithms."""
     for o in range(len(logits)):
         _to_probabilities(logits[o], 0, room, logits[o])
 
 
-@compiled(nogil=True)
+@compiled
 def _advance(agent: Ppo, until: int) -> None:
     """Trains an agent until so many steps are done."""
     while agent.walk.taken[0] < until:
-        net.forget(agent.known.policy_of)
-        net.forget(agent.known.value_of)
+        net.forget(agent.policy.memo)
+        net.forget(agent.known.memo)
         if not _roll_out(agent):
             return
-        _value(agent, agent.rollout.observed)
-        _value(agent, agent.rollout.next_observed)
+        for observed in (agent.steps.observed, agent.steps.next_observed):
+            net.know(agent.critic, agent.parameters.values, observed, agent.known)
         _estimate_advantages(agent)
         _learn(agent)
 
@@ -189,12 +180,12 @@ def _advance(agent: Ppo, until: int) -> None:
 @inlined
 def _roll_out(agent: Ppo) -> bool:
     """Makes a rollout; returns whether all probabilities were finite. If not, it ends there."""
-    known, rollout, walk, n_steps = agent.known, agent.rollout, agent.walk, agent.constants.n_steps
+    policy, walk, n_steps = agent.policy, agent.walk, agent.constants.n_steps
     for t in range(n_steps):
         for e in range(len(walk.state)):
             o, i = walk.process.observation[walk.state[e]], e * n_steps + t
-            probability, log_probability = known.probability[o], known.log_probability[o]
-            if net.is_new(known.policy_of, o):
+            probability, log_probability = policy.probability[o], policy.log_probability[o]
+            if net.is_new(policy.memo, o):
                 agent.actor.observed[0] = o
                 at = net.forward(agent.actor, agent.parameters.values, agent.actor.observed, 1)
                 if not _to_probabilities(agent.actor.hidden, at, log_probability, probability):
@@ -204,52 +195,30 @@ def _roll_out(agent: Ppo) -> bool:
             while action < N_ACTIONS - 1 and uniform >= cumulated:
                 action += 1
                 cumulated += probability[action]
-            rollout.observed[i] = o
-            rollout.action[i] = action
-            rollout.old_log_probability[i] = log_probability[action]
-            reward, following, truncates = take(walk, e, action)
-            rollout.reward[i] = reward
-            rollout.next_observed[i] = following
-            rollout.truncated[i] = truncates
+            agent.rollout.old_log_probability[i] = log_probability[action]
+            take(walk, e, action, agent.steps, i)
         count(walk)
     return True
 
 
 @inlined
-def _value(agent: Ppo, observed: NDArray[np.int32]) -> None:
-    """Has the critic value the observations of a rollout that are not valued yet."""
-    known, critic, unknown, n_unknown = agent.known, agent.critic, agent.critic.observed, 0
-    for i in range(len(observed) + 1):
-        if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
-            at = net.forward(critic, agent.parameters.values, unknown, n_unknown)
-            for r in range(n_unknown):
-                known.value[unknown[r]] = critic.hidden[at + r * critic.stride]
-            n_unknown = 0
-        if i < len(observed):
-            o = observed[i]
-            if o != agent.walk.process.n_observations and net.is_new(known.value_of, o):
-                unknown[n_unknown] = o
-                n_unknown += 1
-
-
-@inlined
 def _estimate_advantages(agent: Ppo) -> None:
     """Estimates advantages by GAE (Schulman et al. 2016), as Stable-Baselines3 does."""
-    rollout, value, n_steps = agent.rollout, agent.known.value, agent.constants.n_steps
+    steps, rollout, value, n_steps = agent.steps, agent.rollout, agent.known.largest, agent.constants.n_steps
     zero, gamma = like(value, 0), like(value, agent.constants.gamma)
     decay = like(value, agent.constants.gamma * agent.constants.gae_lambda)
     for e in range(len(agent.walk.state)):
         last = (e + 1) * n_steps - 1
         advantage = following = zero
         for i in range(last, last - n_steps, -1):
-            reward, o = like(value, rollout.reward[i]), rollout.next_observed[i]
-            if rollout.truncated[i]:
+            reward, o = like(value, steps.reward[i]), steps.next_observed[i]
+            if steps.truncated[i]:
                 reward += gamma * value[o]
-            if rollout.truncated[i] or o == agent.walk.process.n_observations:
+            if steps.truncated[i] or o == agent.walk.process.n_observations:
                 following = advantage = zero
             elif i == last:
                 following = value[o]
-            old = value[rollout.observed[i]]
+            old = value[steps.observed[i]]
             advantage = reward + gamma * following - old + decay * advantage
             rollout.advantage[i] = advantage
             rollout.value_target[i] = advantage + old
@@ -259,7 +228,7 @@ def _estimate_advantages(agent: Ppo) -> None:
 @inlined
 def _learn(agent: Ppo) -> None:
     """Makes the gradient steps on a rollout."""
-    rollout, batch, constants, order = agent.rollout, agent.batch, agent.constants, agent.rollout.order
+    batch, constants, order = agent.batch, agent.constants, agent.rollout.order
     for _ in range(constants.n_epochs):
         for i in range(len(order)):
             order[i] = i
@@ -269,7 +238,7 @@ def _learn(agent: Ppo) -> None:
         for start in range(0, len(order), constants.batch_size):
             chosen = order[start : start + constants.batch_size]
             for b in range(len(chosen)):
-                batch.observed[b] = rollout.observed[chosen[b]]
+                batch.observed[b] = agent.steps.observed[chosen[b]]
             n_distinct = net.merge(batch.observed[: len(chosen)], batch.merged)
             if not _slope_of_actor(agent, chosen, n_distinct):
                 return
@@ -299,7 +268,7 @@ def _slope_of_actor(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> b
         deviation = math.sqrt(square / (n_rows - 1)) + 1e-8
     divergence = 0.0
     for i in chosen:
-        r, action = batch.merged.place[rollout.observed[i]], rollout.action[i]
+        r, action = batch.merged.place[agent.steps.observed[i]], agent.steps.action[i]
         log_ratio = float(batch.log_probability[r, action] - rollout.old_log_probability[i])
         ratio = exp(log_ratio)
         divergence += (ratio - 1.0 - log_ratio) / n_rows
@@ -325,10 +294,10 @@ def _slope_of_critic(agent: Ppo, chosen: NDArray[np.int64], n_distinct: int) -> 
     at = net.forward(critic, agent.parameters.values, merged.distinct, n_distinct)
     net.clear(critic.slopes[at : at + n_distinct * critic.stride])
     for i in chosen:
-        o = rollout.observed[i]
+        o = agent.steps.observed[i]
         row = at + merged.place[o] * critic.stride
         value = critic.hidden[row]
-        if not abs(value - agent.known.value[o]) > constants.clip_range_vf:
+        if not abs(value - agent.known.largest[o]) > constants.clip_range_vf:
             critic.slopes[row] += 2.0 * constants.vf_coef * (value - rollout.value_target[i]) / len(chosen)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
-from agents.process import Process, Stream, U, draw_start, draw_word, process_of, step, uniform
+from agents.process import Process, Stream, U, draw_number, draw_outcome, draw_reward, draw_start, process_of
 from agents.sb3.settings import Sb3Settings
 from envs import Model
 
@@ -29,12 +29,22 @@ class Walk(NamedTuple):
     counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them that is over
 
 
+class Steps(NamedTuple):
+    """Steps from which an agent learns."""
+
+    observed: NDArray[np.int32]
+    action: NDArray[np.int8]
+    reward: NDArray[np.float32]
+    next_observed: NDArray[np.int32]  # O where the episode terminates
+    truncated: NDArray[np.bool_]  # by the time limit alone
+
+
 @inlined
 def draw(stream: NDArray[np.uint64]) -> float:
     """Draws a number from [0, 1) from a stream (4,), which changes."""
-    word, after = draw_word(_words(stream))
+    number, after = draw_number(_words(stream))
     stream[0], stream[1], stream[2], stream[3] = after
-    return float(uniform(word))
+    return float(number)
 
 
 def walk_of(
@@ -57,7 +67,12 @@ def walk_of(
     return walk
 
 
-@compiled()
+def room_for_steps(n: int) -> Steps:
+    """Returns room for n steps."""
+    return Steps(*(np.zeros(n, dtype) for dtype in ("i4", "i1", "f4", "i4", "?")))
+
+
+@compiled
 def _start(walk: Walk) -> None:
     for e in range(len(walk.state)):
         _restart(walk, e)
@@ -77,24 +92,32 @@ def _restart(walk: Walk, e: int) -> None:
 
 
 @inlined
-def take(walk: Walk, e: int, action: int) -> tuple[float, int, bool]:
-    """Takes a step in an env, and starts an episode if one ends.
+def take(walk: Walk, e: int, action: int, steps: Steps, at: int) -> None:
+    """Takes a step in an env, keeps it at a place of `steps`, and starts an episode if one ends.
 
-    Returns reward, next observation before that start (O where the episode terminates), and whether the time
-    limit alone truncates it.
+    Drawn are, in this order and only where there is something to draw, the noise of the reward, the outcome
+    and the start.
     """
-    process, state = walk.process, U(walk.state[e])
-    first = U(process.first[state]) + U(action) * U(process.n_outcomes)
-    walk.disagreements[0] += process.outcomes[first].is_wrong_ping
-    reward, state, following, stream = step(process, state, action, _words(walk.stream))
+    process, state, stream = walk.process, U(walk.state[e]), _words(walk.stream)
+    i = U(process.first[state]) + U(action) * U(process.n_outcomes)
+    reward = process.outcomes[i].reward
+    walk.disagreements[0] += process.outcomes[i].is_wrong_ping
+    if process.is_noisy and process.outcomes[i].noise > 0.0:
+        reward, stream = draw_reward(reward, process.outcomes[i].noise, stream)
+    if process.n_outcomes > 1:
+        i, stream = draw_outcome(i, process.outcomes, stream)
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
-    walk.state[e] = state
+    following, terminates = state + U(process.outcomes[i].state_change), process.outcomes[i].terminates
+    walk.state[e] = following
     walk.steps[e] += 1
-    terminates = following == process.n_observations
     truncates = not terminates and walk.steps[e] >= walk.time_limit
+    steps.observed[at] = process.observation[state]
+    steps.action[at] = action
+    steps.reward[at] = reward
+    steps.next_observed[at] = process.n_observations if terminates else process.observation[following]
+    steps.truncated[at] = truncates
     if terminates or truncates:
         _restart(walk, e)
-    return reward, following, truncates
 
 
 @inlined

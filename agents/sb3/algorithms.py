@@ -30,11 +30,7 @@ class Sb3Algorithm(SequentialAlgorithm):
     training = DeepTraining
 
     def load(self) -> Any:
-        """Imports the class.
-
-        Raises:
-          ModuleNotFoundError: A package is not installed.
-        """
+        """Imports the class."""
         module, _, name = self.path.partition(":")
         return getattr(import_module(module), name)
 
@@ -47,11 +43,7 @@ class Sb3Algorithm(SequentialAlgorithm):
         schedule: Schedule,
         log: Path | None,
     ) -> dict[str, Any]:
-        """Trains by `agents.sb3.training.train_agent`.
-
-        Raises:
-          MissingPackageError: A package is not installed.
-        """
+        """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
             self.load()
             from agents.sb3 import training

@@ -109,14 +109,12 @@ def _arguments(cls: type) -> dict[str, Any]:
             continue
         parameters = list(inspect.signature(vars(base)["__init__"]).parameters.values())[1:]
         for parameter in parameters:
-            if not (parameter.name.startswith("_") or parameter.kind in _VARIABLE):
+            is_single = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+            if is_single and not parameter.name.startswith("_"):
                 found.setdefault(parameter.name, _default(parameter.default))
         if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
             break
     return found
-
-
-_VARIABLE: Final = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def _default(default: Any) -> Any:

@@ -30,11 +30,9 @@ class Output:
 
 
 def output_of(agent: BaseAlgorithm) -> Output:
-    """Returns how to ask an agent's net.
+    """Returns how to ask an agent's net; one that cannot be asked raises a ValueError.
 
-    Raises:
-      ValueError: It is neither a Q-network nor a quantile network, whose means are action values (Dabney et
-        al. 2018, eq. 3), nor an actor with a categorical distribution.
+    The means of a quantile network are action values (Dabney et al. 2018, eq. 3).
     """
     policy: Any = agent.policy
     if isinstance(getattr(policy, "q_net", None), torch.nn.Module):
@@ -70,11 +68,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class.
-
-    Raises:
-      ValueError: Its policy cannot be read as a finite table with a row per observation.
-    """
+    """Returns `policy_table` of an agent of any class; one that is not finite raises a ValueError."""
     name = type(agent.policy).__name__
     try:
         table = policy_table(agent, observations)

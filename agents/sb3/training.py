@@ -17,7 +17,6 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode
 from numpy.random import SeedSequence
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
@@ -33,7 +32,6 @@ from agents.sb3.vec_env import SB3VecEnv
 from envs import InputError, Model, ProxemicVectorEnv
 from envs.model import ACTIONS
 from envs.observations import observation_table
-from envs.scenario import ScenarioLike
 
 # With AVX-512, sums of MKL have another order for another number of rows, and torch takes another code. Both
 # look at these when they are first used.
@@ -62,12 +60,8 @@ def make_agent(algorithm: Sb3Algorithm, settings: Sb3Settings, env: VecEnv) -> B
 
 
 def check_settings(algorithm: Sb3Algorithm, settings: Sb3Settings) -> None:
-    """Makes an untrained agent and reads its policy, so that what cannot be trained is found early.
-
-    Raises:
-      ValueError: The class refuses the settings or discrete actions, or its policy cannot be read as a table.
-    """
-    env = vec_env(settings.n_envs, "S1", "coordinates")
+    """Refuses, by a ValueError, what cannot be trained: makes an agent, and reads its policy as a table."""
+    env = SB3VecEnv(ProxemicVectorEnv(settings.n_envs, "S1", "coordinates"))
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -152,14 +146,6 @@ class _Snapshots(BaseCallback):
         self.keep_counts(2**62)
 
 
-def vec_env(n: int, scenario: ScenarioLike, observation: str, time_limit: int | None = None) -> SB3VecEnv:
-    """Returns n envs that step together."""
-    mode = AutoresetMode.SAME_STEP
-    return SB3VecEnv(
-        ProxemicVectorEnv(n, scenario, observation, max_episode_steps=time_limit, autoreset_mode=mode)
-    )
-
-
 def train_agent(
     algorithm: Sb3Algorithm,
     model: Model,
@@ -171,7 +157,10 @@ def train_agent(
 ) -> dict[str, Any]:
     """Trains an agent, see `agents.contract.SequentialAlgorithm`."""
     with _isolated(seed) as (env_seed, action_seed):
-        env = vec_env(settings.n_envs, model.scenario, observation, settings.time_limit)
+        limit = settings.time_limit
+        env = SB3VecEnv(
+            ProxemicVectorEnv(settings.n_envs, model.scenario, observation, max_episode_steps=limit)
+        )
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
         agent = make_agent(algorithm, settings, VecMonitor(env) if log else env)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
@@ -23,13 +22,7 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, env: ProxemicVectorEnv) -> None:
-        """Wraps an env made with `autoreset_mode="SameStep"`.
-
-        Raises:
-          ValueError: The env resets at the next step, which SB3 would count as a step.
-        """
-        if env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP:
-            raise ValueError("env: accepted: a ProxemicVectorEnv with autoreset_mode = SameStep.")
+        """Wraps a batch of envs; whatever its mode, an env is reset in the step that ends its episode."""
         self.env = env
         self.disagreements = 0
         self._is_disagreement = env.model.is_wrong_ping.ravel()
@@ -47,7 +40,7 @@ class SB3VecEnv(VecEnv):
         """Resets every env; returns observations (N, ...)."""
         if self._seed is not None:
             self._generator, self._seed = np.random.default_rng(self._seed), None
-        self._restart(np.arange(self.num_envs))
+        self.env.restart(np.arange(self.num_envs), lambda: self._generator.random(self.num_envs))
         self.disagreements = 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return self.env.observe()
@@ -58,11 +51,8 @@ class SB3VecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Steps; returns observations (N, ...), rewards (N,) float32, dones (N,) and N infos."""
-        uniform = self._generator.random(self.num_envs) if self.env.model.is_noisy else None
-        outcome = self._generator.random(self.num_envs) if self.env.model.n_outcomes > 1 else None
-        taken, grid_reward, issuer_reward, terminated, truncated = self.env.advance(
-            self._actions, uniform, outcome
-        )
+        step = self.env.advance(self._actions, lambda: self._generator.random(self.num_envs))
+        taken, grid_reward, issuer_reward, terminated, truncated = step
         observations = self.env.observe()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated
@@ -71,15 +61,10 @@ class SB3VecEnv(VecEnv):
             for i in ended:
                 infos[i]["terminal_observation"] = observations[i].copy()
                 infos[i]["TimeLimit.truncated"] = not terminated[i]
-            self._restart(ended)
+            self.env.restart(ended, lambda: self._generator.random(len(ended)))
             observations = self.env.observe()
         self.disagreements += int(np.count_nonzero(self._is_disagreement.take(taken)))
         return observations, (grid_reward + issuer_reward).astype(np.float32), dones, infos
-
-    def _restart(self, envs: NDArray[np.intp]) -> None:
-        """Moves the agents of these envs, (n,), to a start."""
-        is_drawn = len(self.env.model.starts) > 1
-        self.env.restart(envs, self._generator.random(len(envs)) if is_drawn else None)
 
     def close(self) -> None:
         """Closes the env."""

@@ -125,11 +125,9 @@ def _take_snapshot(
 ) -> None:
     """Keeps the state of agent n at evaluation step i, which is map step i_map, or none if that is -1."""
     results.disagreements[n, i] = disagreements
-    for o in range(len(greedy)):
-        results.greedy[n, i, o] = greedy[o]
-        if i_map >= 0:
-            for a in range(N_ACTIONS):
-                results.values[n, i_map, o, a] = q[o, a]
+    results.greedy[n, i] = greedy
+    if i_map >= 0:
+        results.values[n, i_map] = q
 
 
 @numba.njit
@@ -347,4 +345,4 @@ def compile_kernel(
     parts = flags, update.bootstrap.__module__, code.co_code, code.co_consts, code.co_names, cells, text
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()
     kernel.__qualname__ = f"{update.bootstrap.__name__}_{digest[:16]}"
-    return compiled(nogil=True)(kernel)
+    return compiled(kernel)

@@ -37,6 +37,7 @@ _LONGEST: Final = 200  # characters of an error
 _CHECK_S: Final = 3.0  # how long to verify checksums
 _AT_ONCE: Final = 100  # records
 _JOB_MEMORY: Final = 500_000_000  # bytes of a job of nets, about
+_OTHER_FOLDER: Final = "choose another folder with --results"
 _LITTLE_DISK: Final = 1_000_000_000  # bytes
 
 
@@ -46,6 +47,11 @@ class Finding(NamedTuple):
     state: str  # a key of `_COLOURS`
     subject: str
     text: str
+
+
+def _finding(subject: str, text: str, advice: str = "", state: str = "note") -> Finding:
+    """Returns that all is well, or with advice that something is not."""
+    return Finding(state, subject, f"{text}; {advice}") if advice else Finding("ok", subject, text)
 
 
 def main(options: argparse.Namespace) -> int:
@@ -83,9 +89,9 @@ def _installation() -> Iterator[Finding]:
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
     if others := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
-        yield Finding("note", "versions", f"other than in constraints.txt: {', '.join(others)}; {advice}")
+        yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
     else:
-        yield Finding("ok", "versions", f"Python {platform.python_version()}, and packages as declared")
+        yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
     complete = []
     for extra, modules in EXTRAS.items():
         if missing := [module for module in modules if find_spec(module) is None]:
@@ -93,13 +99,10 @@ def _installation() -> Iterator[Finding]:
             yield Finding("note", "packages", f"{text} (packages that are missing: {len(missing)})")
         else:
             complete.append(extra)
-    yield Finding("ok", "packages", f"complete extras: {', '.join(complete) or 'none'}")
-    commit = provenance.commit(Path(provenance.__file__))
-    if commit is not None and commit.endswith("-changed"):
-        advice = "commit changes of agents, benchmark and envs before runs that are to be published"
-        yield Finding("note", "code", f"records will name the commit {commit}; {advice}")
-    else:
-        yield Finding("ok", "code", f"records will name the commit {commit or '(none: no checkout)'}")
+    yield _finding("packages", f"complete extras: {', '.join(complete) or 'none'}")
+    commit = provenance.commit(Path(provenance.__file__)) or "(none: no checkout)"
+    advice = "commit changes of agents, benchmark and envs before runs that are to be published"
+    yield _finding("code", f"records will name the commit {commit}", advice * commit.endswith("-changed"))
 
 
 def _outside(requirements: Iterable[Requirement]) -> list[str]:
@@ -122,29 +125,25 @@ def _cache() -> Finding:
         advice = "make the folder of the code writable, or set NUMBA_CACHE_DIR to a folder that is"
         return Finding("problem", "compiling", f"{' '.join(str(error).split())}; {advice}")
     sweep: Any = dynamic_programming._sweep
-    return Finding("ok", "compiling", f"compiled code is kept in {shortened(sweep._cache.cache_path)}")
+    return _finding("compiling", f"compiled code is kept in {shortened(sweep._cache.cache_path)}")
 
 
 def _machine(results: Path) -> Iterator[Finding]:
     """Yields what the machine has to offer."""
     cores, load, memory = usable_cores(), os.getloadavg()[0], free_memory()
-    text = f"{cores} of {os.cpu_count()} may be used here; each job uses one thread"
     if load > cores:
-        text = f"{cores}, with a load average of {load:.1f}; other programs slow down runs"
-    yield Finding("note" if load > cores else "ok", "cores", text)
-    if memory is not None and memory < cores * _JOB_MEMORY:
-        advice = f"nets take about {_bytes(_JOB_MEMORY)} per job: give --jobs {max(1, memory // _JOB_MEMORY)}"
-        yield Finding("note", "memory", f"{_bytes(memory)} free; {advice}")
-    elif memory is not None:
-        yield Finding("ok", "memory", f"{_bytes(memory)} free")
-    folder, free = _disk(results)
-    if not folder.is_dir() or not os.access(folder, os.W_OK):
-        advice = "choose another folder with --results"
-        yield Finding("problem", "disk", f"{folder} is not a folder that can be written; {advice}")
-    elif free < _LITTLE_DISK:
-        yield Finding("note", "disk", f"{_bytes(free)} free in {folder}; free some space")
+        text = f"{cores}, with a load average of {load:.1f}"
+        yield _finding("cores", text, "other programs slow down runs")
     else:
-        yield Finding("ok", "disk", f"{_bytes(free)} free in {folder}")
+        yield _finding("cores", f"{cores} of {os.cpu_count()} may be used here; each job uses one thread")
+    if memory is not None:
+        advice = f"nets take about {_bytes(_JOB_MEMORY)} per job: give --jobs {max(1, memory // _JOB_MEMORY)}"
+        yield _finding("memory", f"{_bytes(memory)} free", advice * (memory < cores * _JOB_MEMORY))
+    folder, free = _disk(results)
+    if folder.is_dir() and os.access(folder, os.W_OK):
+        yield _finding("disk", f"{_bytes(free)} free in {folder}", "free some space" * (free < _LITTLE_DISK))
+    else:
+        yield _finding("disk", f"{folder} is not a folder that can be written", _OTHER_FOLDER, "problem")
     if (_CONSTRAINTS.parent / "tests").is_dir() and not any(map(shutil.which, BROWSERS)):
         advice = "install one (apt-get install chromium), or tests of the page are skipped"
         yield Finding("note", "browser", f"none of {', '.join(BROWSERS)} was found; {advice}")
@@ -167,9 +166,8 @@ def _store(path: Path) -> Iterator[Finding]:
                 return
             counts = Counter(store.statuses().values())
             runs = ", ".join(f"{n:,} {status}" for status, n in sorted(counts.items())) or "none"
-            again = "; 'run EXPERIMENT' tries failed runs again" if counts["failed"] else ""
-            text = f"{path}: {_bytes(path.stat().st_size)}, runs: {runs}{again}"
-            yield Finding("note" if again else "ok", "store", text)
+            again = "'run EXPERIMENT' tries failed runs again" if counts["failed"] else ""
+            yield _finding("store", f"{path}: {_bytes(path.stat().st_size)}, runs: {runs}", again)
             digests = [*store.ended()]
             random.shuffle(digests)
             end, n_checked, n_damaged = time.monotonic() + _CHECK_S, 0, 0
@@ -177,13 +175,13 @@ def _store(path: Path) -> Iterator[Finding]:
                 some = digests[n_checked : n_checked + _AT_ONCE]
                 n_checked, n_damaged = n_checked + len(some), n_damaged + len(store.damaged(some))
     except NoRunsError:
-        yield Finding("ok", "store", f"{path}: there are no runs yet")
+        yield _finding("store", f"{path}: there are no runs yet")
     except InputError as error:
         yield Finding("problem", "store", str(error).removesuffix("."))
     else:
         text = f"{n_checked:,} of {len(digests):,} records checked, {n_damaged:,} damaged"
         state, advice = ("problem", "says what to do") if n_damaged else ("ok", "checks all")
-        yield Finding(state, "checksums", f"{text}; 'verify' {advice}")
+        yield _finding("checksums", text, f"'verify' {advice}", state)
 
 
 def _cluster(address: str, runs: Sequence["RunSpecification"]) -> Finding:
@@ -195,7 +193,7 @@ def _cluster(address: str, runs: Sequence["RunSpecification"]) -> Finding:
     except InputError as error:
         return Finding("problem", "cluster", str(error).removesuffix("."))
     cluster.cancel()
-    return Finding("ok", "cluster", f"{address}: workers with the same packages and code: {cluster.workers}")
+    return _finding("cluster", f"{address}: workers with the same packages and code: {cluster.workers}")
 
 
 def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace) -> Iterator[Finding]:
@@ -214,31 +212,29 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
             opened = stack.enter_context(Store(options.results / "runs.db", read_only=True))
             missing, store = pending(runs, opened), opened
         if not missing:
-            yield Finding("ok", "runs", f"all {len(runs):,} are done")
+            yield _finding("runs", f"all {len(runs):,} are done")
             return
         print(f"estimating the cost, for at most {LIMIT_S:.0f} s ...", file=sys.stderr)
         estimated = estimate(missing, store, options.jobs, usable_cores())
-    yield Finding("ok", "runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
-    for error_ in estimated.errors:
-        advice = "check its algorithm and settings"
-        yield Finding("problem", "runs", f"a short job failed: {shortened(error_, _LONGEST)}; {advice}")
+    yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
+    for failure in estimated.errors:
+        text = f"a short job failed: {shortened(failure, _LONGEST)}"
+        yield _finding("runs", text, "check its algorithm and settings", "problem")
     if estimated.unknown:
         names = ", ".join(dict.fromkeys(estimated.unknown))
-        text = f"unknown for {len(estimated.unknown)} populations ({shortened(names, _LONGEST)})"
-        advice = f"{LIMIT_S:.0f} s was not enough; compiled code is kept, so try again"
-        yield Finding("note", "time", f"{text}: {advice}")
+        text = f"unknown for {len(estimated.unknown)} populations ({shortened(names, _LONGEST)}): "
+        text += f"{LIMIT_S:.0f} s was not enough"
+        yield _finding("time", text, "compiled code is kept, so try again")
     if estimated.sources:
         sources = ", ".join(f"{n} from {source}" for source, n in sorted(estimated.sources.items()))
         text = f"{_duration(*estimated.seconds)} with --jobs {options.jobs}, by populations: {sources}"
-        yield Finding("ok", "time", text)
+        yield _finding("time", text)
     if estimated.peak_memory and (free := free_memory()) is not None:
-        state = "ok" if estimated.peak_memory < free else "problem"
         text = f"about {_bytes(estimated.peak_memory)} at the peak; {_bytes(free)} are free"
-        yield Finding(state, "memory", text + "; give fewer --jobs" * (state == "problem"))
+        yield _finding("memory", text, "give fewer --jobs" * (estimated.peak_memory >= free), "problem")
     free_disk = _disk(options.results)[1]
-    state = "ok" if estimated.size < free_disk else "problem"
     text = f"at most about {_bytes(estimated.size)} for records; {_bytes(free_disk)} are free"
-    yield Finding(state, "disk", text + "; choose another folder with --results" * (state == "problem"))
+    yield _finding("disk", text, _OTHER_FOLDER * (estimated.size >= free_disk), "problem")
 
 
 def _bytes(number: float) -> str:

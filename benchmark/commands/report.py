@@ -13,9 +13,8 @@ from envs import InputError
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    form = getattr(options, "format", None)  # of `run --report` there is none
     if options.experiment is None:
-        if options.partial or form or options.seeds is not None:
+        if options.partial or options.format or options.seeds is not None:
             raise InputError("--partial, --format, --seeds: accepted only together with an experiment.")
         folders = sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}"))
         if folders:
@@ -27,16 +26,16 @@ def main(options: argparse.Namespace) -> int:
                     files.write_text(sameness.REPOSITORY / "README.md", text)
         print(f"the page is {page.write(options.results)}.")
         return 0
-    if form and options.partial:
+    if options.format and options.partial:
         raise InputError("--format, --partial: accepted: one of the two.")
     experiment = load_experiment(options.experiment)
     draw.report_of(experiment)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
     with Store(options.results / "runs.db", read_only=True) as store:
-        if form:
-            directory = directory.with_name(f"{directory.name}_{form}")
-            draw.export(experiment, store, directory, seeds, form)
+        if options.format:
+            directory = directory.with_name(f"{directory.name}_{options.format}")
+            draw.export(experiment, store, directory, seeds, options.format)
             print(f"{experiment.name}: written to {directory}.")
             return 0
         made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
@@ -51,21 +50,10 @@ def main(options: argparse.Namespace) -> int:
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
     """Returns the given seeds; None if every variant declares just these under every condition."""
-    declared = {
-        experiment.declared_seeds(variant, condition)
-        for variant in experiment.algorithms
-        for condition in experiment.conditions
-    }
-    return None if declared == {seeds} else seeds
+    return None if experiment.seed_ranges == {seeds} else seeds
 
 
 def folder_name(experiment: Experiment, seeds: range | None, *, partial: bool) -> str:
-    """Returns the name of the folder that a report is drawn into.
-
-    Args:
-      experiment: As loaded.
-      seeds: Other seeds than the declared ones; they have a folder of their own.
-      partial: Whether runs may be missing; such a report has a folder of its own, too.
-    """
+    """Returns the name of a report's folder; other seeds, and a partial report, have one of their own."""
     chosen = f"_seeds_{seeds_text(seeds)}" if seeds is not None else ""
     return f"{experiment.name}{chosen}{'_partial' if partial else ''}"

@@ -19,7 +19,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, all_specifications, load_experiment
 from benchmark.reports import draw, load_report
 from envs import InputError
-from envs.inputs import missing_package
+from envs.inputs import missing_package, needed_by
 
 if TYPE_CHECKING:
     from benchmark.execution.executors.cluster import Cluster
@@ -32,12 +32,7 @@ def main(options: argparse.Namespace) -> int:
     name, seeds = experiment.name, parse_seeds(options.seeds)
     if options.report or experiment.report is not None:
         draw.report_of(experiment, is_drawn=options.report)
-    fewest = min(
-        len(experiment.declared_seeds(variant, condition)) if seeds is None else len(seeds)
-        for variant in experiment.algorithms
-        for condition in experiment.conditions
-    )
-    if options.report and fewest < 2:
+    if options.report and min(map(len, experiment.seed_ranges if seeds is None else [seeds])) < 2:
         raise InputError(
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."
         )
@@ -72,10 +67,10 @@ def main(options: argparse.Namespace) -> int:
     if errors:
         again = "the same command tries them again"
         print(f"error: {len(errors)} runs failed; {again}. First error: {errors[0]}", file=sys.stderr)
-    elif n_lost:
+        return 1
+    if n_lost:
         lost = f"runs that were stored but are no longer there: {n_lost}"
         print(f"error: {lost}; the same command repeats them.", file=sys.stderr)
-    if errors or n_lost:
         return 1
     n_diverged = sum(statuses[run.digest] == "diverged" for run in todo)
     which = f", {n_diverged} of them diverged" if n_diverged else ""
@@ -91,10 +86,8 @@ def forecast(experiment: Experiment) -> str:
 
 def connect(address: str, algorithms: Collection[str]) -> "Cluster":
     """Returns a cluster that can execute runs of these algorithms."""
-    if find_spec("distributed") is None:
-        raise missing_package("--cluster", "distributed")
-    from benchmark.execution.executors.cluster import Cluster
-
+    with needed_by("--cluster"):
+        from benchmark.execution.executors.cluster import Cluster
     return Cluster(address, algorithms)
 
 

@@ -130,11 +130,6 @@ def in_terminal(film: Film, console: Console) -> None:
             time.sleep(1 / FRAMES_PER_SECOND)
 
 
-def to_file(film: Film, path: Path) -> None:
-    """Writes the film as an animated GIF or WebP, one frame per map; raises as `film.write` does."""
-    write([picture(film, end_of(film, place), 32) for place in range(len(film.steps))], path)
-
-
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     experiment = load_experiment(options.experiment)
@@ -145,7 +140,7 @@ def main(options: argparse.Namespace) -> int:
     with Store(options.results / "runs.db") as store:
         film = load_film(watched, store)
     if options.save is not None:
-        to_file(film, options.save)
+        write([picture(film, end_of(film, place), 32) for place in range(len(film.steps))], options.save)
         print(f"{film.title}: {options.save}")
         return 0
     if has_window() and not options.terminal:

@@ -16,7 +16,7 @@ from typing import Final
 from agents import load_algorithm
 from benchmark.execution.executors import ExecutorFactory
 from benchmark.execution.executors.processes import Processes
-from benchmark.execution.job import failures, now
+from benchmark.execution.job import failures
 from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import machine
 from benchmark.execution.store import Record, Store
@@ -60,15 +60,9 @@ def estimate(
     limit_s: float = LIMIT_S,
     executor: ExecutorFactory = Processes,
 ) -> Estimate:
-    """Returns what it costs to execute runs that are missing in the store.
+    """Returns what it costs to execute runs that are missing in the store, so many jobs at a time.
 
-    Args:
-      runs: The missing runs.
-      store: Where others are stored; None if nowhere.
-      jobs: How many jobs are under way at a time.
-      cores: How many of them are faster than one.
-      limit_s: How long to execute short jobs, at most.
-      executor: Makes the worker that executes them.
+    Short jobs are executed for at most `limit_s` seconds, by a worker that `executor` makes.
     """
     planned = plan(runs)
     populations = {job[0].population: job for job in planned}
@@ -121,34 +115,29 @@ def _cost(records: Sequence[Record], source: str) -> Cost:
 def _rates(
     jobs: Sequence[Job], limit_s: float, executor: ExecutorFactory
 ) -> tuple[dict[tuple[str, ...], Cost], list[str]]:
-    """Executes a short job of every kind of learner until the time is up.
-
-    Returns:
-      The cost per unit of work, by kind; and the errors of the jobs that failed.
-    """
+    """Executes a short job of every kind of learner; returns costs per unit of work by kind, and errors."""
     rates: dict[tuple[str, ...], Cost] = {}
     errors: list[str] = []
     end = time.monotonic() + limit_s
-    kinds = {_kind(job[0]): _short(job) for job in jobs}
     compiled: set[str] = set()  # algorithms
     worker = executor(1)
     try:
-        for kind, job in kinds.items():
-            for _ in range(1 if job[0].algorithm in compiled else 2):  # the first time compiles
-                future = worker.submit(job)
+        for kind, job in {_kind(job[0]): _short(job) for job in jobs}.items():
+            run = job[0]
+            for _ in range(1 if run.algorithm in compiled else 2):  # the first time compiles
                 try:
-                    records = future.result(max(0.0, end - time.monotonic()))
+                    records = worker.submit(job).result(max(0.0, end - time.monotonic()))
                 except TimeoutError:
                     return rates, errors
                 except Exception as error:  # its process died
-                    records = failures(job, error, now(), 0.0)
-            compiled.add(job[0].algorithm)
-            if records[0].error is not None:
-                where = f"{job[0].scenario.name}, {job[0].variant}, {job[0].observation}"
-                errors.append(f"{where}: {records[0].error}")
-            else:
+                    records = failures(job, error, time.perf_counter())
+            compiled.add(run.algorithm)
+            if records[0].error is None:
                 cost = _cost(records, "short jobs")
-                rates[kind] = replace(cost, seconds=cost.seconds / _work(job[0]))
+                rates[kind] = replace(cost, seconds=cost.seconds / _work(run))
+            else:
+                where = f"{run.scenario.name}, {run.variant}, {run.observation}"
+                errors.append(f"{where}: {records[0].error}")
     finally:
         worker.cancel()  # kills it if it is busy
     return rates, errors
@@ -159,8 +148,8 @@ def _short(job: Job) -> Job:
     run, settings = job[0], job[0].settings
     if load_algorithm(run.algorithm).family != "deep":
         return job[:_TABLES]
-    rollout = getattr(settings, "rollout", 1)
-    steps = _idle(run) + (settings.budget - _idle(run)) / _PART
+    rollout, learning = getattr(settings, "rollout", 1), _learning_steps(run)
+    steps = settings.budget - learning + learning / _PART
     budget = min(math.ceil(steps / rollout) * rollout, settings.budget)
     settings = settings.model_copy(update={"budget": budget})
     return [replace(run, settings=settings, evaluation_every=budget, map_every=budget)]
@@ -170,14 +159,13 @@ def _kind(run: RunSpecification) -> tuple[str, ...]:
     return run.algorithm, run.settings.model_dump_json(), run.observation
 
 
-def _idle(run: RunSpecification) -> int:
-    """Returns after how many steps an agent begins to learn."""
-    starts: int = getattr(run.settings, "learning_starts", 0)
-    return starts if starts < run.settings.budget else 0
+def _learning_steps(run: RunSpecification) -> int:
+    """Returns in how many steps of its budget an agent learns."""
+    budget, starts = run.settings.budget, getattr(run.settings, "learning_starts", 0)
+    return budget - starts if starts < budget else budget
 
 
 def _work(run: RunSpecification) -> int:
     """Returns what time is in proportion to; that of a table goes into evaluations of all states."""
-    steps = max(1, run.settings.budget - _idle(run))
     is_deep = load_algorithm(run.algorithm).family == "deep"
-    return steps if is_deep else steps * len(compile_scenario(run.scenario).next_state)
+    return _learning_steps(run) * (1 if is_deep else len(compile_scenario(run.scenario).next_state))

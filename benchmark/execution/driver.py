@@ -12,8 +12,8 @@ from itertools import islice
 from pathlib import Path
 
 from agents import load_algorithm
-from benchmark.execution.executors import EXECUTORS, Executor, ExecutorFactory, load_executor
-from benchmark.execution.job import failures, now
+from benchmark.execution.executors import Executor, ExecutorFactory, load_executor
+from benchmark.execution.job import failures
 from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import check_packages
 from benchmark.execution.store import Record, Store
@@ -31,11 +31,12 @@ def run(
 ) -> list[str]:
     """Executes the runs that have no valid record, and stores their records as they come.
 
-    On an interrupt, executors end what is running; the records of jobs that have finished by then are stored.
+    A failed run is stored with its error, and executed again next time. On an interrupt, executors end what
+    is running; the records of jobs that have finished by then are stored.
 
     Args:
       runs: The wanted runs.
-      store: Where records are stored. A failed run is stored with its error, and executed again next time.
+      store: Where records are stored.
       jobs: How many jobs to have under way at a time.
       on_progress: Called with the records of every job that has ended.
       on_start: Called with every job that starts.
@@ -43,7 +44,7 @@ def run(
       executor: Executes all jobs; by default, each algorithm's placement decides.
 
     Returns:
-      The errors of the runs that failed; empty if none failed.
+      The errors of the runs that failed.
 
     Raises:
       InputError: A package is missing that an algorithm needs.
@@ -52,25 +53,23 @@ def run(
     check_packages(run.algorithm for run in todo)
     waiting = iter(plan(todo))
     executors: dict[str, Executor] = {}
-    under_way: dict[Future[list[Record]], tuple[Job, str, float]] = {}  # with the times when it was submitted
+    under_way: dict[Future[list[Record]], tuple[Job, float]] = {}  # with the time when it was submitted
     errors: list[str] = []
 
     def submit(job: Job, stack: ExitStack) -> None:
-        placement = load_algorithm(job[0].algorithm).placement
-        name = placement if executor is None else ""
-        if name not in executors:
-            executors[name] = (executor or load_executor(EXECUTORS[placement]))(jobs)
-            stack.callback(executors[name].cancel)
+        placement = load_algorithm(job[0].algorithm).placement if executor is None else ""
+        if placement not in executors:
+            executors[placement] = (executor or load_executor(placement))(jobs)
+            stack.callback(executors[placement].cancel)
         on_start(job)
-        submitted = job, now(), time.perf_counter()
-        under_way[executors[name].submit(job, logs)] = submitted
+        under_way[executors[placement].submit(job, logs)] = job, time.perf_counter()
 
     def keep(future: Future[list[Record]]) -> None:
         try:
             records = future.result()
         except Exception as error:  # the job was lost, so its runs have failed
-            job, started_at, started = under_way[future]
-            records = failures(job, error, started_at, time.perf_counter() - started)
+            job, started = under_way[future]
+            records = failures(job, error, started)
         store.add(records)
         errors.extend(record.error for record in records if record.error is not None)
         on_progress(records)

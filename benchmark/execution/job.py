@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +23,16 @@ from envs import InputError, compile_scenario
 def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
     """Trains the runs of a job and evaluates every snapshot of them exactly.
 
-    Args:
-      job: Runs that differ by their seed alone.
-      logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
-
-    Returns:
-      The records of the runs, in their order. If training raises an exception, all of them have failed.
+    Returns the records of the runs, in their order. If training raises an exception, all of them have failed.
+    Algorithms may write TensorBoard logs into the folder `logs`; no result depends on it.
     """
-    started, started_at = time.perf_counter(), now()
+    started = time.perf_counter()
     reset_peak_memory()
     try:
         columns = recorded(_train_and_evaluate(job, logs))
     except Exception as exception:
-        return failures(job, exception, started_at, time.perf_counter() - started)
-    measured = provenance(job[0].algorithm) | {
-        "started_at": started_at,
-        "wall_time_s": (time.perf_counter() - started) / len(job),
-        "peak_memory_mb": peak_memory_mb(),
-    }
+        return failures(job, exception, started)
+    measured = provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}
     # CPU time is measured, so it is no result: arrays are the same whenever a run is repeated.
     cpu_time_s = columns.pop("cpu_time_s")
     return [
@@ -64,19 +56,20 @@ def recorded(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     }
 
 
-def failures(job: Job, error: BaseException, started_at: str, wall_time_s: float) -> list[Record]:
-    """Returns the records of a job that failed, given when it started (`now`), and how long it took."""
-    seconds = wall_time_s / len(job)
-    measured = {"started_at": started_at, "wall_time_s": seconds, "peak_memory_mb": None, "cpu_time_s": []}
+def failures(job: Job, error: BaseException, started: float) -> list[Record]:
+    """Returns the records of a job that has failed now, given when it started (`time.perf_counter`)."""
+    measured = _times(job, started) | {"peak_memory_mb": None, "cpu_time_s": []}
     with suppress(InputError):  # an algorithm that cannot be imported here has no versions
         measured |= provenance(job[0].algorithm)
     message = f"{type(error).__name__}: {error}"
     return [Record(run.digest, run.content, "failed", measured, {}, message) for run in job]
 
 
-def now() -> str:
-    """Returns the time as records have it."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+def _times(job: Job, started: float) -> dict[str, Any]:
+    """Returns when a job that ends now has started, and how long each of its runs took."""
+    seconds = time.perf_counter() - started
+    started_at = (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds")
+    return {"started_at": started_at, "wall_time_s": seconds / len(job)}
 
 
 def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:

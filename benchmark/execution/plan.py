@@ -18,11 +18,7 @@ JOB_SIZE: Final = 250_000_000  # bytes of its records, at most
 
 
 def plan(runs: Sequence[RunSpecification]) -> list[Job]:
-    """Splits runs into jobs, in the order of the first run of each.
-
-    Args:
-      runs: The wanted runs; none appears twice.
-    """
+    """Splits runs, none of which appears twice, into jobs, in the order of the first run of each."""
     populations: dict[str, Job] = {}
     for run in runs:
         populations.setdefault(run.population, []).append(run)

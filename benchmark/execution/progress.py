@@ -29,15 +29,7 @@ class Display:
         jobs: Sequence[Job],
         console: Console | None = None,
     ) -> None:
-        """Counts runs.
-
-        Args:
-          name: The experiment's.
-          runs: All its runs.
-          ended: Digests of the runs that have a valid record.
-          jobs: What will be executed.
-          console: Where to show it; standard error by default.
-        """
+        """Counts all runs of an experiment, of which some have ended; these jobs will be executed."""
         self._name = name
         self._console = console or Console(stderr=True)
         self._lock = threading.Lock()

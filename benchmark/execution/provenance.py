@@ -20,7 +20,6 @@ from envs.inputs import missing_package
 
 _PACKAGES: Final = ("gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pandas", "scipy", "seaborn")
 _FEATURES: Final = ("avx", "avx2", "fma", "avx512f")
-_ROOT: Final = Path(__file__).parents[2]
 _SOURCES: Final = (".py", ".toml", ".html", ".css", ".js", ".md", ".jinja")
 _SHOWN: Final = 12  # digits of a digest in a message
 
@@ -97,23 +96,20 @@ def environment(algorithm: str) -> dict[str, str]:
 @cache
 def digest_of_code() -> str:
     """Returns the digest of this project's sources."""
-    digest = hashlib.sha256()
-    for package in ("agents", "benchmark", "envs"):
-        for path in sorted((_ROOT / package).rglob("*")):
-            if path.suffix in _SOURCES:
-                digest.update(f"{path.relative_to(_ROOT).as_posix()}\0{digest_of_file(path)}\0".encode())
-    return digest.hexdigest()
+    digests = map(digest_of_source, ("agents", "benchmark", "envs"))
+    return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def digest_of_source(module: str) -> str:
-    """Returns the digest of a module that lives elsewhere, and of the package that it belongs to."""
+    """Returns the digest of a module, and of the package that it belongs to."""
     found = find_spec(module.partition(".")[0])
     if found is None:
         return ""
     folders = [Path(folder) for folder in found.submodule_search_locations or ()]
     paths = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
     paths += [Path(found.origin)] if found.origin and not folders else []
-    return hashlib.sha256("".join(map(digest_of_file, paths)).encode()).hexdigest()
+    named = (f"{path.name}\0{digest_of_file(path)}" for path in paths)
+    return hashlib.sha256("".join(named).encode()).hexdigest()
 
 
 def digest_of_file(path: Path) -> str:

@@ -11,7 +11,7 @@ import shutil
 import sqlite3
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,11 +41,14 @@ CREATE TABLE runs (
 -- So that asking for all statuses reads no records.
 CREATE INDEX statuses ON runs (digest, status);
 """
-_HEADER_SIZE: Final = 100  # bytes at the start of an SQLite file
-_HEADER_PLACES: Final = (60, 68)  # where they have the version and the application
 _SMALLEST_ROW: Final = 256  # bytes, fewer than any record has
 _LAST_ROW: Final = 10_000_000  # no file has more; a damaged one may say so
-_HEAD: Final = "digest, specification, status, error, provenance, checksum"
+_COLUMNS: Final = "digest, specification, status, error, provenance, checksum, head"
+# No failure replaces a valid record: another driver may have done the run meanwhile.
+_ADD: Final = f"""
+INSERT OR REPLACE INTO runs ({_COLUMNS}, arrays) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8
+WHERE ?3 != 'failed' OR NOT EXISTS (SELECT 1 FROM runs WHERE digest = ?1 AND status != 'failed')
+"""
 # What to do about an error of SQLite, by its code.
 _ADVICE: Final = {
     sqlite3.SQLITE_BUSY: "another process is writing to it; try again when that has ended",
@@ -82,12 +85,7 @@ class Record:
 
 
 def evaluated(name: str, policy: str, start: str) -> str:
-    """Returns the name that a field of `Evaluation` has in a record.
-
-    Args:
-      name: The field.
-      policy: `"greedy"` or `"stochastic"`.
-      start: Where episodes start, `"start"` or `"every_cell"`.
+    """Returns the name that a field of `Evaluation` has in a record, by policy and where episodes start.
 
     >>> evaluated("success", "greedy", "start"), evaluated("success", "stochastic", "every_cell")
     ('success', 'stochastic_every_cell_success')
@@ -198,13 +196,13 @@ class Store:
     def _has_our_header(self) -> bool:
         """Returns whether the file begins like a store of this version, whatever follows."""
         with self._path.open("rb") as file:
-            header = file.read(_HEADER_SIZE)
-        version, application = (int.from_bytes(header[i : i + 4]) for i in _HEADER_PLACES)
-        return application == _APPLICATION_ID and version == _FORMAT
+            header = file.read(72)  # these places are part of SQLite's format
+        return (header[60:64], header[68:]) == (_FORMAT.to_bytes(4), _APPLICATION_ID.to_bytes(4))
 
     def _create(self) -> None:
         """Creates the table, if the file is new."""
-        with self._transaction():
+        with self._connection:
+            self._connection.execute("BEGIN IMMEDIATE")
             if self._number("SELECT count(*) FROM sqlite_master") == 0:
                 for statement in _SCHEMA.split(";"):
                     self._connection.execute(statement)
@@ -246,19 +244,16 @@ class Store:
         rows = []
         for record in records:
             arrays, provenance = _pack(record.arrays), json.dumps(record.provenance, sort_keys=True)
-            head = record.digest, record.specification, record.status, record.error, provenance
+            about = record.digest, record.specification, record.status, record.error, provenance
             checksum = zlib.crc32(arrays)
-            rows.append((*head, arrays, checksum, _head(*head, checksum)))
+            rows.append((*about, checksum, _head(*about, checksum), arrays))
         self._do(lambda: self._add(rows))
 
     def _add(self, rows: Iterable[tuple[Any, ...]]) -> None:
-        """Stores rows, all or none."""
-        with self._transaction():
-            for row in rows:
-                stored = self._connection.execute("SELECT status FROM runs WHERE digest = ?", row[:1])
-                if stored.fetchone() not in (None, ("failed",)) and row[2] == "failed":
-                    continue  # meanwhile another driver has done it
-                self._connection.execute("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+        """Stores rows of `_COLUMNS` and arrays, all or none."""
+        with self._connection:
+            self._connection.execute("BEGIN IMMEDIATE")
+            self._connection.executemany(_ADD, rows)
 
     def get(self, digests: Sequence[str], *, arrays: bool = True) -> list[Record]:
         """Returns the records of these runs, in this order, with or without their arrays.
@@ -269,7 +264,7 @@ class Store:
         return self._do(lambda: [self._get(digest, arrays) for digest in digests])
 
     def _get(self, digest: str, arrays: bool) -> Record:
-        columns = f"{_HEAD}, head{', arrays' * arrays}"
+        columns = _COLUMNS + ", arrays" * arrays
         row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
         # The digest is that asked for: in a damaged index it may lead to the record of another run.
         if row is None or not _is_whole(digest, *row[1:]):
@@ -279,10 +274,9 @@ class Store:
         unpacked = _Packed(packed[0]) if packed else {}
         return Record(digest, specification, status, json.loads(provenance), unpacked, error)
 
-    def damaged(self, digests: Iterable[str]) -> list[str]:
+    def damaged(self, digests: Collection[str]) -> list[str]:
         """Returns which of these stored runs have a record that is damaged or cannot be found."""
-        wanted = list(digests)
-        return self._do(lambda: [digest for digest in wanted if self._is_damaged(digest)])
+        return self._do(lambda: [digest for digest in digests if self._is_damaged(digest)])
 
     def _is_damaged(self, digest: str) -> bool:
         try:
@@ -302,7 +296,8 @@ class Store:
         damaged = self.damaged(self.ended().intersection(digests))
 
         def remove() -> int:
-            with self._transaction():
+            with self._connection:
+                self._connection.execute("BEGIN IMMEDIATE")
                 self._connection.execute("REINDEX")  # an index may be what is damaged
                 # Meanwhile another driver may have replaced some by whole ones.
                 rows = [(digest,) for digest in damaged if self._is_damaged(digest)]
@@ -381,27 +376,12 @@ class Store:
         last = self._path.stat().st_size // _SMALLEST_ROW
         with suppress(sqlite3.DatabaseError):
             last = max(last, self._number("SELECT max(rowid) FROM runs NOT INDEXED"))
-        query = f"SELECT {_HEAD}, head, arrays FROM runs NOT INDEXED WHERE rowid = ?"
+        query = f"SELECT {_COLUMNS}, arrays FROM runs NOT INDEXED WHERE rowid = ?"
         for row_id in range(1, min(last, _LAST_ROW) + 1):
             with suppress(sqlite3.DatabaseError):
                 row = self._connection.execute(query, (row_id,)).fetchone()
                 if row is not None and _is_whole(*row):
-                    *columns, checksum, head, arrays = row
-                    yield (*columns, arrays, checksum, head)
-
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        """Makes the statements that follow take effect all together, or not at all."""
-        if self._connection.in_transaction:  # left open by an interrupt between two statements
-            self._connection.execute("ROLLBACK")
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-        except BaseException:
-            with suppress(sqlite3.OperationalError):  # after some errors SQLite has done it already
-                self._connection.execute("ROLLBACK")
-            raise
-        self._connection.execute("COMMIT")
+                    yield row
 
     @contextmanager
     def _input_errors(self) -> Iterator[None]:
@@ -425,12 +405,12 @@ def _code(error: sqlite3.Error) -> int:
 
 
 def _head(*columns: Any) -> int:
-    """Returns the CRC-32 of the columns `_HEAD` of a record: the checksum stands for its arrays."""
+    """Returns the CRC-32 of the columns of a record before `head`: the checksum stands for its arrays."""
     return zlib.crc32(json.dumps(columns, default=repr).encode())
 
 
 def _is_whole(*row: Any) -> bool:
-    """Returns whether columns of a record are as stored: `_HEAD`, `head` and perhaps its arrays."""
+    """Returns whether a record is as stored: `_COLUMNS`, and perhaps its arrays."""
     *columns, head = row[:7]
     return _head(*columns) == head and all(
         isinstance(arrays, bytes) and zlib.crc32(arrays) == columns[-1] for arrays in row[7:]

@@ -3,11 +3,8 @@
 from benchmark.experiments.schema import (
     DEFAULT_CONDITION,
     EXPERIMENT_DIRECTORY,
-    Condition,
     Experiment,
-    Reading,
     Reporting,
-    Variant,
     experiment_names,
 )
 from benchmark.experiments.specification import (
@@ -22,12 +19,9 @@ from benchmark.experiments.specification import (
 __all__ = [
     "DEFAULT_CONDITION",
     "EXPERIMENT_DIRECTORY",
-    "Condition",
     "Experiment",
-    "Reading",
     "Reporting",
     "RunSpecification",
-    "Variant",
     "all_specifications",
     "evaluation_steps",
     "experiment_names",

@@ -27,6 +27,7 @@ from envs.inputs import (
     override,
     parse,
     read_toml,
+    require,
     unknown_name,
 )
 
@@ -131,9 +132,8 @@ class Experiment(Table):
     map_every: Annotated[int, Field(ge=1, le=10**9)]  # a multiple of `evaluation_every`
     # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
-    settings: dict[str, Any] = Field(
-        default_factory=dict
-    )  # of every variant, unless the variant sets the same key
+    # Of every variant, unless the variant sets the same key.
+    settings: dict[str, Any] = Field(default_factory=dict)
     algorithms: Annotated[dict[Name, Variant], Field(min_length=1)]
     readings: dict[Name, Reading] = Field(
         default_factory=lambda: {
@@ -147,35 +147,29 @@ class Experiment(Table):
         tables = {"algorithms": [*self.algorithms], "readings": [*self.readings], "sweep": [*self.sweep]}
         tables |= {f"sweep.{axis}": [*conditions] for axis, conditions in self.sweep.items()}
         for table, names in tables.items():
-            if pair := in_either_case(names):
-                raise ValueError(
-                    f"{table}: {' and '.join(pair)}: accepted: names that differ in more than case"
-                )
+            pair = in_either_case(names) or ()
+            require(not pair, f"{table}: {' and '.join(pair)}", "names that differ in more than case")
         return self
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        if "start" not in self.evaluated_from:
-            raise ValueError(f'evaluated_from = {list(self.evaluated_from)}: accepted: "start" among them')
+        starts = f"evaluated_from = {list(self.evaluated_from)}"
+        require("start" in self.evaluated_from, starts, '"start" among them')
         schedules = {"": (self.evaluation_every, self.map_every)}
         schedules |= {f'algorithms."{name}": ': self.schedule(name) for name in self.algorithms}
         for where, (evaluation_every, map_every) in schedules.items():
-            if map_every % evaluation_every:
-                raise ValueError(
-                    f"{where}map_every = {map_every}: accepted: a multiple of evaluation_every = "
-                    f"{evaluation_every}"
-                )
+            accepted = f"a multiple of evaluation_every = {evaluation_every}"
+            require(map_every % evaluation_every == 0, f"{where}map_every = {map_every}", accepted)
         n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
-        if n_conditions > MOST_CONDITIONS:
-            raise ValueError(f"readings with sweep: accepted: at most {MOST_CONDITIONS:,} conditions")
+        accepted = f"at most {MOST_CONDITIONS:,} conditions"
+        require(n_conditions <= MOST_CONDITIONS, "readings with sweep", accepted)
         return self
 
     @model_validator(mode="after")
     def _axes_change_different_keys(self) -> Self:
         axis_of_key: dict[str, str] = {}
         for axis, conditions in self.sweep.items():
-            if not conditions:
-                raise ValueError(f"sweep.{axis}: accepted: a table with at least one condition")
+            require(bool(conditions), f"sweep.{axis}", "a table with at least one condition")
             for condition in conditions.values():
                 keys = [f"scenario.{key}" for key in condition.scenario]
                 for key in (*keys, *(f"settings.{key}" for key in condition.settings)):
@@ -210,6 +204,11 @@ class Experiment(Table):
         reading = self.readings[condition.split("/")[0]]
         n_seeds = declared.seeds if reading.seeds is None else reading.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
+
+    @property
+    def seed_ranges(self) -> set[range]:
+        """The seeds of all variants under all conditions."""
+        return {self.declared_seeds(variant, name) for variant in self.algorithms for name in self.conditions}
 
     @cached_property
     def conditions(self) -> dict[str, Mapping[str, Condition]]:
@@ -246,13 +245,7 @@ def experiment_names() -> list[str]:
 
 
 def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
-    """Reads an experiment's tables and checks their form, not yet what they name.
-
-    Args:
-      experiment: The name of a shipped experiment, or the path of a TOML file.
-
-    Returns:
-      The experiment and its file.
+    """Reads an experiment's tables and checks their form, not yet what they name; returns also their file.
 
     Raises:
       InputError: The file cannot be read, or a key or value is not accepted.
@@ -271,20 +264,17 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
 
 def _path(experiment: str | Path) -> Path:
     """Returns the file of an experiment."""
-    path = Path(experiment)
+    path, names = Path(experiment), experiment_names()
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
     if path.suffix != ".toml":
-        if str(experiment) not in experiment_names():
-            accepted = [*experiment_names(), "or the path of a .toml file"]
-            unknown_name("experiments", "experiment", str(experiment), accepted)
+        if str(experiment) not in names:
+            unknown_name(
+                "experiments", "experiment", str(experiment), [*names, "or the path of a .toml file"]
+            )
         return shipped
-    if in_either_case([*experiment_names(), path.stem]) or (
-        path.stem in experiment_names() and path.resolve() != shipped.resolve()
-    ):
-        raise InputError(
-            f"{path}: results are named after the experiment's file, and {path.stem} is a shipped one; "
-            "rename it."
-        )
+    if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
+        reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"
+        raise InputError(f"{path}: {reason}; rename it.")
     return path
 
 
@@ -308,30 +298,22 @@ def _with_references(data: dict[str, Any], source: str) -> dict[str, Any]:
 
     Raises:
       InputError: `reference_for` names no variant, or one that has such a key itself; or the reference sets
-      what
-        it takes, or has an observation that the variant has not.
+        what it takes.
     """
     variants = data.get("algorithms")
     if not isinstance(variants, dict) or not all(
         is_name(name) and isinstance(variants[name], dict) for name in variants
     ):
         return data  # is refused with the other tables
-    own = [name for name in variants if not variants[name].get("reference_for")]
-    resolved = dict(variants)
+    own = {name: variant for name, variant in variants.items() if not variant.get("reference_for")}
+    references = {}
     for name in [name for name in variants if name not in own]:
-        where, of = f"{source}: algorithms.{name}", variants[name]["reference_for"]
+        where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
         if of not in own:
-            unknown_name(f"{where}: reference_for", "variant", str(of), own)
+            unknown_name(f"{where}: reference_for", "variant", of, own)
         for key in ("group", "settings", "policy"):
             if key in variants[name]:
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
-        keys = variants[of].keys() & {"observations", "group", "settings", "policy"}
-        resolved[name] = {key: variants[of][key] for key in keys} | variants[name]
-        given, accepted = resolved[name].get("observations"), variants[of].get("observations")
-        for observation in given if isinstance(given, list) and isinstance(accepted, list) else ():
-            if observation not in accepted:
-                raise InputError(
-                    f"{where}.observations: {of} does not learn from {observation}; accepted: "
-                    f"{', '.join(map(str, accepted))}."
-                )
-    return data | {"algorithms": resolved}
+        keys = own[of].keys() & {"observations", "group", "settings", "policy"}
+        references[name] = {key: own[of][key] for key in keys} | variants[name]
+    return data | {"algorithms": variants | references}

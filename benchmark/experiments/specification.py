@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, Final
@@ -71,19 +71,12 @@ class RunSpecification:
     @property
     def content(self) -> str:
         """The whole specification as canonical JSON."""
-        return f"{self.population[:-1]}{self._end}"
+        return f'{self.population[:-1]},"seed":{self.seed}}}'
 
     @cached_property
     def digest(self) -> str:
         """The run's identity: SHA-256 of its content."""
-        digest = _digest_of_start(self.population).copy()
-        digest.update(self._end.encode())
-        return digest.hexdigest()
-
-    @property
-    def _end(self) -> str:
-        """What of the content is about this run alone."""
-        return f',"seed":{self.seed}}}'
+        return hashlib.sha256(self.content.encode()).hexdigest()
 
     @property
     def folder(self) -> str:
@@ -100,19 +93,11 @@ class RunSpecification:
         return self.scenario.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
 
     @property
-    def evaluation_steps(self) -> list[int]:
-        """When the policy is evaluated."""
-        return evaluation_steps(self.settings.budget, self.evaluation_every)
-
-    @property
-    def map_steps(self) -> list[int]:
-        """When the values of all cells are kept."""
-        return evaluation_steps(self.settings.budget, self.map_every)
-
-    @property
     def schedule(self) -> Schedule:
         """When the learner's policy and values are kept."""
-        return Schedule(self.settings.budget, tuple(self.evaluation_steps), tuple(self.map_steps))
+        budget = self.settings.budget
+        steps = (evaluation_steps(budget, every) for every in (self.evaluation_every, self.map_every))
+        return Schedule(budget, *map(tuple, steps))
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
@@ -128,12 +113,6 @@ class RunSpecification:
 def population_of(content: str) -> str:
     """Returns the population of a run, by its content, see `RunSpecification`."""
     return content[: content.rindex(',"seed":')] + "}"
-
-
-@lru_cache(maxsize=1024)
-def _digest_of_start(population: str) -> "hashlib._Hash":
-    """Returns the SHA-256 of the content of a population's runs, up to where they differ."""
-    return hashlib.sha256(population[:-1].encode())
 
 
 def evaluation_steps(budget: int, every: int) -> list[int]:
@@ -160,16 +139,20 @@ def load_experiment(experiment: str | Path) -> Experiment:
     for name, variant in loaded.algorithms.items():
         where = f"{path}: algorithms.{name}"
         accepted = load_algorithm(variant.algorithm, where).observations
+        of = variant.reference_for
+        of_variant = loaded.algorithms[of].observations if of else accepted
         for observation in variant.observations:
             if observation not in accepted:
                 unknown_name(where, f"observation for {variant.algorithm}", observation, accepted)
+            if observation not in of_variant:
+                reason = f"{of} does not learn from {observation}; accepted: {', '.join(of_variant)}"
+                raise InputError(f"{where}.observations: {reason}.")
         for condition in loaded.conditions:
             _settings(loaded, name, condition, str(path))
     with _refused_in(str(path)):
         names = [load_scenario(scenario).name for scenario in loaded.scenarios]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{path}: scenarios: {name} is named twice.")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{path}: scenarios: {twice[0]} is named twice.")
     if pair := in_either_case(names):
         raise InputError(
             f"{path}: scenarios: {' and '.join(pair)}: accepted: names that differ in more than case."
@@ -229,21 +212,10 @@ def specifications(
     observation: str,
     seeds: Sequence[int] | None = None,
 ) -> list[RunSpecification]:
-    """Lists the runs of one population, in the order of their seeds.
-
-    Args:
-      experiment: As loaded.
-      condition: A key of its `conditions`.
-      scenario: One of its scenarios.
-      variant: A key of its algorithms.
-      observation: One of the variant's.
-      seeds: Other seeds than the declared ones.
-    """
+    """Lists the runs of one population, as the experiment names it, with the declared seeds or others."""
+    chosen = experiment.declared_seeds(variant, condition) if seeds is None else seeds
     first = _run(experiment, condition, _scenario(experiment, condition, scenario), variant, observation)
-    return [
-        first.with_seed(seed)
-        for seed in (experiment.declared_seeds(variant, condition) if seeds is None else seeds)
-    ]
+    return [first.with_seed(seed) for seed in chosen]
 
 
 def _run(
@@ -282,23 +254,17 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     Raises:
       InputError: There are too many.
     """
+    conditions = sorted(experiment.conditions, key=lambda name: name.split("/")[0] != DEFAULT_CONDITION)
+    populations = [(condition, *each) for condition in conditions for each in experiment.populations]
     n_runs = sum(
         len(experiment.declared_seeds(variant, condition) if seeds is None else seeds)
-        for condition in experiment.conditions
-        for _, variant, _ in experiment.populations
+        for condition, _, variant, _ in populations
     )
     if n_runs > MOST_RUNS:
         raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
-    conditions = sorted(experiment.conditions, key=lambda name: name.split("/")[0] != DEFAULT_CONDITION)
-    populations = []
-    for condition in conditions:
-        scenarios = {name: _scenario(experiment, condition, name) for name in experiment.scenarios}
-        for name, variant, observation in experiment.populations:
-            first = _run(experiment, condition, scenarios[name], variant, observation)
-            chosen = experiment.declared_seeds(variant, condition) if seeds is None else seeds
-            populations.append([first.with_seed(seed) for seed in chosen])
+    every = [specifications(experiment, *population, seeds) for population in populations]
     runs: dict[str, RunSpecification] = {}
-    for run in chain.from_iterable(zip_longest(*populations)):
+    for run in chain.from_iterable(zip_longest(*every)):
         if run is not None:
             runs.setdefault(run.digest, run)
     return list(runs.values())

@@ -13,7 +13,7 @@ CODE = """
 from agents.compiled import compiled
 
 
-@compiled(nogil=True)
+@compiled
 def double(x):
     return 2 * x
 """

@@ -447,7 +447,7 @@ def digest_of_all() -> str:
     return digest.hexdigest()
 
 
-# Of every processor. A change that is meant to alter it has to raise `agents.nets.learner.VERSION`.
+# Of every processor. A change that is meant to alter it has to raise `NetAlgorithm.version`.
 DIGEST = "23da283a07f858596af78295f41d0474d0650dce5d0e5b1aaa422a90633df31c"
 
 

@@ -75,7 +75,14 @@ def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Pa
 
 def test_sentences_name_what_each_contrast_is_of(folder: Path) -> None:
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert "With 10,000 steps of training in S1 and S2, of 6 contrasts, " in readme
-    assert "In default/noise=low, `curious, index` is worse than `calm, index` in success: -0." in readme
+    heading, *sentences = readme.partition("## What was found")[2].partition("\n## ")[0].strip().splitlines()
+    for word in ("10,000 steps", "S1", "S2", "6 contrasts"):
+        assert word in heading
+    contrasts = pd.read_csv(folder / "contrasts.csv")
+    for contrast in contrasts.to_dict("records"):
+        condition = contrast["condition"]
+        names = [f"`{contrast[side]}`" for side in "xy"] + [condition] * isinstance(condition, str)
+        verdict = contrast["success_verdict"], f"{contrast['success_difference']:+.3f}"
+        assert any(all(word in sentence for word in (*names, *verdict)) for sentence in sentences), names
     assert "nan" not in readme
-    assert "keep" not in readme.partition("## Comparison")[0]  # there is no deep learner
+    assert "keep" not in heading + "".join(sentences)  # there is no deep learner

@@ -1,5 +1,7 @@
 """A scenario and an experiment from outside: two TOML files, and nothing else."""
 
+import gzip
+import json
 import shutil
 import subprocess
 import sys
@@ -12,6 +14,7 @@ import pytest
 import envs
 from benchmark.execution.store import Store
 from benchmark.reports import draw
+from benchmark.reports.explorer import FILE
 from tests.benchmark.reports.conftest import experiment_of, trained
 
 RIGHT, PING = 3, 4
@@ -48,7 +51,7 @@ horizon = 50
 evaluation_every = 500
 map_every = 500
 settings = { learning_rate = 0.5, discount = 0.9, epsilon = 0.3, budget = 2000, record_every = 1000 }
-report = { kind = "comparison", omit = ["agents", "learning", "wrong_pings"], pool = "none" }
+report = { kind = "comparison", omit = ["learning", "wrong_pings"], pool = "none" }
 algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
 algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 3 }
 """
@@ -103,5 +106,6 @@ def test_it_is_compared_like_any_other(corridor: Path, tmp_path: Path) -> None:
     summary = pd.read_csv(tmp_path / "mine" / "summary.csv").set_index(["scenario", "algorithm"])
     assert 0.9 < summary["unbounded_score"]["corridor", "one"] <= 1  # it has nearly the optimum
     assert (tmp_path / "mine" / "scenarios.png").exists()
-    maps = pd.read_csv(tmp_path / "mine" / "maps.csv")
-    assert set(maps["scenario"]) == {"corridor", "S1"}  # one map does not show the others
+    explorer = json.loads(gzip.decompress((tmp_path / "mine" / FILE).read_bytes()))
+    shown = {agent["scenario"] for agent in explorer["agents"]}
+    assert shown == {"corridor", "S1"}  # one map does not show the others

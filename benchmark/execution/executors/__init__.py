@@ -38,11 +38,7 @@ EXECUTORS: Final = {
 
 
 def load_executor(name: str, source: str = "executors") -> ExecutorFactory:
-    """Returns what makes an executor.
-
-    Args:
-      name: A key of `EXECUTORS`, or `module:attribute` of a class or function that lives elsewhere.
-      source: What named it, for the message.
+    """Returns what makes an executor, by a key of `EXECUTORS`, or `module:attribute` of one from elsewhere.
 
     Raises:
       InputError: Unknown name, a module that cannot be imported, or an object that cannot be called.

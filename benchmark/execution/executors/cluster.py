@@ -131,15 +131,10 @@ class _Call:
 
 
 def execute(algorithm: str, expected: Mapping[str, str], packed: bytes) -> list[Record] | str:
-    """Executes a job on the worker that this is called on.
+    """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
-    Args:
-      algorithm: That of its runs.
-      expected: The driver's `environment`.
-      packed: The job and the folder for logs. Other code than the driver's might not be able to read them.
-
-    Returns:
-      The records; or why the worker is refused, as no exception is sure to reach the driver.
+    Returns the records; or why the worker is refused, as no exception is sure to reach the driver. The job is
+    packed, with the folder for logs, since other code than the driver's might not be able to read it.
     """
     reason = refusal({algorithm: expected}, get_worker())
     return execute_job(*pickle.loads(packed)) if reason is None else reason
@@ -148,9 +143,7 @@ def execute(algorithm: str, expected: Mapping[str, str], packed: bytes) -> list[
 def refusal(expected: Mapping[str, Mapping[str, str]], dask_worker: Worker) -> str | None:
     """Returns why a worker must not execute runs, as a sentence; None if it may.
 
-    Args:
-      expected: The driver's `environment` for each algorithm.
-      dask_worker: The worker that this is called on; Dask passes it by this name.
+    For each algorithm the driver's `environment` is expected. Dask passes `dask_worker` by this name.
     """
     worker = f"worker {dask_worker.address}"
     if dask_worker.state.nthreads != 1:  # torch has settings of the process, and so has the peak of memory

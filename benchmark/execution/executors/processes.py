@@ -4,9 +4,8 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -72,41 +71,29 @@ class Processes:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs,), daemon=True)
-        with interrupts_blocked(), self._lock:
+        with self._lock:
             if self._is_cancelled:
                 raise CancelledError
-            process.start()
+            # It ignores the terminal's interrupt, as `cancel` ends it.
+            resource_tracker.ensure_running()  # the first start would begin it, which unblocks the interrupt
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+            try:
+                process.start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             self._processes.append(process)
         theirs.close()
         self._worker.process, self._worker.connection = process, ours
 
 
-@contextmanager
-def interrupts_blocked() -> Iterator[None]:
-    """Makes processes that start meanwhile ignore the terminal's interrupt: `cancel` ends them."""
-    resource_tracker.ensure_running()  # the first start would begin it, and that unblocks the interrupt
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+def _serve(connection: Connection) -> None:
+    """Executes jobs as they come, until the driver closes its end, or ends in whatever way."""
 
-
-def end_with_the_driver() -> None:
-    """Makes this process, which the driver has started, end when the driver does, however that ends."""
-    driver = multiprocessing.parent_process()
-    assert driver is not None
-
-    def end() -> None:
+    def end_with(driver: multiprocessing.process.BaseProcess) -> None:
         driver.join()
         os._exit(1)
 
-    threading.Thread(target=end, daemon=True).start()
-
-
-def _serve(connection: Connection) -> None:
-    """Executes jobs as they come, until the driver closes its end or ends."""
-    end_with_the_driver()
-    with suppress(EOFError):
+    threading.Thread(target=end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
+    with suppress(EOFError, ConnectionError):
         while True:
             connection.send(execute_job(*connection.recv()))

@@ -118,11 +118,14 @@ def headline(folder: Folder) -> Finding | None:
     by_outcome: dict[Outcome, list[str]] = {}
     for place, rows in table[places != ""].groupby(places, sort=False):
         by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
+    told = [key for key in OUTCOMES if key in by_outcome]
     parts = []
     for key in OUTCOMES:
         if names := by_outcome.get(key):
             count = link(str(len(names)), "contrasts", table[places.isin(names)])
-            parts.append(f"{_OUTCOMES[key]} {count} ({listed(names)})")
+            is_rest = len(names) > _FEW and key == told[-1] != told[0]
+            which = f"the other {count}" if is_rest else f"{count} ({listed(names)})"
+            parts.append(f"{_OUTCOMES[key]} {which}")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     n = link(str(int(table["n"].min())), "contrasts", table)
@@ -161,7 +164,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         if (names := str(row.get("success_except", "nan"))) in ("", "nan"):
             continue
         if is_worse:
-            aside += f" In {names}, `{row['x']}` succeeds less often by {margin:g} or more."
+            aside += f" In {names}, the mean success of `{row['x']}` is lower by {margin:g} or more."
         elif row["success_verdict"] != MIXED:
             aside += f" For `{row['x']}` this is not shown in {names} alone."
     if found == "no verdict" or "aggregate.csv" not in folder:
@@ -408,23 +411,6 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         for _, row in words.compared(table, folder).iterrows()
     ]
     return f"Success from a random cell against that from the start cell: {'; '.join(parts)}."
-
-
-@aggregate.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says how reference implementations and their learners compare."""
-    if "condition" in table:
-        return None
-    algorithms, rows = folder.manifest["algorithms"], {words.name_of(row): row for _, row in table.iterrows()}
-    parts = [
-        f"`{name}` {words.interval(row, 'success', 'aggregate')} and "
-        f"{words.interval(rows[str(Learner(checked, row['observation']))], 'success', 'aggregate')}"
-        for name, row in rows.items()
-        if (checked := algorithms[row["algorithm"]]["reference_for"])
-    ]
-    return (
-        f"Success of each reference implementation and of its learner: {'; '.join(parts)}." if parts else None
-    )
 
 
 @item("scores", "every run at the end of training")

@@ -307,31 +307,13 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
 
 
 @cost.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str:
-    """Says what runs cost, relative to a table in plain Python if there is one."""
-    algorithms = folder.manifest["algorithms"]
-    shown = words.compared(table, folder, with_references=True)
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
+    """Says what runs of the learners compared cost."""
     parts = [
         f"`{words.name_of(row)}` {link(words.duration(row['cpu_time_s']), 'cost', row)}"
-        for _, row in shown.iterrows()
+        for _, row in words.compared(table, folder).iterrows()
     ]
-    text = f"CPU time of a run, median: {listed(parts)}."
-    is_plain = [
-        algorithms[name]["family"] == "tabular" and not algorithms[name]["packages"]
-        for name in shown["algorithm"]
-    ]
-    plain = shown[is_plain]
-    if plain.empty:
-        return text
-    deep = shown[[algorithms[name]["family"] == "deep" for name in shown["algorithm"]]]
-    ratios = [
-        f"`{words.name_of(row)}` "
-        + link(
-            f"{words.two_digits(row['cpu_time_s'] / plain.iloc[0]['cpu_time_s'])} times", "cost", row, plain
-        )
-        for _, row in deep.iterrows()
-    ]
-    return f"{text} As long as a table in plain Python: {listed(ratios)}."
+    return f"CPU time of a run, median: {listed(parts)}." if parts else None
 
 
 @writing(

@@ -78,17 +78,11 @@ def setting(folder: Folder) -> str:
     return f"{budget}, on average over {where}" if is_mean else f"{budget} in {where}"
 
 
-def compared(table: pd.DataFrame, folder: Folder, *, with_references: bool = False) -> pd.DataFrame:
-    """Returns the rows of the learners that contrasts compare, and on demand of their references."""
-    algorithms = folder.manifest["algorithms"]
-    wanted = {*Declared.from_manifest(folder.manifest).compared}
-    learners = [Learner(*pair) for pair in zip(table["algorithm"], table["observation"], strict=True)]
-    if with_references:
-        checked = {
-            each: Learner(algorithms[each.algorithm]["reference_for"], each.observation) for each in learners
-        }
-        wanted |= {each for each, learner in checked.items() if learner in wanted}
-    return table[[learner in wanted for learner in learners]]
+def compared(table: pd.DataFrame, folder: Folder) -> pd.DataFrame:
+    """Returns the rows of the learners that contrasts compare."""
+    wanted = Declared.from_manifest(folder.manifest).compared
+    learners = zip(table["algorithm"], table["observation"], strict=True)
+    return table[[Learner(*learner) in wanted for learner in learners]]
 
 
 def name_of(row: pd.Series) -> str:

@@ -119,5 +119,5 @@ def test_short_jobs_are_valid_runs() -> None:
     estimate(runs, None, 2, 2, executor=lambda _: worker)
     assert len(worker.jobs) > 5
     for run, *_ in worker.jobs:
-        assert {*run.map_steps} <= {*run.evaluation_steps}
+        assert {*run.schedule.map_steps} <= {*run.schedule.evaluation_steps}
         type(run.settings).model_validate_json(run.settings.model_dump_json(exclude_unset=True))

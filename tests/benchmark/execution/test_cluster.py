@@ -14,7 +14,6 @@ import pytest
 from distributed import Client
 
 from benchmark.__main__ import main
-from benchmark.commands import run as run_command
 from benchmark.execution import driver
 from benchmark.execution.executors import cluster
 from benchmark.execution.executors.cluster import Cluster
@@ -313,7 +312,8 @@ def test_addresses_without_a_scheduler_are_refused(
 ) -> None:
     monkeypatch.setattr(cluster, "_ANSWER_S", 0.5)
     if address == "not installed":
-        monkeypatch.setattr(run_command, "find_spec", lambda _: None)
+        monkeypatch.delitem(sys.modules, cluster.__name__)
+        monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["run", str(slow), "--results", str(tmp_path), "--cluster", address]) == 2
     error = capsys.readouterr().err
     expected = "needs the package distributed" if address == "not installed" else f"{address}: "

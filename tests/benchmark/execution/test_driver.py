@@ -3,15 +3,14 @@
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
-from agents import LearnerSettings, Schedule, Training, load_algorithm
+from agents import Algorithm, LearnerSettings, Schedule, Training, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import ALL_ACTIONS, mask_policy
 from benchmark.execution import job as execution
@@ -41,19 +40,13 @@ class Settings(LearnerSettings):
         return 0.9
 
 
-@dataclass
-class Toy:
+class Toy(Algorithm):
     """An algorithm whose tables hold a number that depends on the seed, or that raises an error."""
 
     error: Exception | None = None
-    version: int = 1
-    family: Literal["tabular", "deep"] = "tabular"
-    settings: type[LearnerSettings] = Settings
-    observations: tuple[str, ...] = ("index",)
-    packages: tuple[str, ...] = ()
-    batch_size: int = 4
-    placement: Literal["thread", "process"] = "thread"
-    writes_logs: bool = False
+    settings = Settings
+    batch_size = 4
+    placement = "thread"
 
     def train(
         self,
@@ -133,7 +126,7 @@ def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
         for name, values in expected.items():
             assert np.array_equal(record.arrays[name], values[i]), name
         assert record.arrays["episodes_ended"] == 600
-        assert len(record.provenance["cpu_time_s"]) == len(runs[0].evaluation_steps)
+        assert len(record.provenance["cpu_time_s"]) == len(runs[0].schedule.evaluation_steps)
 
 
 def test_failed_runs_are_stored_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

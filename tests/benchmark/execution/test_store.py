@@ -1,11 +1,12 @@
 """The store gives back what was put into it, whole, or says what is wrong with it."""
 
+import functools
 import os
 import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -316,38 +317,41 @@ def test_interrupted_write_is_put_right_by_whoever_opens_the_file(tmp_path: Path
 # Interrupts
 
 
-class Connection:
-    """A connection whose user can press Ctrl-C just before or after a statement."""
+class Connection(sqlite3.Connection):
+    """A connection whose user can press Ctrl-C just before or after what begins like this; each once."""
 
-    def __init__(self, connection: sqlite3.Connection) -> None:
-        self._connection = connection
-        self.before = self.after = ""  # statements; each interrupts once
+    before = after = "nothing"
 
-    def execute(self, statement: str, *arguments: Any) -> Any:
-        if statement == self.before:
-            self.before = ""
+    def execute(self, statement: str, *arguments: Any) -> sqlite3.Cursor:
+        return self._interrupted(statement, super().execute, statement, *arguments)
+
+    def executemany(self, statement: str, *arguments: Any) -> sqlite3.Cursor:
+        return self._interrupted(statement, super().executemany, statement, *arguments)
+
+    def _interrupted(
+        self, statement: str, do: Callable[..., sqlite3.Cursor], *arguments: Any
+    ) -> sqlite3.Cursor:
+        if statement.strip().startswith(self.before):
+            del self.before
             raise KeyboardInterrupt
-        result = self._connection.execute(statement, *arguments)
-        if statement == self.after:
-            self.after = ""
+        result = do(*arguments)
+        if statement.strip().startswith(self.after):
+            del self.after
             raise KeyboardInterrupt
         return result
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._connection, name)
-
 
 @pytest.mark.parametrize("when", ["before", "after"])
-@pytest.mark.parametrize("statement", ["BEGIN IMMEDIATE", "COMMIT"])
-def test_interrupt_around_a_transaction_leaves_the_store_usable(
+@pytest.mark.parametrize("statement", ["BEGIN", "INSERT"])
+def test_interrupt_in_a_transaction_leaves_the_store_usable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: str, when: str
 ) -> None:
-    connection = Connection(sqlite3.connect(tmp_path / "runs.db", isolation_level=None))
+    connect = functools.partial(sqlite3.connect, factory=Connection)
     with monkeypatch.context() as patch:
-        patch.setattr(sqlite3, "connect", lambda *_, **__: connection)
+        patch.setattr(sqlite3, "connect", connect)
         store = Store(tmp_path / "runs.db")
     with store:
-        setattr(connection, when, statement)
+        setattr(store._connection, when, statement)
         with pytest.raises(KeyboardInterrupt):
             store.add([record("x")])
         store.add([record("x")])  # as the driver does with the jobs that had ended by then

@@ -242,11 +242,7 @@ OF_A_COMPARISON = [
         "ppo_sb3: reference_for: unknown variant pqo (did you mean ppo?)",
     ),
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
-    (
-        'reference_for = "ppo"',
-        'reference_for = "ppo"\ngroup = "PPO"',
-        "algorithms.ppo_sb3.group: a check takes it",
-    ),
+    ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
     ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
