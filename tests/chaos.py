@@ -56,6 +56,8 @@ class Broken(Exception):  # noqa: N818
 class Chaos:
     """A folder of results in which an experiment is executed, and disturbed."""
 
+    machines: Machines  # if there is a cluster
+
     def __init__(self, folder: Path, text: str, seed: int) -> None:
         """Executes the experiment undisturbed in threads, to know what must come of it.
 
@@ -182,8 +184,13 @@ class Chaos:
         process.communicate(timeout=600)
         return n_killed
 
-    def cluster_worker_killed(self, machines: Machines) -> int:
+    def driver_interrupted(self) -> int:
+        """A driver is interrupted at some moment, with all it has started, or by itself."""
+        return self.driver_killed(signal.SIGINT)
+
+    def cluster_worker_killed(self) -> int:
         """One of two workers of a Dask cluster is killed at some moment, and replaced; the driver goes on."""
+        machines = self.machines
         process = self.start(cluster=machines.address)
         is_running = self._wait(process)
         victim = machines.workers.pop(int(self.rng.integers(len(machines.workers))))
@@ -236,15 +243,14 @@ def main(arguments: list[str] | None = None) -> int:
                 continue
             (Path(folder) / name).mkdir()
             chaos = Chaos(Path(folder) / name, text, options.seed)
-            ways: list[Callable[[], int]]
-            ways = [chaos.disk_full, chaos.driver_killed, partial(chaos.driver_killed, signal.SIGINT)]
+            ways = [chaos.disk_full, chaos.driver_killed, chaos.driver_interrupted]
             ways += [chaos.one_of_two_drivers_killed, chaos.driver_killed]
             if name == "nets":
                 ways = [chaos.worker_killed] * 3 + ways
             elif name == "cluster":
-                machines = stack.enter_context(Machines(Path(folder)))
+                chaos.machines = machines = stack.enter_context(Machines(Path(folder)))
                 machines.workers = [machines.add(worker, preload="") for worker in ("first", "second")]
-                ways = [partial(chaos.cluster_worker_killed, machines)]
+                ways = [chaos.cluster_worker_killed]
             disturb(chaos, ways, n_kills)
             total.update(chaos.happened)
     for what, count in sorted(total.items()):
@@ -270,10 +276,8 @@ def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> No
         while not killed:
             way = todo.pop(0) if todo else ways[int(chaos.rng.integers(len(ways)))]
             killed = way()
-            is_interrupt = isinstance(way, partial) and way.args == (signal.SIGINT,)
-            name = way.func.__name__ if isinstance(way, partial) else way.__name__
             chaos.happened["killed"] += killed
-            chaos.happened["driver interrupted" if is_interrupt else name.replace("_", " ")] += 1
+            chaos.happened[way.__name__.replace("_", " ")] += 1
             if chaos.check() == len(chaos.expected) or chaos.rng.random() < 0.1:
                 chaos.finish()
     chaos.finish()

@@ -16,7 +16,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from envs.inputs import EXTRAS, PACKAGES, InputError, imported, needed_by
+from envs.inputs import EXTRAS, PACKAGES, needed_by
 from tests.support import PROJECT, ROOT, install, requirements
 
 LAYERS: Final = ("agents", "benchmark", "envs")
@@ -118,15 +118,7 @@ for what in ("agents.load_algorithm('sarsa')", "__import__('benchmark.assessment
     assert "No module named 'numba'; pip install 'proxemic-benchmark[reproduce]'" in algorithm
     assert re.fullmatch(needs("benchmark.assessment", r"\w+", "reproduce", r"\.base"), assessment)
     assert re.search(needs(".*render_mode.*", "pygame-ce", "render", r"\.render"), window)
-
-
-@pytest.mark.parametrize("arguments", ["list", "assess --observation index --agent mine:act"])
-def test_commands_name_their_extra(arguments: str, installed: Path, tmp_path: Path) -> None:
     assert python(installed, "-m", "benchmark", "--help", cwd=tmp_path).returncode == 0
-    done = python(installed, "-m", "benchmark", *arguments.split(), cwd=tmp_path)
-    expected = needs(r"error: (agents|benchmark(\.| )\w+)", r"\w+", "reproduce", r"\.base")
-    assert re.fullmatch(expected, done.stderr), done.stderr
-    assert (done.returncode, done.stdout) == (2, "")
 
 
 def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None:
@@ -144,18 +136,20 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("arguments", "what", "package", "extra"),
+    ("arguments", "what", "package", "extra", "mark"),
     [
-        ("run compare_deep --report", "compare_deep: its report", "rliable", "deep"),
-        ("growth", "benchmark growth", "distributed", "cluster"),
+        ("list", "benchmark list", r"\w+", "reproduce", "base"),
+        ("run compare_deep --report", "compare_deep: its report", "rliable", "deep", "deep"),
+        ("growth", "benchmark growth", "distributed", "cluster", "cluster"),
     ],
 )
-def test_commands_that_need_more_name_its_extra(
-    arguments: str, what: str, package: str, extra: str, installed: Path, tmp_path: Path
+def test_commands_name_their_extra(
+    arguments: str, what: str, package: str, extra: str, mark: str, installed: Path, tmp_path: Path
 ) -> None:
-    done = python(installed, "-m", "benchmark", *arguments.split(), cwd=tmp_path, extras=True)
+    has_extras = extra != "reproduce"
+    done = python(installed, "-m", "benchmark", *arguments.split(), cwd=tmp_path, extras=has_extras)
     last = done.stderr.splitlines(keepends=True)[-1]  # a line on progress may come before
-    assert re.fullmatch(needs(f"error: {what}", package, extra, rf"\.{extra}"), last), done.stderr
+    assert re.fullmatch(needs(f"error: {what}", package, extra, rf"\.{mark}"), last), done.stderr
     assert done.returncode == 2
 
 
@@ -175,19 +169,6 @@ def test_other_missing_modules_are_not_explained(name: str) -> None:
         __import__(name)
 
 
-def test_messages_of_names_say_what_installs_their_module(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "asks_for_torch.py").write_text("import torch.nn", encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "torch.nn", raising=False)
-    with pytest.raises(InputError, match=r"'proxemic-benchmark\[deep\]'"):
-        imported("asks_for_torch:Net", "mine.toml", "algorithm")
-    with pytest.raises(InputError, match="if no_such_module is in a package"):
-        imported("no_such_module:Net", "mine.toml", "algorithm")
-
-
 # Declarations
 
 
@@ -199,14 +180,11 @@ def test_extras_are_those_of_pyproject() -> None:
 
 
 def test_dev_brings_everything() -> None:
-    """As an extra brings others: dev brings deep, and deep brings reproduce."""
-    brought, todo = set(), {"dev"}
-    while todo:
-        extra = todo.pop()
-        brought.add(extra)
-        for line in map(Requirement, PROJECT["optional-dependencies"][extra]):
-            todo |= (line.extras if line.name == PROJECT["name"] else set()) - brought
-    assert brought == {*PROJECT["optional-dependencies"]}
+    """By itself, or as deep brings reproduce."""
+    extras = PROJECT["optional-dependencies"]
+    lines = map(Requirement, extras["dev"] + extras["deep"])
+    brought = {extra for line in lines if line.name == PROJECT["name"] for extra in line.extras}
+    assert brought == {*extras} - {"dev"}
 
 
 def third_party(layers: Iterable[str]) -> set[str]:

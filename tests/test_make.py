@@ -10,71 +10,55 @@ import pytest
 from benchmark.__main__ import main
 from tests.support import ROOT, make, mistyped_columns
 
-
-def run_make(target: str, tmp_path: Path) -> str:
-    """Runs a target in miniature."""
-    if target == "clean":  # in a copy, since it removes what other tests use
-        ignored = shutil.ignore_patterns(".*", "__pycache__")
-        shutil.copytree(ROOT, tmp_path / "copy", ignore=ignored)
-        (tmp_path / "copy" / "envs" / "__pycache__").mkdir()
-        (tmp_path / "copy" / "results" / "runs.db").touch()
-        own = [tmp_path / "copy" / "results" / f"mine_{end}" for end in ("smoke", "partial", "seeds_0-9")]
-        for folder in own:
-            folder.mkdir()
-        done = make("clean", cwd=tmp_path / "copy")
-        assert not (tmp_path / "copy" / "envs" / "__pycache__").exists()
-        assert not (tmp_path / "copy" / "results" / "runs.db").exists()
-        assert not any(folder.exists() for folder in own)
-        assert (tmp_path / "copy" / "results" / "reproduce" / "claims.csv").exists()
-    else:
-        if target == "report":
-            shutil.copytree(ROOT / "results" / "reproduce", tmp_path / "reproduce")
-        miniature = {
-            "help": [],
-            "report": [f"RESULTS={tmp_path}"],
-            "test": ["TESTS=tests/test_layering.py"],
-            "check": ["CHECKED=envs/inputs.py"],
-            "chaos": ["CHAOS=--kills 3"],
-            "fuzz": ["FUZZ=--inputs 40"],
-            "speed": ["SPEED=--smoke", f"RESULTS={tmp_path}"],
-            "growth": ["GROWTH=--smoke", f"RESULTS={tmp_path}"],
-        }
-        done = make(target, *miniature[target])
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
 TARGETS = re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+# Of each target: what makes it a miniature, and what it says.
+MINIATURES: dict[str, tuple[list[str], list[str]]] = {
+    "help": ([], [f"make {name} " for name in TARGETS]),
+    "test": (["TESTS=tests/test_layering.py"], ["passed"]),
+    "check": (["CHECKED=tests/__init__.py"], ["no issues found in 1 source file"]),
+    "chaos": (["CHAOS=--kills 1"], ["disk full", "interrupted: 1; runs lost, repeated or different: 0"]),
+    "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"]),
+    "report": ([], []),
+    "speed": (["SPEED=--smoke"], []),
+    "growth": (["GROWTH=--smoke"], []),
+}
 
 
-# Other tests use what these make: tests/test_pipeline.py and tests/benchmark/reports.
-@pytest.mark.parametrize("target", sorted({*TARGETS} - {"reproduce", "compare-deep", "beyond"}))
+# Other tests use what the three others make: tests/test_pipeline.py and tests/benchmark/reports.
+@pytest.mark.parametrize("target", sorted({*TARGETS} - {"clean", "reproduce", "compare-deep", "beyond"}))
 def test_every_other_target(target: str, tmp_path: Path) -> None:
-    output = run_make(target, tmp_path)
-    if target == "help":
-        assert all(f"make {name}" in output for name in TARGETS)
-    if target == "speed":
-        assert mistyped_columns(tmp_path / "speed_smoke" / "speed.csv") == []
-        speed = pd.read_csv(tmp_path / "speed_smoke" / "speed.csv")
-        assert list(speed)[:4] == ["name", "per_second", "baseline", "ratio"]
-        assert {"q_learning_kernel", "vector_env_1000", "evaluate", "sb3_dqn"} <= set(speed["name"])
-    if target == "growth":
-        assert [path.name for path in tmp_path.iterdir()] == ["growth_smoke"]
-        files = [tmp_path / "growth_smoke" / f"{name}.csv" for name in ("growth", "workers", "overhead")]
-        assert [mistyped_columns(path) for path in files] == [[], [], []]
-        growth, workers, overhead = map(pd.read_csv, files)
-        assert list(growth)[:4] == ["curve", "size", "unit", "seconds"]
-        assert set(growth["curve"]) == {
-            "agents_tables", "agents_nets", "cells_compile", "cells_solve", "cells_evaluate", "cells_train",
-            "runs_list", "runs_resume", "runs_report",
-        }  # fmt: skip
-        assert list(workers["workers"]) == ["1 processes", "1 dask"]
-        assert overhead["share"].between(0, 1).all()
-    if target == "chaos":
-        assert "disk full" in output
-        assert "processes killed or interrupted: 3; runs lost, repeated or different: 0" in output
     if target == "report":
-        assert {path.name for path in tmp_path.iterdir()} == {"README.md", "index.html", "reproduce"}
+        shutil.copytree(ROOT / "results" / "reproduce", tmp_path / "reproduce")
+    settings, expected = MINIATURES[target]
+    done = make(target, *settings, f"RESULTS={tmp_path}")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [text for text in expected if text not in done.stdout] == []
+    made = {path.name for path in tmp_path.iterdir()}
+    if target == "report":
+        assert made == {"README.md", "index.html", "reproduce"}
+    elif target in ("speed", "growth"):
+        assert made == {f"{target}_smoke"}
+        files = sorted((tmp_path / f"{target}_smoke").glob("*.csv"))
+        assert {path.name: mistyped_columns(path) for path in files if mistyped_columns(path)} == {}
+        first = pd.read_csv(tmp_path / f"{target}_smoke" / f"{target}.csv").iloc[:, 0]
+        some = {"q_learning_kernel", "vector_env_1000", "evaluate", "sb3_dqn"}
+        some = some if target == "speed" else {"agents_nets", "cells_solve", "runs_report"}
+        assert some <= set(first)
+    else:
+        assert made == set()
+
+
+def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
+    kept = {f"{name}/mine.py" for name in ("agents", "benchmark", "envs", "tests")}
+    kept |= {"results/reproduce/claims.csv"}
+    removed = {"envs/__pycache__/mine.pyc", "results/runs.db", "results/mine_partial/claims.csv"}
+    removed |= {"results/mine_smoke/claims.csv", "results/mine_seeds_0-9/claims.csv"}
+    for path in (tmp_path / name for name in kept | removed):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    done = make("--file", str(ROOT / "Makefile"), "clean", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()} == kept
 
 
 @pytest.mark.parametrize("target", ["reproduce", "compare-deep", "beyond"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agents import ALGORITHMS, DeepTraining, Schedule, Training, check_training, load_algorithm
+from agents import DeepTraining, Schedule, Training, check_training, load_algorithm
 from envs import InputError, ProxemicEnv
 
 MODEL = ProxemicEnv().model  # 120 observations, 5 actions
@@ -23,21 +23,6 @@ TRAINING = Training(
     parameters=np.zeros(2, dtype=np.int64),
     diverged_at=np.full(2, -1),
 )
-
-
-@pytest.mark.parametrize("name", ALGORITHMS)
-def test_algorithms_have_defaults_and_a_discount(name: str) -> None:
-    algorithm = load_algorithm(name)
-    settings = algorithm.settings.model_validate({"budget": 10_240})
-    if name == "memoryless":
-        expected = 1.0, "planner", "thread"
-    elif name == "q_learning_plain":
-        expected = 0.9, "tabular", "process"
-    elif name.endswith(("q_learning", "sarsa", "q_lambda")):
-        expected = 0.9, "tabular", "thread"
-    else:
-        expected = 0.99, "deep", "thread" if name.startswith("compiled_") else "process"
-    assert (settings.discount_factor, algorithm.family, algorithm.placement) == expected
 
 
 @pytest.mark.parametrize(

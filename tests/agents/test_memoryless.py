@@ -13,13 +13,9 @@ from agents.dynamic_programming import evaluate, from_starts, solve
 from agents.memoryless import MemorylessSettings, Search, gradient
 from agents.policy import uniform_policy
 from envs import Model, compile_scenario, load_scenario
+from tests.agents import MOODS
 
 SMALL: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.position": [4, 5], "ping_limit": 2}
-WIDE = {"uncomfortable_radius": 2, "target_radius": 3}
-MOODS = [
-    {"name": "calm", "next": {"tense": 0.3}},
-    {"name": "tense", "next": {"calm": 0.5}, "regions": WIDE},
-]
 SCENES: dict[str, dict[str, Any]] = {
     "as in the paper": SMALL,
     "a hidden mood": SMALL | {"phases": MOODS},

@@ -14,20 +14,10 @@ from agents.policy import mask_policy
 from agents.tabular.plain import Q_LEARNING, PlainSettings
 from envs import compile_scenario, load_scenario
 from envs.inputs import InputError, parse
+from tests.agents.test_tabular import MOVES
 
 N = 60
 STEPS = (0, 750, 1500)
-
-
-# An issuer that moves between two places at random, two starts, and every number that may change in training.
-MOVES = {
-    "grid.start": [[0, 0], [9, 11]],
-    "phases": [
-        {"name": "near", "next": {"far": 0.2}},
-        {"name": "far", "position": [3, 4], "next": {"near": 0.1}},
-    ],
-    "observe": ["agent", "phase"],
-}
 DECAYS = {"final_learning_rate": 0.1, "learning_rate_fraction": 0.5, "final_epsilon": 0.1,
           "epsilon_fraction": 0.7, "initial_value": -0.5}  # fmt: skip
 

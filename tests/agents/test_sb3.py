@@ -2,7 +2,6 @@
 
 import inspect
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import torch
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from stable_baselines3.common.env_checker import check_env
-from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -27,6 +25,7 @@ from agents.sb3.vec_env import SB3VecEnv
 from envs import EVENTS, InputError, ProxemicVectorEnv, compile_scenario, load_scenario
 from envs.inputs import parse
 from envs.model import PING
+from tests.agents import MOODS
 
 S1 = compile_scenario(load_scenario("S1"))
 DQN = DqnSettings(budget=400, time_limit=50, train_freq=2, learning_rate=1e-3)
@@ -38,10 +37,7 @@ METHODS: dict[str, Any] = {"dqn": algorithms.DQN, "ppo": algorithms.PPO}
 CHANGING: dict[str, Any] = {
     "grid.start": [[0, 0], [9, 0], [0, 11]],
     "observe": ["agent", "phase", "wrong_pings"],
-    "phases": [
-        {"name": "calm", "next": {"tense": 0.2}},
-        {"name": "tense", "next": {"calm": 0.4}, "regions": {"uncomfortable_radius": 2, "target_radius": 3}},
-    ],
+    "phases": MOODS,
 }
 
 
@@ -96,14 +92,26 @@ def test_vec_env_steps_as_stable_baselines3s_own_does(
     assert all(map(np.array_equal, *pair) for pair in kept)  # what was returned is not written over
 
 
-def test_no_two_envs_of_any_run_share_draws() -> None:
-    draws = []
-    for seed in range(5):  # with SB3's seed + i, neighbours would share draws
-        env = vec_env(4, "S2")
-        env.seed(seed)
-        env.reset()
-        draws += [env.step(np.full(4, PING))[1] for _ in range(100)]
-    assert len(np.unique(np.concatenate(draws))) == 5 * 4 * 100
+def test_a_batch_has_a_single_generator() -> None:
+    """The published runs' noise: n draws per step from the generator of the seed, whatever has ended."""
+    n, seed = 5, 2**65 + 1
+    env, model = vec_env(n, "S2", limit=9), compile_scenario(load_scenario("S2"))
+    env.seed(seed)
+    env.reset()
+    draws, actions = np.random.default_rng(seed), np.random.default_rng(2)
+    state, steps, n_ends = np.full(n, model.start), np.zeros(n, dtype=int), 0
+    for _ in range(300):
+        action = actions.choice(5, size=n, p=[0.12, 0.28, 0.12, 0.33, 0.15])  # towards the issuer
+        _, rewards, dones, _ = env.step(action)
+        noise = model.issuer_noise[state, action] * (2 * draws.random(n) - 1)
+        assert (rewards == (model.grid_reward[state, action] + noise).astype(np.float32)).all()
+        steps += 1
+        over = model.terminated[state, action] | (steps == 9)
+        assert (dones == over).all()
+        state = np.where(over, model.start, model.next_state[state, action, 0])
+        steps[over] = 0
+        n_ends += over.sum()
+    assert n_ends > 100
 
 
 def test_envs_of_a_batch_differ_in_starts_and_outcomes() -> None:
@@ -112,10 +120,9 @@ def test_envs_of_a_batch_differ_in_starts_and_outcomes() -> None:
     env.seed(0)
     cells = env.reset() % 120
     assert set(cells) == {0, 11, 9 * 12} == set(model.cell[model.starts])
-    # Against the wall, episodes do not end. The phase turns tense with probability 0.2, and calm with 0.4: it
-    # is tense a third of the time.
+    # Against the wall, episodes do not end. The phase turns tense with probability 0.3, and calm with 0.5.
     phase = np.array([env.step(np.zeros(64, np.int64))[0] // 120 % 2 for _ in range(500)])
-    assert phase[20:].mean() == pytest.approx(1 / 3, abs=0.02)
+    assert phase[20:].mean() == pytest.approx(3 / 8, abs=0.02)
     assert len(np.unique(phase, axis=1).T) == 64  # no env repeats another
 
 
@@ -128,9 +135,6 @@ def test_stable_baselines3_accepts_every_env(scenario: str, observation: str) ->
 
 def test_vec_env_refuses_what_a_batch_cannot_do() -> None:
     env = vec_env(3)
-    assert env.get_attr("num_envs") == [3, 3, 3]
-    assert env.get_attr("num_envs", [0]) == [3]
-    assert env.env_is_wrapped(Monitor) == [False] * 3
     with pytest.raises(NotImplementedError, match="x: "):
         env.set_attr("x", 1)
     with pytest.raises(NotImplementedError, match="reset: "):
@@ -148,12 +152,6 @@ def test_settings_have_sb3s_names_and_defaults(name: str) -> None:
     for key, field in settings.model_fields.items():
         if key not in ours:
             assert field.default == parameters[key].default, key
-    left_out = set(parameters) - set(settings.model_fields)
-    assert left_out <= {
-        "self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "stats_window_size",
-        "_init_setup_model", "replay_buffer_class", "replay_buffer_kwargs", "optimize_memory_usage",
-        "rollout_buffer_class", "rollout_buffer_kwargs", "use_sde", "sde_sample_freq",
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -230,21 +228,6 @@ def test_same_seed_gives_the_same_weights_however_often_the_policy_is_kept(name:
     assert together.disagreements[0, 0] == 0 < together.disagreements[0, -1]
     assert (np.diff(together.disagreements) >= 0).all()
     assert (np.diff(together.cpu_time_s) > 0).all()
-
-
-@pytest.mark.parametrize(("name", "observation"), [("dqn", "coordinates"), ("ppo", "one_hot")])
-def test_scenes_that_change_are_learned_from_what_is_observed(name: str, observation: str) -> None:
-    model = compile_scenario(load_scenario("S2", CHANGING))
-    schedule = Schedule(400, (0, 200, 400), (0, 400))
-    result = METHODS[name].train(model, SETTINGS[name], observation, [SeedSequence([4, 0])], schedule)
-    check_training(result, model, 1, schedule)
-    assert result.greedy.shape[2] == 120 * 2 * 5
-    assert (result.greedy[0, 0] != result.greedy[0, -1]).any()
-    assert result.diverged_at[0] == -1
-    # Inputs of phase and wrong PINGs, for each first layer of 64.
-    n_inputs, n_layers = {"one_hot": 2 + 5, "coordinates": 1 + 1}[observation], 1 + (name == "ppo")
-    added = result.parameters[0] - trained(name, points=[], observation=observation).parameters[0]
-    assert added == n_layers * 64 * n_inputs
 
 
 @pytest.mark.parametrize(("name", "loss"), [("dqn", "train/loss"), ("ppo", "train/value_loss")])
@@ -333,12 +316,3 @@ def test_errors_of_torch_are_no_divergence(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(SB3VecEnv, "step_wait", broken)
     with pytest.raises(ValueError, match="something else"):
         trained("ppo")
-
-
-def test_without_torch_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "agents.sb3.training")
-    monkeypatch.delattr("agents.sb3.training", raising=False)
-    monkeypatch.setitem(sys.modules, "torch", None)
-    expected = r"^stable_baselines3:DQN needs the package torch, which is not installed; .*\[deep\]'"
-    with pytest.raises(InputError, match=expected):
-        load_algorithm("dqn").train(S1, DQN, "one_hot", [SeedSequence(0)], Schedule(400))

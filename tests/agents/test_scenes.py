@@ -7,10 +7,8 @@ import pytest
 
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import uniform_policy
-from envs import EVENTS, ZONES, Model, compile_scenario, load_scenario, scenario_names
+from envs import ZONES, Model, compile_scenario, load_scenario, scenario_names
 from envs.model import MOVES
-
-TARGET = EVENTS.index("target_ping")
 
 
 def moves_to_target(model: Model, start: int) -> int:
@@ -34,17 +32,6 @@ def test_the_optimum_is_much_better_than_the_random_policy(name: str) -> None:
     random = evaluate(model, uniform_policy(model), 200)
     assert optimum.mean() > random.scenario_return + 3
     assert random.success < 0.25
-
-
-@pytest.mark.parametrize("name", scenario_names())
-def test_a_target_region_can_be_reached_from_every_start(name: str) -> None:
-    model = compile_scenario(load_scenario(name))
-    can = (model.event == TARGET).any(axis=1)
-    goes_on = (model.probability > 0) & ~model.terminated[:, :, None]
-    n_found = 0
-    while n_found < (n_found := int(can.sum())):
-        can |= (goes_on & can[model.next_state]).any(axis=(1, 2))
-    assert can[model.starts].all()
 
 
 @pytest.mark.parametrize(

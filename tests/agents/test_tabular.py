@@ -7,12 +7,11 @@ import pytest
 from numpy.random import SeedSequence
 
 from agents import Schedule
-from agents.dynamic_programming import solve
 from agents.policy import contains, greedy_masks
 from agents.process import draw_word
 from agents.tabular.kernel import choose_action
 from agents.tabular.learner import Settings, TabularTraining, train
-from envs import InputError, ProxemicEnv, compile_scenario, load_scenario
+from envs import InputError, compile_scenario, load_scenario
 from envs.inputs import parse
 from tests.agents.words import textbook, xoshiro
 
@@ -43,18 +42,14 @@ MOVES = {
     "observe": ["agent", "phase"],
 }
 CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
-    "S1": ("S1", {}, {}),
     "S2": ("S2", {}, {}),
     "S3": ("S3", {}, {"epsilon": 0.4}),
-    "episodes": ("S2", {}, {"budget": 150, "budget_unit": "episodes"}),
-    "ties": ("S2", {}, {"ties": "lowest"}),
     "time limit": ("S1", {}, {"time_limit": 15, "initial_value": -0.7}),
     "decays": ("S2", {}, {"final_learning_rate": 0.1, "learning_rate_fraction": 0.7, "final_epsilon": 0.2,
                           "epsilon_fraction": 0.5}),
     "decays by episode": ("S1", {}, {"budget": 150, "budget_unit": "episodes", "final_learning_rate": 0.0,
                                      "final_epsilon": 0.3, "epsilon_fraction": 0.4}),
     "visits": ("S2", {}, {"visit_exponent": 0.7, "learning_rate": 1.0}),
-    "starts": ("S3", {"grid.start": [[0, 0], [9, 0], [0, 11]]}, {"time_limit": 40}),
     "people move": ("S2", MOVES, {"time_limit": 50}),
     "all at once": ("S2", {"issuer.position": [8, 6], "rewards.wrong_ping_uncomfortable": -0.8},
                     {"epsilon": 0.15, "ties": "lowest", "budget": 120, "budget_unit": "episodes",
@@ -122,17 +117,6 @@ def test_every_candidate_is_drawn_equally_often() -> None:
         assert (np.bincount(actions, minlength=5) == members * 60 // members.sum()).all()
 
 
-def test_learns_the_optimal_values_of_a_task_it_observes_fully() -> None:
-    # If the first wrong PING ends the episode, the cell is the state. If rewards are not random, a learning
-    # rate of 1 is exact. Q-learning then converges to Q* itself.
-    model = compile_scenario(
-        load_scenario("S3", {"ping_limit": 1, "grid.rows": 6, "grid.columns": 6, "issuer.position": [3, 3]})
-    )
-    settings = Settings(learning_rate=1.0, epsilon=0.9, budget=3_000_000)
-    training = train(model, settings, [SeedSequence(0)], Schedule(3_000_000))
-    assert training.q[0] == pytest.approx(solve(model, 0.9).q, abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -152,22 +136,3 @@ def test_wrong_settings_get_one_sentence(change: dict[str, Any], expected: str) 
         parse(Settings, change, "mine.toml")
     assert expected in str(caught.value)
     assert str(caught.value).startswith("mine.toml: ")
-
-
-def test_calls_without_agents_or_threads_are_refused() -> None:
-    model = ProxemicEnv().model
-    with pytest.raises(ValueError, match="0 agents"):
-        train(model, Settings(budget=10), [], Schedule(10))
-    with pytest.raises(ValueError, match="for a budget of 20; the settings say 10"):
-        train(model, Settings(budget=10), [SeedSequence(0)], Schedule(20))
-    with pytest.raises(ValueError, match="threads = 0"):
-        train(model, Settings(budget=10), [SeedSequence(0)], Schedule(10), threads=0)
-
-
-def test_keys_that_settings_got_later_are_written_only_if_set() -> None:
-    # The digests of runs depend on what is written.
-    assert set(Settings().model_dump()) == {
-        "budget", "time_limit", "learning_rate", "discount", "epsilon", "ties", "budget_unit", "record_every"
-    }  # fmt: skip
-    written = Settings(final_epsilon=0.1, epsilon_fraction=0.5, initial_value=1.0).model_dump()
-    assert written | {"final_epsilon": 0.1, "epsilon_fraction": 0.5, "initial_value": 1.0} == written

@@ -210,11 +210,6 @@ def test_double_q_learning_does_not_overestimate() -> None:
     assert abs(error["double_q_learning"]) < 4
 
 
-def test_two_tables_are_twice_the_parameters() -> None:
-    for name, n_tables in (("q_learning", 1), ("double_q_learning", 2)):
-        assert learned(name, CHAIN, {"budget": 10}).parameters.tolist() == [n_tables * 3 * 5]
-
-
 def test_traces_need_their_settings_and_exclude_other_parts() -> None:
     rule = UpdateRule(greatest_value, has_traces=True)
     with pytest.raises(ValueError, match="the rule has traces; accepted: TraceSettings"):

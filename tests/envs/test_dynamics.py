@@ -227,6 +227,7 @@ def assert_env_agrees(model: Model, n_steps: int) -> None:
         assert reward == model.grid_reward[state, action] + issuer_reward
         assert terminated == model.terminated[state, action]
         assert (info["event"], info["zone"]) == (model.event[state, action], model.zone[following])
+        assert info["wrong_pings"] == model.wrong_pings[state, action]
         state = following
 
 

@@ -1,7 +1,5 @@
 """What a map looks like, by hand."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -26,21 +24,6 @@ def test_scene_of_the_paper_by_hand() -> None:
     assert np.flatnonzero(scene.is_over).tolist() == [6 * 12 + 8]
     # 5 x 5 cells, of which 3 x 3 are uncomfortable or, in the middle, the issuer's.
     assert [scene.zone.count(zone) for zone in ZONES] == [95, 16, 8, 1]
-
-
-def test_json_holds_the_scene() -> None:
-    scene = scene_of(S1)
-    read = json.loads(json.dumps(scene.as_json()))
-    assert (read["rows"], read["columns"], read["zone"]) == (10, 12, list(scene.zone))
-    assert np.flatnonzero(read["over"]).tolist() == [80]
-    assert read["outlines"][1] == {
-        "label": "uncomfortable region's edge",
-        "dashed": True,
-        "loops": [[[5, 7], [5, 10], [8, 10], [8, 7]]],
-    }
-    assert read["glyphs"] == [{"kind": "issuer", "cell": 80}, {"kind": "start", "cell": 0}]
-    assert read["triangles"] == TRIANGLES.tolist()
-    assert read["moves"] == [[-1, 0], [1, 0], [0, -1], [0, 1]]
 
 
 def test_triangles_and_arrows_point_where_moves_lead() -> None:
