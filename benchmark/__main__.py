@@ -33,7 +33,7 @@ examples:
   python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
   python -m benchmark report beyond --format pdf   write its figures as PDF, into results/beyond_pdf
-  python -m benchmark report                       build results/index.html from published results
+  python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
   python -m benchmark assess --agent module:act --scenario S1 --observation index  score and rank an agent

@@ -27,7 +27,7 @@ POWER: Final = 0.8  # probability with which a number of runs or agents that is 
 
 
 @dataclass(frozen=True)
-class Side:
+class Means:
     """A learner's means of numbers in [0, 1], one per scenario, and how many runs each is of."""
 
     means: Sequence[float]
@@ -58,7 +58,7 @@ class Contrast:
     p_equivalent: float
 
 
-def contrast(x: Side, y: Side, margin: float) -> Contrast:
+def contrast(x: Means, y: Means, margin: float) -> Contrast:
     """Compares two learners that were trained in the same scenarios, by different runs.
 
     They are equivalent if their difference is smaller than the margin.
@@ -101,10 +101,13 @@ def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) 
     """
 
     def is_enough(n: int) -> bool:
-        side = Side([1.0] * n_scenarios, [n] * n_scenarios)
+        side = Means([1.0] * n_scenarios, [n] * n_scenarios)
         return contrast(side, side, margin).p_equivalent * n_contrasts <= 1 - LEVEL
 
-    return 1 + bisect_left(range(1, 1024), True, key=is_enough)
+    most = 2
+    while not is_enough(most):
+        most *= 2
+    return 1 + bisect_left(range(1, most), True, key=is_enough)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -115,7 +115,7 @@ class Reporting(Table):
     fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
     contrasts: tuple[tuple[str, str], ...] = ()  # x against y, with verdicts
     # x minus y, and what differs: exploratory, without verdicts
-    effects: tuple[tuple[str, str, str], ...] = ()
+    effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
 
 
 class Experiment(Table):

@@ -347,31 +347,15 @@ def _script() -> str:
 
 def _index(results: Path) -> str:
     """Returns the page that lists all folders of results."""
-    lines = []
+    folders = {}
     for path in sorted(results.iterdir()):
         is_apart = any(map(path.match, (".*", "*_smoke", "*_partial", "*_seeds_*")))
         if is_apart or not (path / "README.md").exists():
             continue
         paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")
         first = next((paragraph for paragraph in paragraphs if not paragraph.startswith("#")), "")
-        description = first.replace("\n", " ").replace("|", r"\|").strip()
+        folders[path.name] = first.replace("\n", " ").replace("|", r"\|").strip()
         if (path / "index.html").exists():
-            description += f" Its page: [index.html]({path.name}/index.html)."
-        lines.append(f"| [{path.name}]({path.name}/README.md) | {description} |")
-    folders = "\n".join(lines)
-    page = """
-[index.html](index.html) shows all experiments on one page: download it, or open it from a clone. It needs no
-server and no network. Every number links to the row of the CSV file that it comes from, and the explorer
-shows what one agent of every learner knows over training, cell by cell, and how every agent walks in the end.
-"""
-    return f"""# Results
-{page if (results / "index.html").exists() else ""}
-| folder | what it holds |
-|---|---|
-{folders}
-
-The README of a folder says what each file is, what made it, and with which command. Tables are `.csv` (six
-digits, all columns), figures are `.png`; `python -m benchmark report EXPERIMENT --format svg` (or `pdf` or
-`tex`) makes other forms. `manifest.json` holds versions, commit, machine and times. `runs.db`, which is not
-in the repository, holds every run made here.
-"""
+            folders[path.name] += f" Its page: [index.html]({path.name}/index.html)."
+    template = templates_in(_TEMPLATES).get_template("index.md.jinja")
+    return template.render(folders=folders, has_page=(results / "index.html").exists())

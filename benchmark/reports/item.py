@@ -1,14 +1,14 @@
 """What a report is made of: items, each with its table, its figure and its sentences in one place.
 
-    @item("threshold", "when, and in how many runs, the score stays at or above 0.95", {"n": "runs"})
-    def threshold(runs):
+    @item("steps", "how many steps an episode takes after training", {"n": "runs", "steps": ""})
+    def steps(runs):
         for cell in runs:
-            yield cell.row(n=len(cell.seeds), reached=share(cell.stays_good))
+            yield cell.row(n=cell.n, steps=cell.final("steps").mean())
 
-    @threshold.figure("Share of runs that reach a score of 0.95.")
+    @steps.figure("Steps of an episode.")
     def _(tables, data): ...  # all tables of the report, and what they were computed from
 
-    @threshold.sentence
+    @steps.sentence
     def _(table, folder): ...
 
 The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.

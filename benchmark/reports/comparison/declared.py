@@ -59,11 +59,11 @@ class Declared:
 
     @property
     def decisive(self) -> list[Learner]:
-        """The deep learners that are compared with the baseline."""
+        """The deep learners that are compared with the baseline wherever both are."""
         return [
             x.learner
             for x, y in self.contrasts
-            if y.learner == self.baseline and x.learner is not None and self.families[x.learner] == "deep"
+            if y == Side(learner=self.baseline) and x.learner and self.families[x.learner] == "deep"
         ]
 
     @property
@@ -71,6 +71,11 @@ class Declared:
         """The learners of the contrasts."""
         sides = [side.learner for pair in self.contrasts for side in pair]
         return [learner for learner in self.families if learner in sides]
+
+    def n_pooled(self, n_scenarios: int) -> int:
+        """Returns over how many scenarios every verdict is at least."""
+        is_pooled = self.reporting.pool == "scenarios" and not any(x.scenario for x, _ in self.contrasts)
+        return n_scenarios if is_pooled else 1
 
     @classmethod
     def from_manifest(cls, manifest: Mapping[str, Any]) -> Self:
@@ -133,10 +138,15 @@ class Declared:
         def side(where: str, name: str) -> Side:
             found: dict[str, Any] = {}
             for part in name.split(" @ "):
-                axis = next((axis for axis in known if part in known[axis] and axis not in found), None)
+                axes = [axis for axis in known if part in known[axis]]
+                if not axes:
+                    names = [f'"{each}"' for each in (*learners, *scenarios, *conditions)]
+                    unknown_name(where, "learner, scenario or condition", f'"{part}"', names)
+                axis = next((axis for axis in axes if axis not in found), None)
                 if axis is None:
-                    names = [*learners, *scenarios, *conditions]
-                    unknown_name(where, "learner, scenario or condition", part, names)
+                    raise InputError(f'{where} = "{name}": accepted: at most one {axes[0]} on a side.')
+                if axis == "learner" and families[Learner.of(part)] == "planner":
+                    raise InputError(f'{where} = "{name}": it knows the model; accepted: learners.')
                 found[axis] = Learner.of(part) if axis == "learner" else part
             return Side(**found)
 
@@ -160,6 +170,11 @@ class Declared:
             (*sides(f"{source}: report.effects.{i}", x, y, []), name)
             for i, (x, y, name) in enumerate(reporting.effects)
         ]
+        names = [name for _, _, name in reporting.effects]
+        if repeated := next((name for name in names if names.count(name) > 1), None):
+            raise InputError(
+                f'{source}: report.effects: "{repeated}" is the name of two; accepted: one each.'
+            )
         made = cls(reporting, contrasts, effects, families)
         if reporting.baseline:
             tables = [str(learner) for learner, family in families.items() if family == "tabular"]
@@ -206,11 +221,11 @@ def forecast(experiment: Experiment) -> str:
         for condition in ([side.condition] if side.condition else experiment.conditions)
     )
     n_scenarios = len(experiment.scenarios)
-    n_pooled = n_scenarios if reporting.pool == "scenarios" else 1
+    n_pooled = declared.n_pooled(n_scenarios)
     own = [name for name, each in experiment.algorithms.items() if not each.reference_for]
     n_learners = sum(learner.algorithm in own for learner in declared.families)
     n_tests = sum(
-        (1 if x.scenario else n_scenarios // n_pooled)
+        (1 if x.scenario or reporting.pool == "scenarios" else n_scenarios)
         * (1 if x.condition else len(experiment.conditions))
         * (1 if x.learner else n_learners)
         for x, _ in declared.contrasts
@@ -223,11 +238,12 @@ def cannot_show(n: int, n_pooled: int, n_tests: int, reporting: Reporting) -> st
 
     A mean is over so many pooled scenarios, and p-values may be adjusted for so many tests.
     """
-    margin, adjusted = reporting.margins.success, reporting.adjust == "holm"
-    needed = runs_for_any_equivalence(margin, n_pooled, n_tests if adjusted else 1)
+    margin, n_adjusted = reporting.margins.success, n_tests if reporting.adjust == "holm" else 1
+    needed = runs_for_any_equivalence(margin, n_pooled, n_adjusted)
     if n >= needed:
         return ""
+    among = f" and {n_adjusted} contrasts" if n_adjusted > 1 else ""
     return (
-        f"With {n} runs and {n_tests} contrast{'' if n_tests == 1 else 's'}, equivalence within {margin:g} "
-        f"cannot be shown, even if all runs succeed: that takes {needed} runs per scenario and learner."
+        f"With {n} runs{among}, equivalence within {margin:g} cannot be shown, even if all runs succeed: "
+        f"that takes {needed:,} runs per scenario and learner."
     )

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, UNDECIDED, WORSE
 from benchmark.drawing.style import COLOURS, figure_of, variant_style
+from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
 
@@ -92,12 +93,13 @@ def curve_panels(
     label: str,
     signs: str = "",
 ) -> Iterator[tuple[Figure, Iterable[Axes]]]:
-    """Draws a column of `curves` over training: panels per scenario, by groups of learners if there are few.
+    """Draws a column of `curves` over training: panels per place, if few also by groups of learners.
 
     Yields:
       The figure and its axes, to be completed before the legend is drawn. It also names further signs.
     """
-    scenarios, frame = list(frame["scenario"].unique()), frame[frame["step"] > 0]
+    frame = words.by_place(frame[frame["step"] > 0])
+    scenarios = list(frame["scenario"].unique())
     is_few = len(scenarios) <= FEW
     panels = runs.panels if is_few else {"": learners}
     places = [(scenario, *panel) for panel in panels.items() for scenario in scenarios]
@@ -150,10 +152,10 @@ def dots(axis: Axes, frame: pd.DataFrame, key: str, learners: Sequence[Learner],
         style, together = style_of(learner, runs), [learner, *references_of(learner, runs)]
         for place, each in enumerate(together):
             for _, row in frame[is_of(frame, each)].iterrows():
-                at, is_check = y + 0.4 * (place - (len(together) - 1) / 2), place > 0
-                ends, width = [row[f"{key}_low"], row[f"{key}_high"]], 1.2 if is_check else 2.2
+                at, is_reference = y + 0.4 * (place - (len(together) - 1) / 2), place > 0
+                ends, width = [row[f"{key}_low"], row[f"{key}_high"]], 1.2 if is_reference else 2.2
                 axis.plot(ends, [at, at], color=style["color"], lw=width, alpha=0.6)
-                fill = {"mfc": "white"} if is_check else {"mec": "white", "mew": 0.6}
+                fill = {"mfc": "white"} if is_reference else {"mec": "white", "mew": 0.6}
                 axis.plot(row[key], at, color=style["color"], marker=style["marker"], ms=5, **fill)
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
-from benchmark.analysis.contrasts import MIXED, NO_VERDICT, UNDECIDED
+from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED, WORSE
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.drawing.maps import gallery, in_words
 from benchmark.drawing.style import figure_of
@@ -40,9 +40,9 @@ _MOST_TOLD: Final = 10  # contrasts that are told whatever their verdict
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
-    "another class": "only a stochastic policy beats a greedy table in",
+    "another class": "only a learner with a policy of another class beats the table in",
     "does not earn": "it does not in",
-    "neither learned": "no learner compared is shown to be better than the random policy in",
+    "neither learned": "neither the table nor a deep learner is shown to beat the random policy in",
     "mixed": "results are mixed in",
     "undecided": "it is undecided in",
     "no verdict": "there is no verdict in",
@@ -73,8 +73,8 @@ def _(tables: Frames, _: Runs) -> Figure | None:
         return None
     frame = tables["contrasts"]
     names = [
-        f"{row.x}\nagainst {row.y}" + (f", {row.scenario}" if "scenario" in frame else "")
-        for row in frame.itertuples()
+        ", ".join(filter(None, [f"{row['x']}\nagainst {row['y']}", words.place(row)]))
+        for _, row in frame.iterrows()
     ]
     return figures.differences(frame, names, dict(_LABELS))
 
@@ -91,7 +91,7 @@ def _(table: pd.DataFrame, __: Folder) -> Iterator[Finding]:
 def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says if the runs could not have shown equivalence."""
     declared = Declared.from_manifest(folder.manifest)
-    n_pooled = 1 if "scenario" in table else len(folder.manifest["scenarios"])
+    n_pooled = declared.n_pooled(len(folder.manifest["scenarios"]))
     return cannot_show(int(table["n"].min()), n_pooled, len(table), declared.reporting) or None
 
 
@@ -100,7 +100,7 @@ def headline(folder: Folder) -> Finding | None:
     declared = Declared.from_manifest(folder.manifest)
     start = words.setting(folder)
     if "contrasts.csv" not in folder:
-        return Finding(f"{start}, there are no verdicts: none is declared, or learners are missing.")
+        return Finding(f"{start}, there is no verdict on any contrast.")
     table = folder.frame("contrasts")
     if declared.baseline is None:
         n = link(str(len(table)), "contrasts", table)
@@ -121,14 +121,17 @@ def headline(folder: Folder) -> Finding | None:
             parts.append(f"{text} {which}")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
-    n = link(str(int(table["n"].min())), "contrasts", table)
     deep = listed([f"`{learner}`" for learner in declared.decisive])
     rule = (
         f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there than "
         f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
-        "is not worse. The familywise error rate over all scenarios is at most about 5 %."
+        "is not shown to be worse."
     )
-    return Finding(f"{start} and {n} runs per learner: {'; '.join(parts)}.\n\n{rule}")
+    if declared.reporting.adjust == "holm":
+        rule += (
+            " For each kind of claim, the probability of any wrong one in this folder is at most about 5 %."
+        )
+    return Finding(f"{start} and {words.sizes(folder)} runs per learner: {'; '.join(parts)}.\n\n{rule}")
 
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
@@ -145,7 +148,8 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         "not shown that the net makes the difference",
         "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
         f"`{baseline}`, or equally often within {margin:g}",
-        "neither learned": "no learner compared is shown to succeed more often than the random policy",
+        "neither learned": f"neither `{baseline}` nor a deep learner compared is shown to succeed more often "
+        "than the random policy",
         "mixed": f"results are mixed: against `{baseline}`, {counted(rows)}",
         "undecided": f"it is undecided whether deep RL earns its keep over a table: against `{baseline}`, "
         f"{counted(rows)}",
@@ -154,6 +158,8 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     }[found]
     aside = ""
     for (_, row), is_worse in zip(rows.iterrows(), is_worse_in_some(rows), strict=True):
+        if row["success_verdict"] == BETTER and row["score_verdict"] in (WORSE, MIXED):
+            aside += f" In score, `{row['x']}` is {row['score_verdict']}."
         if (names := str(row.get("success_except", "nan"))) in ("", "nan"):
             continue
         if is_worse:
@@ -169,7 +175,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     ]
     room = 1 - learners[str(baseline)]["success"]
     ceiling = ""
-    if room < margin:
+    if room < margin and found not in ("earns", "another class"):
         how = "always succeeds" if room < 1e-6 else f"fails in {room:.3f} of episodes"
         ceiling = f" As `{baseline}` {how}, no learner could have been better by the margin of {margin:g}."
     return Finding(f"{start}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
@@ -198,6 +204,8 @@ def _(tables: Frames, runs: Runs) -> Figure | None:
     if "algorithm" not in frame:
         return None
     frame = frame[frame["algorithm"].notna()]
+    if "condition" in frame:
+        frame = frame.assign(effect=frame["effect"] + ", " + frame["condition"].fillna("all conditions"))
     learners = runs.declared.compared or figures.learners_in(frame, runs)
     names = list(frame["effect"].unique())
     labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
@@ -276,17 +284,18 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
 
 @summary.figure("How often each learner succeeds after training, and the verdicts.")
 def _(tables: Frames, runs: Runs) -> Figure:
-    draw = _dots if tables["summary"]["scenario"].nunique() <= figures.FEW else _heat
-    return draw(tables, runs)
+    is_few = words.by_place(tables["summary"])["scenario"].nunique() <= figures.FEW
+    return (_dots if is_few else _heat)(tables, runs)
 
 
 def _dots(tables: Frames, runs: Runs) -> Figure:
-    """Draws a panel per scenario, and one of the means over scenarios if these are pooled."""
-    frame, baseline = tables["summary"], runs.declared.baseline
+    """Draws a panel per scenario and condition, and of the means over scenarios if these are pooled."""
+    frame, baseline = words.by_place(tables["summary"]), runs.declared.baseline
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
     panels = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
-    if "aggregate" in tables and len(scenarios) > 1:
-        panels["mean over scenarios"] = tables["aggregate"]
+    if "aggregate" in tables and len(runs.scenarios) > 1:
+        means = words.by_place(tables["aggregate"].assign(scenario="mean over scenarios"))
+        panels |= {str(place): rows for place, rows in means.groupby("scenario", sort=False)}
     height = (0.44 if runs.references else 0.3) * len(learners) + 1.5
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
@@ -306,7 +315,7 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
 def _heat(tables: Frames, runs: Runs) -> Figure:
     """Draws a row per scenario and a column per learner, with the signs of verdicts."""
     frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), runs.declared.baseline
-    frame = frame.assign(scenario=words.scenario_labels(frame))
+    frame = words.by_place(frame)
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
@@ -340,6 +349,8 @@ def _heat(tables: Frames, runs: Runs) -> Figure:
 @summary.sentence
 def _(table: pd.DataFrame, folder: Folder) -> str | None:
     """Says what the other policy of a stochastic learner does."""
+    if "condition" in table:
+        return None
     parts, shown = [], words.compared(table, folder)
     for key, rows in shown[shown["policy"] == "stochastic"].groupby(["algorithm", "observation"], sort=False):
         both = [link(f"{rows[name].mean():.2f}", "summary", rows) for name in ("success", "greedy_success")]

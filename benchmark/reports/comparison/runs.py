@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
-from benchmark.analysis.contrasts import Side as Means
+from benchmark.analysis.contrasts import Means
 from benchmark.analysis.intervals import Estimate, student
 from benchmark.analysis.population import Population, load_population
 from benchmark.execution.store import Store, evaluated

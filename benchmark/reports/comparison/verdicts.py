@@ -3,14 +3,15 @@
 A row is the difference of two cells, or of two means of cells over scenarios: x minus y. Contrasts have
 verdicts, with p-values adjusted as declared; effects are exploratory.
 
-Deep RL *earns its keep* over a table if some deep learner is better than the baseline in success, and better
-than the exact random policy, and not worse in score. If the policies of the two are of different classes, one
-greedy and one stochastic, the outcome is *another class*: then it is not shown that the net makes the
-difference. *Neither learned* if none of the learners compared is better than the random policy. It *does not
-earn* its keep if every deep learner is worse or equivalent; so it is of one whose mean is equivalent and that
-is worse by the margin in some scenario, better by it in none. Otherwise it is *mixed* if scenarios, or
-success and score, contradict each other. There is *no verdict* if runs are missing or too few. All else is
-*undecided*.
+Deep RL *earns its keep* over a table if some deep learner is better than the baseline in success, and
+better than the exact random policy, and not shown to be worse in score. If the policies of the two are of
+different classes, one greedy and one stochastic, the outcome is *another class*: then it is not shown that
+the net makes the difference. *Neither learned* if neither the baseline nor any deep learner is better than
+the random policy. It *does not earn* its keep if every deep learner is worse or equivalent; so it is of one
+whose mean is equivalent and that is worse by the margin in some scenario, better by it in none. Otherwise
+it is *mixed* if scenarios, or success and score, contradict each other. There is *no verdict* if runs are
+missing or too few. All else is *undecided*. Contrasts that name scenarios or conditions have verdicts of
+their own, and no part in the outcome.
 """
 
 from collections.abc import Sequence
@@ -27,12 +28,12 @@ from benchmark.analysis.contrasts import (
     NO_VERDICT,
     VERDICTS,
     WORSE,
+    Means,
     contrast,
     decide,
     holm,
     mixed,
 )
-from benchmark.analysis.contrasts import Side as Means
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.reports.comparison.declared import Declared, Learner, Side
 from benchmark.reports.comparison.runs import Cell, Runs, means_of
@@ -136,12 +137,12 @@ def is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
 
 
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the contrasts in which x is better in success, also than random, and not worse in score.
+    """Returns the contrasts in which x is better in success, also than random, and not shown worse in score.
 
     If in some of them the policies are of the same class, it is these alone.
     """
     is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= 1 - LEVEL)
-    won = rows[is_better & (rows["score_verdict"] != WORSE)]
+    won = rows[is_better & ~rows["score_verdict"].isin([WORSE, MIXED])]
     alike = won[won["policy_x"] == won["policy_y"]]
     return alike if len(alike) else won
 

@@ -18,15 +18,17 @@ _IN_WORDS = {
 }
 
 
-def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
+def verdict(row: pd.Series) -> Finding:
     """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
     found = str(row["success_verdict"])
-    where = place(row)
+    where = f"In {place(row)}, " if place(row) else ""
+    if isinstance(row.get("algorithm"), str):
+        where += f"{'for' if where else 'For'} `{name_of(row)}`, "
     x, y = (f"`{row[side]}`" for side in "xy")
     if row["policy_x"] != row["policy_y"]:
         x, y = f"{x} ({row['policy_x']} policy)", f"{y} ({row['policy_y']} policy)"
     text = _IN_WORDS.get(found, "against {} is undecided in success").format(y)
-    text = f"{f'In {where}, ' if where else ''}{x} {text}: {difference(row, 'success', table)}"
+    text = f"{where}{x} {text}: {difference(row, 'success', 'contrasts')}"
     if found == EQUIVALENT and row["success_p_different"] <= 0.05:
         text += f", which is measurable but smaller than {row['success_margin']:g}"
     if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
@@ -34,10 +36,11 @@ def verdict(row: pd.Series, table: str = "contrasts") -> Finding:
     if (apart := str(row.get("success_except", ""))) not in ("", "nan"):
         contradicts = "a mean would hide what differs in" if found == MIXED else "by itself not shown in"
         text += f"; {contradicts} {apart}"
-    text += f". In score: {row['score_verdict']}, {difference(row, 'score', table)}."
+    text += f". In score: {row['score_verdict']}, {difference(row, 'score', 'contrasts')}."
     if "wrong_pings_x" in row:
         wrong = [f"{row[f'wrong_pings_{side}']:.0f}" for side in "xy"]
-        text += f" Wrong PINGs per 1,000 steps of training: {link(wrong[0], table, row)} against {wrong[1]}."
+        rate = link(wrong[0], "contrasts", row)
+        text += f" Wrong PINGs per 1,000 steps of training: {rate} against {wrong[1]}."
     return Finding(text, found)
 
 
@@ -56,6 +59,11 @@ def scenario_labels(table: pd.DataFrame) -> pd.Series:
     return pd.Series([place(row) for _, row in table.iterrows()], index=table.index, dtype=str)
 
 
+def by_place(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the same with the place of each row for its scenario."""
+    return table.assign(scenario=scenario_labels(table))
+
+
 def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
     """Returns a difference with its 95 % interval."""
     value, low, high = (signed(row[f"{name}_difference{end}"], decimals) for end in ("", "_low", "_high"))
@@ -64,15 +72,27 @@ def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
 
 def setting(folder: Folder) -> str:
     """Returns what a verdict holds for: the budget, and the scenarios unless they are many."""
-    algorithms = folder.manifest["algorithms"]
     declared = Declared.from_manifest(folder.manifest)
-    names = {learner.algorithm for learner in declared.compared or declared.families}
-    budgets = {algorithms[name]["settings"]["budget"] for name in names if name in algorithms}
+    if "summary.csv" in folder:
+        summary = folder.frame("summary")
+        rows = compared(summary, folder) if declared.compared else summary
+        budgets = {int(budget) for budget in rows["budget"]}
+    else:
+        budgets = set()
     budget = f"With {budgets.pop():,} steps of training" if len(budgets) == 1 else "With the declared budgets"
     scenarios = [*folder.manifest["scenarios"]]
     is_mean = declared.reporting.pool == "scenarios" and len(scenarios) > 1
     where = listed(scenarios) if len(scenarios) <= 4 else f"{len(scenarios)} scenarios"
     return f"{budget}, on average over {where}" if is_mean else f"{budget} in {where}"
+
+
+def sizes(folder: Folder) -> str:
+    """Returns how many runs there are of each learner compared, linked to the rows that say so."""
+    name = "summary" if "summary.csv" in folder else "contrasts"
+    table = folder.frame(name)
+    rows = compared(table, folder) if name == "summary" else table
+    fewest, most = int(rows["n"].min()), int(rows["n"].max())
+    return link(f"{fewest}" if fewest == most else f"{fewest} to {most}", name, rows)
 
 
 def compared(table: pd.DataFrame, folder: Folder) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from benchmark.analysis.contrasts import (
     NO_VERDICT,
     UNDECIDED,
     WORSE,
-    Side,
+    Means,
     contrast,
     decide,
     holm,
@@ -66,7 +66,7 @@ def test_fewest_runs_for_any_equivalence_are_the_fewest(
     """Of runs that all succeed: one run fewer leaves the p-value above the level."""
     n = runs_for_any_equivalence(margin, n_scenarios, n_contrasts)
     for runs, is_shown in ((n, True), (n - 1, False)):
-        side = Side([1.0] * n_scenarios, [runs] * n_scenarios)
+        side = Means([1.0] * n_scenarios, [runs] * n_scenarios)
         decided = decide([contrast(side, side, margin)] * n_contrasts, is_allowed=[True] * n_contrasts)
         assert {each["verdict"] for each in decided} == {EQUIVALENT if is_shown else UNDECIDED}
     if n_contrasts == 1:  # the root of two squared one-sided exact ends of 29 runs, by hand
@@ -82,7 +82,7 @@ shares = st.lists(st.integers(0, 20), min_size=2, max_size=2).map(
 @settings(deadline=None, max_examples=30)
 @given(shares, shares, st.sampled_from([5, 20, 200]))
 def test_tests_and_intervals_never_contradict_each_other(x: list[float], y: list[float], n: int) -> None:
-    found = contrast(Side(x, [n, n]), Side(y, [n, n]), 0.1)
+    found = contrast(Means(x, [n, n]), Means(y, [n, n]), 0.1)
     assert (found.p_different < 0.05 - 1e-6) <= (found.low > 0 or found.high < 0)
     assert (found.p_different > 0.05 + 1e-6) <= (found.low <= 0 <= found.high)
     assert (found.p_equivalent < 0.05 - 1e-6) <= (found.low_90 > -0.1 and found.high_90 < 0.1)
@@ -90,8 +90,8 @@ def test_tests_and_intervals_never_contradict_each_other(x: list[float], y: list
 
 
 def test_few_runs_have_no_verdict_but_count_in_the_adjustment() -> None:
-    sure = contrast(Side([1.0], [50]), Side([0.0], [50]), 0.1)
-    close = contrast(Side([0.9], [50]), Side([0.7], [50]), 0.1)
+    sure = contrast(Means([1.0], [50]), Means([0.0], [50]), 0.1)
+    close = contrast(Means([0.9], [50]), Means([0.7], [50]), 0.1)
     alone = decide([close], is_allowed=[True])[0]
     both = decide([sure, close], is_allowed=[False, True])
     assert both[0]["verdict"] == NO_VERDICT
@@ -109,7 +109,7 @@ def test_wrong_verdicts_are_rare(n: int) -> None:
 
     def verdicts(shift: float) -> set[str]:
         drawn = [[rng.binomial(n, p) / n for p in (truth, truth - shift)] for _ in range(4)]
-        found = [contrast(Side([*x], [n, n]), Side([*y], [n, n]), 0.1) for x, y in drawn]
+        found = [contrast(Means([*x], [n, n]), Means([*y], [n, n]), 0.1) for x, y in drawn]
         return {str(each["verdict"]) for each in decide(found, is_allowed=[True] * 4)}
 
     wrongly_different = sum(bool(verdicts(0.0) & {BETTER, WORSE}) for _ in range(40))

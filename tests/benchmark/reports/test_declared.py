@@ -71,6 +71,8 @@ def test_declared_contrasts_are_taken_and_survive_the_manifest(tmp_path: Path) -
         ('items = ["envs:ACTIONS"]', ["envs:ACTIONS"]),
         ('contrasts = [["net, one-hot", "table, index"]]', ["report.contrasts.0", "net, one-hot", "one_hot"]),
         ('effects = [["S1", "S4", "noise"]]', ["report.effects.0", "S4"]),
+        ('effects = [["S1", "S2", "a"], ["S2", "S1", "a"]]', ["report.effects", '"a"']),
+        ('contrasts = [["S1 @ S2", "S2 @ S1"]]', ["report.contrasts.0", "at most one scenario"]),
         ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
         ('contrasts = [["net, one_hot", "S1"]]', ["report.contrasts.0", "S1"]),
         ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),

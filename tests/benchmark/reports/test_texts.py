@@ -47,7 +47,7 @@ kind = "comparison"
 omit = ["agents", "learning", "wrong_pings"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
-effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT], ["mood-1", "S1", EFFECT]]
+effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT], ["mood-1", "S1", OTHER]]
 """
 
 
@@ -60,7 +60,11 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Path]
     moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
     text = EXPERIMENT.replace("FOLDER", str(folder))
-    text = text.replace("EFFECT", json.dumps(EFFECT)).replace("GROUP", json.dumps(GROUP))
+    text = (
+        text.replace("EFFECT", json.dumps(EFFECT))
+        .replace("OTHER", json.dumps("2" + EFFECT))
+        .replace("GROUP", json.dumps(GROUP))
+    )
     experiment = experiment_of(folder / "mine-1.toml", text)
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
