@@ -219,7 +219,7 @@ def _(tables: Frames, runs: Runs) -> Figure | None:
                 axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
                 figures.dots(axis, part, key, learners, runs)
                 figures.rows(axis, learners, first=j == 0)
-                reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max())
+                reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max()) or 1.0
                 axis.set(xlim=(-reach, reach))
                 if i == len(names) - 1:
                     axis.set(xlabel=f"difference in {label}")

@@ -210,7 +210,8 @@ def ahead(runs: Runs) -> Iterator[dict[str, Any]]:
     """
     for x, y in runs.declared.contrasts:
         for pair in runs.matched(x, y):
-            yield from (_ahead(*pair), _ahead(*pair[::-1]))
+            if x.learner != y.learner:
+                yield from (_ahead(*pair), _ahead(*pair[::-1]))
 
 
 def _ahead(x: Cell, y: Cell) -> dict[str, Any]:

@@ -85,6 +85,7 @@ def effects_of(runs: Runs) -> list[dict[str, Any]]:
     for x, y, name in runs.declared.effects:
         for names, pairs in _cases(runs.own, x, y, is_pooled=False):
             row = {"effect": name} | names | difference(pairs)
+            del row["random_success"]  # the sides may differ in it
             for endpoint in ENDPOINTS:
                 sides = _sides(pairs, endpoint)
                 found = contrast(*sides, margin=0.5)  # of which the interval does not depend
