@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable
 from functools import cached_property, partial
 from pathlib import Path
+from textwrap import fill
 from typing import Final
 
 import jinja2
@@ -178,6 +179,7 @@ def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.filters |= {"text": tables.paragraph, "number": tables.show, "plain": tables.plain}
+    environment.filters["wrapped"] = lambda text: f"{fill(text, 118, break_long_words=False)}\n"
     return environment
 
 
