@@ -51,7 +51,12 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
 def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
     kept = {f"{name}/mine.py" for name in ("agents", "benchmark", "envs", "tests")}
     kept |= {"results/reproduce/claims.csv"}
-    removed = {"envs/__pycache__/mine.pyc", "results/runs.db", "results/mine_partial/claims.csv"}
+    removed = {
+        "envs/__pycache__/mine.pyc",
+        "results/runs.db",
+        "results/index.html",
+        "results/mine_partial/claims.csv",
+    }
     removed |= {"results/mine_smoke/claims.csv", "results/mine_seeds_0-9/claims.csv"}
     for path in (tmp_path / name for name in kept | removed):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -40,9 +40,7 @@ def main(options: argparse.Namespace) -> int:
             return 0
         made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
-    is_published = made.certificate is not None and made.certificate.is_identical
-    updated = page.update(options.results, directory.name, is_published=is_published)
-    print(f"{experiment.name}: the page is {updated}.")
+    print(f"{experiment.name}: the page is {page.update(options.results, directory.name)}.")
     if made.certificate is not None:
         print(made.certificate)
     return 0

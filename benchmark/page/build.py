@@ -55,14 +55,8 @@ def published(results: Path) -> list[str]:
     return [name for name in PUBLISHED if (results / name / MANIFEST).exists()]
 
 
-def update(results: Path, experiment: str, *, is_published: bool) -> str:
-    """Writes the page of an experiment unless it is up to date, or as published.
-
-    Args:
-      results: The folder of results.
-      experiment: Whose results were just made, see `write`.
-      is_published: Whether these are identical to the published ones. If then no other result and no code
-        differs from the last commit, the published page is left as it is.
+def update(results: Path, experiment: str) -> str:
+    """Writes the page of an experiment, whose results were just made, unless it is up to date; see `write`.
 
     Returns:
       The page's path, and whether it was left as it was.
@@ -74,8 +68,6 @@ def update(results: Path, experiment: str, *, is_published: bool) -> str:
     stamp, inputs = target.with_name(STAMP), _inputs(results, names)
     if sameness.is_up_to_date(stamp, inputs):
         return f"{target}, up to date"
-    if is_published and target.parent == results and sameness.is_as_published(results):
-        return f"{target}, as published"
     write(results, experiment)
     sameness.write_stamp(stamp, inputs, [target, results / "README.md"])
     return str(target)
@@ -358,4 +350,4 @@ def _index(results: Path) -> str:
         if (path / "index.html").exists():
             folders[path.name] += f" Its page: [index.html]({path.name}/index.html)."
     template = templates_in(_TEMPLATES).get_template("index.md.jinja")
-    return template.render(folders=folders, has_page=(results / "index.html").exists())
+    return template.render(folders=folders, has_page=bool(published(results)))

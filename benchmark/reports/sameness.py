@@ -114,12 +114,6 @@ def keep_published(folder: Path, name: str) -> None:
             path.write_bytes(published)
 
 
-def is_as_published(results: Path) -> bool:
-    """Returns whether a folder is that of the published results, and it and the code are as committed."""
-    changes = _git("status", "--porcelain", "--", "envs", "agents", "benchmark", "results", "README.md")
-    return changes == b"" and results.resolve() == REPOSITORY.resolve() / "results"
-
-
 def is_up_to_date(stamp: Path, inputs: str) -> bool:
     """Returns whether the files of a stamp were made from these inputs and are as they were made."""
     noted, blobs = _noted(stamp)

@@ -69,12 +69,9 @@ def folder(request: pytest.FixtureRequest) -> Path:
     return found
 
 
-def test_published_page_is_what_the_code_makes(published: Path) -> None:
-    for file in ("index.html", "README.md"):
-        made, there = ((path / file).read_text(encoding="utf-8") for path in (published, ROOT / "results"))
-        # without what libraries of other builds compress otherwise
-        shown = [re.sub(r'(base64,|gzip"[^>]*>)[^"<]+', r"\1", text) for text in (made, there)]
-        assert shown[0] == shown[1], f"{file} is out of date: run make report"
+def test_published_list_is_what_the_code_makes(published: Path) -> None:
+    made, there = ((path / "README.md").read_text(encoding="utf-8") for path in (published, ROOT / "results"))
+    assert made == there, "README.md is out of date: run make report"
     assert (published / "index.html").stat().st_size <= 4_000_000
 
 
@@ -174,11 +171,11 @@ def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, c
 def test_page_is_written_when_a_file_has_changed(made: Path, tmp_path: Path) -> None:
     shutil.copytree(made, tmp_path / "mine")
     page = tmp_path / "mine" / "index.html"
-    assert build.update(tmp_path, "mine", is_published=False) == str(page)
-    assert build.update(tmp_path, "mine", is_published=False) == f"{page}, up to date"
+    assert build.update(tmp_path, "mine") == str(page)
+    assert build.update(tmp_path, "mine") == f"{page}, up to date"
     manifest = json.loads((tmp_path / "mine" / "manifest.json").read_text(encoding="utf-8"))
     (tmp_path / "mine" / "manifest.json").write_text(json.dumps(manifest | {"partial": "Said again."}))
-    assert build.update(tmp_path, "mine", is_published=False) == str(page)
+    assert build.update(tmp_path, "mine") == str(page)
     assert '<p class="partial">Said again.</p>' in page.read_text(encoding="utf-8")
     assert "[mine](mine/README.md)" in (tmp_path / "README.md").read_text(encoding="utf-8")
 
