@@ -129,7 +129,8 @@ def headline(folder: Folder) -> Finding | None:
     )
     if declared.reporting.adjust == "holm":
         rule += (
-            " For each kind of claim, the probability of any wrong one in this folder is at most about 5 %."
+            " The probability that any claim of a difference in success is wrong is at most about 5 %, and "
+            "so is that of any claim of equivalence."
         )
     return Finding(f"{start} and {words.sizes(folder)} runs per learner: {'; '.join(parts)}.\n\n{rule}")
 
