@@ -100,7 +100,7 @@ class Algorithm(ABC):
     settings: type[LearnerSettings]
     family: Literal["tabular", "deep", "planner"] = "tabular"  # a planner knows the model
     version: int = 1  # part of every run's identity; raised when a change alters what is learned
-    observations: tuple[str, ...] = ("index",)  # the forms that it accepts, see `envs.observations`
+    observations: tuple[str, ...] = ("index", "offset")  # the forms that it accepts, see `envs.observations`
     packages: tuple[str, ...] = ()  # that it needs beyond the usual ones; a record names their versions
     batch_size: int = 1  # how many agents one call of `train` should get
     # Where to call `train`: in a thread if it releases Python's global lock, else in a process.

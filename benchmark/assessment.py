@@ -13,12 +13,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from envs import ACTIONS, ZONES, InputError, Model, compile_scenario, load_scenario
-from envs.inputs import needed_by, shortened, unknown_name
+from envs import ACTIONS, ZONES, InputError, Model, Scenario, load_scenario
+from envs.inputs import needed_by, shortened
 from envs.model import PING
-from envs.observations import OBSERVATIONS, observation_table
+from envs.observations import compile_seen, observation_table
 from envs.scenario import ScenarioLike
-from envs.scene import COLOURS, scene_of
+from envs.scene import COLOURS, cell_map
 
 with needed_by("benchmark.assessment"):
     import pandas as pd
@@ -61,7 +61,8 @@ class Standing(NamedTuple):
 class Assessment:
     """What an agent does in a scenario. O observations, F fresh states, A actions."""
 
-    model: Model
+    scenario: Scenario
+    model: Model  # the scenario, compiled for the form of observation
     observation: str  # the form that the agent is given
     policy: Policy  # (O, A) its action probabilities
     evaluation: Evaluation  # exact, from the scenario's starts
@@ -93,7 +94,7 @@ class Assessment:
     @cached_property
     def standing(self) -> Standing | None:
         """The rank among the published learners; None if nothing is published for this scenario."""
-        published = _published(self.model, self.results)
+        published = _published(self.scenario, self.results)
         return None if published is None else standing_of(self.score, published)
 
     def __str__(self) -> str:
@@ -131,8 +132,8 @@ class Assessment:
     def draw(self, path: str | Path) -> None:
         """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
-        If an observation is more than the agent's cell, the map is of the first place of the issuer and of
-        the first phase, before any wrong PING.
+        If the agent observes the offset alone, the map is around the issuer. If it observes anything else but
+        its cell, the map is of the first place of the issuer and of the first phase, before any wrong PING.
 
         Raises:
           InputError: The file name has another ending, or the file cannot be written.
@@ -174,10 +175,9 @@ def assess(
       InputError: The scenario, the form of observation or the saved model cannot be used, or the function
         returns something else, or not the same when it is asked again.
     """
-    model = compile_scenario(load_scenario(scenario))
+    loaded = load_scenario(scenario)
+    model = compile_seen(loaded, observation)
     check_anchors(model, HORIZON, "start")
-    if observation not in OBSERVATIONS:
-        unknown_name("observation", "form", str(observation), OBSERVATIONS)
     if isinstance(agent, str | Path):
         policy = _policy_of_saved(Path(agent), algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
@@ -186,7 +186,7 @@ def assess(
         raise InputError("algorithm, stochastic: accepted only with the path of a saved model.")
     else:
         policy = policy_of(agent, model, observation)
-    return Assessment(model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
+    return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
 
 
 def policy_of(act: Act, model: Model, observation: str) -> Policy:
@@ -281,17 +281,22 @@ def _shown(answer: object) -> str:
 
 
 def _named(model: Model, o: int) -> str:
-    """Returns which observation this is: its number, the agent's cell, and its other components."""
-    rest, cell = divmod(o, model.components[0].size)
-    row, column = model.position[cell]
-    parts = [f"row {row}, column {column}"]
+    """Returns which observation this is: its number, the agent's cell or the offset, and the rest."""
+    first = model.components[0]
+    rest, cell = divmod(o, first.size)
+    if first.name == "offset":
+        parts = [
+            "the issuer's row {:+d}, column {:+d} from the agent".format(*model.scenario.grid.offset[cell])
+        ]
+    else:
+        parts = ["row {}, column {}".format(*model.position[cell])]
     for component in model.components[1:]:
         rest, value = divmod(rest, component.size)
         parts.append(f"{component.name} {value}")
     return f"observation {o} ({', '.join(parts)})"
 
 
-def _published(model: Model, results: Path) -> pd.DataFrame | None:
+def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
     """Reads the scores of all published runs in a scenario: experiment, learner, score.
 
     Raises:
@@ -301,20 +306,20 @@ def _published(model: Model, results: Path) -> pd.DataFrame | None:
     for file in sorted(results.glob(f"*/{_SCORES}")):
         folder = Folder(file.parent)
         with folder.reading():
-            found += _scores(folder, model)
+            found += _scores(folder, scenario)
     return pd.concat(found, ignore_index=True) if found else None
 
 
-def _scores(folder: Folder, model: Model) -> list[pd.DataFrame]:
+def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
     """Reads the scores of a folder's learners in a scenario; none if they cannot be compared.
 
     They can if the folder has the scenario as it is now and the same time limit, and is complete, with the
     seeds that its experiment declares. Miniatures for tests do not count, nor do reference implementations,
     which are trained with the settings of another learner.
     """
-    name, manifest, table = model.scenario.name, folder.manifest, _SCORES.removesuffix(".csv")
+    name, manifest, table = scenario.name, folder.manifest, _SCORES.removesuffix(".csv")
     is_comparable = (
-        manifest["scenarios"].get(name) == model.scenario.model_dump(mode="json")
+        manifest["scenarios"].get(name) == scenario.model_dump(mode="json")
         and manifest["horizon"] == HORIZON
         and not manifest["partial"]
         and manifest["experiment"] == folder.path.name  # else, other seeds
@@ -334,9 +339,8 @@ def _scores(folder: Folder, model: Model) -> list[pd.DataFrame]:
 
 def draw_map(assessment: Assessment) -> Figure:
     """Draws the map of an agent, see `Assessment.draw`."""
-    model = assessment.model
-    scene, states = scene_of(model), model.states_of(0)
-    policy = assessment.policy[model.observation[states]]  # (C, A)
+    model, scene, observation = cell_map(assessment.model)
+    policy = assessment.policy[observation]  # (C, A)
     is_likeliest = policy >= policy.max(axis=1, keepdims=True) - _TIE
     is_ping = policy.argmax(axis=1) == PING  # no move is as likely
     row, column = model.position.T

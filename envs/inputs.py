@@ -8,7 +8,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
@@ -20,6 +20,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     SerializerFunctionWrapHandler,
+    Tag,
     ValidationError,
     model_serializer,
 )
@@ -42,6 +43,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         "pandas", "rich", "scipy", "seaborn", "tabulate",
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
+    "tune": ("optuna", "sklearn"),
     "cluster": ("distributed",),
     "render": ("pygame",),
     "tensorboard": ("tensorboard",),
@@ -51,6 +53,7 @@ PACKAGES: Final[Mapping[str, str]] = {
     "PIL": "pillow",
     "markdown_it": "markdown-it-py",
     "pygame": "pygame-ce",
+    "sklearn": "scikit-learn",
 }
 _NAME_RULE: Final = (
     "a name of at most 60 letters, digits, _ and -, the first a letter or digit, that is not a number, true, "
@@ -392,13 +395,15 @@ def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:
         elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
             annotation = annotation.model_fields[str(part)].annotation
         else:  # a union of tables that differ in their kind
-            annotation = next(
-                table
-                for table in get_args(annotation)
-                if part in get_args(table.model_fields["kind"].annotation)
-            )
+            annotation = next(table for table in get_args(annotation) if part in _tags(table))
         annotation = _bare(annotation)
     return list(annotation.model_fields)
+
+
+def _tags(annotation: Any) -> Sequence[Any]:
+    """Returns what names a table of a union: its kinds, or its tag."""
+    tags = [each.tag for each in getattr(annotation, "__metadata__", ()) if isinstance(each, Tag)]
+    return tags or get_args(_bare(annotation).model_fields["kind"].annotation)
 
 
 def _bare(annotation: Any) -> Any:

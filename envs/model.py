@@ -87,7 +87,7 @@ class Model:
     event: NDArray[np.int8]  # (S, A) index into EVENTS
     wrong_pings: NDArray[np.int32]  # (S, A) wrong PINGs in the episode after the action
     observation: NDArray[np.int32]  # (S,) 0 to O - 1: the components' values, the first changing fastest
-    components: tuple[Component, ...]  # what is observed, the agent's cell first
+    components: tuple[Component, ...]  # what is observed, the agent's cell or the offset first
     cell: NDArray[np.int32]  # (S,) the agent's, row * columns + column
     context: NDArray[np.int32]  # (S,) place * P + phase
     zone: NDArray[np.int8]  # (S,) index into ZONES
@@ -130,7 +130,8 @@ class Model:
     @cached_property
     def has_cell_maps(self) -> bool:
         """Whether one map shows all: cells are observed, with one place and phase and no wall, as in S1."""
-        return len(self.components) == 1 and not self.context.any() and not self.scenario.grid.is_wall.any()
+        is_cell = self.scenario.observe == ("agent",)
+        return is_cell and not self.context.any() and not self.scenario.grid.is_wall.any()
 
     def states_of(self, context: int) -> NDArray[np.int64]:
         """Returns the fresh state of every cell, (C,), in a place and phase, at the phase's first tick."""
@@ -317,13 +318,16 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Compo
     """Returns the observed components of all states, given (S,) their place, phase, wrong PINGs and cell."""
     place, phase, pings, cell = of_states
     grid = scenario.grid
-    largest = np.maximum((grid.rows - 1, grid.columns - 1), 1)
+    farthest = np.array(grid.size) - 1
+    largest = np.maximum(farthest, 1)
     stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
     cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
     where = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
     n_phases, n_pings = len(scenario.stages), scenario.ping_limit
+    offset = stands[place, phase] - grid.position[cell] + farthest  # (S, 2), from 0
     known = {
         "agent": (cell, grid.position / largest),
+        "offset": (offset @ (2 * grid.columns - 1, 1), (grid.offset + farthest) / (2 * largest)),
         "issuer": (where[place, phase], grid.position[cells] / largest),
         "phase": (phase, np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
         "wrong_pings": (pings, np.arange(n_pings)[:, None] / max(n_pings - 1, 1)),

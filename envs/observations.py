@@ -1,4 +1,8 @@
-"""Forms of observation: what the agent is given of the observed components, as tables of all observations."""
+"""Forms of observation: what the agent is given of the observed components, as tables of all observations.
+
+The forms that begin with "offset" are egocentric: instead of the agent's cell and the issuer's, the agent is
+given the second relative to the first. Where the issuer is not seen, they are the same as the others.
+"""
 
 from typing import Any, Final
 
@@ -7,9 +11,19 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from envs.inputs import InputError, unknown_name
-from envs.model import Model
+from envs.model import Model, compile_scenario
+from envs.scenario import Scenario, load_scenario
 
-OBSERVATIONS: Final = ("index", "one_hot", "coordinates")
+# Every form, and how it is encoded.
+ENCODINGS: Final = {
+    "index": "index",
+    "one_hot": "one_hot",
+    "coordinates": "coordinates",
+    "offset": "index",
+    "offset_one_hot": "one_hot",
+    "offset_coordinates": "coordinates",
+}
+OBSERVATIONS: Final = tuple(ENCODINGS)
 LARGEST_TABLE: Final = 50_000_000  # numbers, of all one-hot observations
 
 
@@ -20,6 +34,33 @@ def check_one_hot(n_observations: int, n_features: int) -> None:
             f"observation one_hot: {n_observations:,} observations of {n_features:,} numbers each; accepted: "
             f'at most {LARGEST_TABLE:,} numbers in all, or "coordinates" or "index".'
         )
+
+
+def check_form(observation: str) -> None:
+    """Refuses, by an InputError, an unknown form."""
+    if observation not in OBSERVATIONS:
+        unknown_name("observation", "form", str(observation), OBSERVATIONS)
+
+
+def seen_as(scenario: Scenario, observation: str) -> Scenario:
+    """Returns a scenario with the components that an agent is given in a form.
+
+    Raises:
+      InputError: Unknown form.
+
+    >>> seen_as(load_scenario("Anywhere"), "offset").observe
+    ('offset',)
+    """
+    check_form(observation)
+    if not observation.startswith("offset") or "issuer" not in scenario.observe:
+        return scenario
+    others = [name for name in scenario.observe if name not in ("agent", "offset", "issuer")]
+    return load_scenario(scenario, {"observe": ["offset", *others]})
+
+
+def compile_seen(scenario: Scenario, observation: str) -> Model:
+    """Compiles a scenario for agents that are given observations in a form, see `seen_as`."""
+    return compile_scenario(seen_as(scenario, observation))
 
 
 def observation_blocks(model: Model) -> NDArray[np.int64]:
@@ -38,18 +79,18 @@ def observation_table(model: Model, kind: str) -> NDArray[np.int64] | NDArray[np
       model: Compiled scenario with O observations, which consist of components.
       kind: `"index"`: the observation's number, (O,) int64; `"one_hot"`: a block per component, (O, sum of
         their sizes) float32; `"coordinates"`: the coordinates of all components in turn, (O, sum of their
-        numbers) float32, row and column of a cell, or a number, each divided by its maximum.
+        numbers) float32, row and column of a cell, or a number, each scaled to [0, 1]. The forms of the
+        offset are encoded in the same three ways, of a model that is compiled for them, see `compile_seen`.
 
     Raises:
       InputError: Unknown `kind`, or too many numbers.
     """
-    if kind == "index":
+    check_form(kind)
+    if ENCODINGS[kind] == "index":
         return np.arange(model.n_observations)
-    if kind not in OBSERVATIONS:
-        unknown_name("observation", "form", str(kind), OBSERVATIONS)
     sizes = [each.size for each in model.components]
     columns = observation_blocks(model)
-    if kind == "one_hot":
+    if ENCODINGS[kind] == "one_hot":
         check_one_hot(len(columns), sum(sizes))
         table = np.zeros((len(columns), sum(sizes)), dtype=np.float32)
         np.put_along_axis(table, columns, 1, axis=1)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from envs import render
 from envs.inputs import InputError
-from envs.model import ACTIONS, EVENTS, Model, compile_scenario, draw_issuer_reward
-from envs.observations import observation_space, observation_table
+from envs.model import ACTIONS, EVENTS, Model, draw_issuer_reward
+from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
 from envs.specs import JsonSpec
@@ -41,13 +41,15 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     ## Observation Space
     The components that the scenario names (`observe`): the agent's cell, and in some scenarios the issuer's
     cell, the phase or the number of wrong PINGs. Components with n1, n2, ... values are combined in this
-    order, in one of three forms (`observation`):
+    order, in one of these forms (`observation`):
 
     - `"index"`: `Discrete(n1 * n2 * ...)`, v1 + n1 * (v2 + n2 * ...) for values v1, v2, ... from 0. Of the
       agent's cell alone, row * columns + column
     - `"one_hot"`: `Box(0, 1, (n1 + n2 + ...,), float32)`, one block per component, with a 1 at its value
     - `"coordinates"`: `Box(0, 1, (D,), float32)`, row and column of a cell, and a number per other component,
       each divided by its maximum
+    - `"offset"`, `"offset_one_hot"`, `"offset_coordinates"`: the same, with the issuer's cell relative to the
+      agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
 
     The issuer's cell has a value for each cell in which the issuer may be. What varies and does not follow
     from the observation is hidden, as the number of wrong PINGs is in all shipped scenarios except `Counted`.
@@ -104,7 +106,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         """
         if render_mode is not None and render_mode not in render.MODES:
             raise InputError(f"render_mode = {render_mode!r}; accepted: {', '.join(render.MODES)}.")
-        self.model: Model = compile_scenario(load_scenario(scenario, overrides))
+        self.model: Model = compile_seen(load_scenario(scenario, overrides), observation)
         self.render_mode = render_mode
         table = observation_table(self.model, observation)
         self.observation_space = observation_space(table)  # type: ignore[assignment]

@@ -23,7 +23,7 @@ from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, zones
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
 # What can be observed, in the order of an observation.
-COMPONENTS: Final = ("agent", "issuer", "phase", "wrong_pings")
+COMPONENTS: Final = ("agent", "offset", "issuer", "phase", "wrong_pings")
 
 Reward = Annotated[float, Field(ge=-1e6, le=1e6)]
 Steps = Annotated[int, Field(ge=1, le=1000)]
@@ -66,6 +66,13 @@ class Grid(Table):
     def position(self) -> NDArray[np.int_]:
         """(C, 2) row and column of each cell."""
         return np.stack(np.divmod(np.arange(self.rows * self.columns), self.columns), axis=1)
+
+    @cached_property
+    def offset(self) -> NDArray[np.int_]:
+        """(offsets, 2) rows and columns from one cell to another, for all offsets on the grid."""
+        rows, columns = self.size
+        here = np.divmod(np.arange((2 * rows - 1) * (2 * columns - 1)), 2 * columns - 1)
+        return np.asarray(np.stack(here, axis=1) - (rows - 1, columns - 1))
 
     @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
@@ -224,7 +231,8 @@ class Scenario(Table):
     regions: Regions
     ping_limit: Annotated[int, Field(ge=1)]  # the wrong PING that ends the episode
     rewards: Rewards
-    observe: tuple[Literal["agent", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
+    # "agent" is the agent's cell, "offset" the issuer's cell relative to it, in rows and columns.
+    observe: tuple[Literal["agent", "offset", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
     first_phase: Literal["first", "any"] = "first"  # in which an episode starts; "any": any tick of any phase
@@ -302,18 +310,43 @@ class Scenario(Table):
         """What does not follow from what is observed: other components, "clock" and "feedback to come"."""
         contexts = {(people[0].cell, i) for stages in self.people for i, people in enumerate(stages)}
         seen = [i for i, name in enumerate(("issuer", "phase")) if name in self.observe]
+        is_relative = "offset" in self.observe
 
         def n_values(*of: int) -> int:
             return len({tuple(context[i] for i in of) for context in contexts})
 
         is_hidden = {
-            "issuer": n_values(*seen, 0) > n_values(*seen),
+            "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
             "phase": n_values(*seen, 1) > n_values(*seen),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(self.ticks) > len(self.stages) > 1,
             "feedback to come": self.is_delayed,
         }
         return tuple(name for name in is_hidden if is_hidden[name])
+
+    @cached_property
+    def essence(self) -> str:
+        """What makes it another task than others: all but names, texts, and reflections of the room."""
+        cells = np.arange(self.grid.rows * self.grid.columns).reshape(self.grid.size)
+        rooms = []
+        for view in (cells, cells[::-1], cells[:, ::-1], cells[::-1, ::-1]):
+            here = view.ravel()  # which cell is seen in each place
+            there = here.argsort()
+            places = sorted(
+                [
+                    zone[:, here].tolist(),
+                    sorted([int(t), int(there[c])] for _, t, c in self.starts[self.starts[:, 0] == j]),
+                ]
+                for j, zone in enumerate(self.zone)
+            )
+            rooms.append(json.dumps([self.grid.is_wall[here].tolist(), places]))
+        apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
+        rest = self.model_dump(mode="json", exclude=apart)
+        feedback = [
+            each.model_dump() for each in (self.issuer.feedback, *(who.feedback for who in self.others))
+        ]
+        clock = [part.tolist() for part in (self.ticks, *self.following)]
+        return json.dumps([min(rooms), rest, feedback, clock], sort_keys=True)
 
     @property
     def n_observations(self) -> int:
@@ -330,6 +363,7 @@ class Scenario(Table):
         """How many values each observed component has."""
         sizes = {
             "agent": self.grid.rows * self.grid.columns,
+            "offset": len(self.grid.offset),
             "issuer": len(self.issuer_cells),
             "phase": len(self.stages),
             "wrong_pings": self.ping_limit,
@@ -407,8 +441,9 @@ class Scenario(Table):
     def _is_sound(self) -> Self:
         ordered = tuple(name for name in COMPONENTS if name in self.observe)
         observe = f"observe = {list(self.observe)}"
-        accepted = f"agent, and other components once each, in the order {list(COMPONENTS)}"
-        require("agent" in ordered and self.observe == ordered, observe, accepted)
+        accepted = f"agent or offset, and other components once each, in the order {list(COMPONENTS)}"
+        has_one = ("agent" in ordered) != ("offset" in ordered)
+        require(has_one and self.observe == ordered, observe, accepted)
         regions = [self.regions, *(person.regions for person in self.others)]
         regions += [phase.regions for phase in self.phases if phase.regions is not None]
         is_in_cells = all(each.unit == "cells" for each in regions)

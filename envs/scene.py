@@ -3,17 +3,21 @@
 A scene has cells, outlines of the regions, glyphs and a palette. Matplotlib, Pillow, SVG, text and the window
 only paint what it holds; none of them knows radii or the shape of a region. Lengths are in cells; cell (r, c)
 covers rows r to r + 1 and columns c to c + 1.
+
+Of an agent that sees the offset alone, the map is egocentric: a room with the issuer in the middle, large
+enough for every offset.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.model import MOVES, Model
+from envs.model import MOVES, Model, compile_scenario
 from envs.regions import HEADINGS, ZONES, Loop, outlines
+from envs.scenario import MAX_STATES, load_scenario
 
 Colour = tuple[int, int, int]
 
@@ -98,6 +102,9 @@ class Scene:
     outlines: tuple[Outline, ...]  # the outermost first
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
+    origin: tuple[int, int] | None = (
+        None  # of an egocentric map: the issuer's cell, from which all are counted
+    )
 
     @property
     def n_cells(self) -> int:
@@ -127,7 +134,7 @@ class Scene:
             "glyphs": [{"kind": glyph.kind, "cell": glyph.cell} for glyph in self.glyphs],
             "triangles": TRIANGLES.tolist(),
             "moves": MOVES.tolist(),
-        }
+        } | ({"origin": self.origin} if self.origin else {})
 
 
 @lru_cache(maxsize=64)
@@ -159,6 +166,40 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         glyphs=(*people, *([Glyph("start", int(starts[0]))] if len(set(starts.tolist())) == 1 else [])),
         phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
     )
+
+
+class CellMap(NamedTuple):
+    """A map of what an agent observes. C cells."""
+
+    model: Model  # whose cells it shows
+    scene: Scene
+    observation: NDArray[np.int32]  # (C,) of the agent in each cell
+
+
+@lru_cache(maxsize=64)
+def cell_map(model: Model) -> CellMap:
+    """Returns the egocentric map if it shows all that is observed, else that of the first place and phase."""
+    scenario, grid = model.scenario, model.scenario.grid
+    n_states = len(grid.offset) * scenario.ping_limit * (1 + scenario.is_delayed)
+    looks_alike = not scenario.phases and not (scenario.issuer.walk and scenario.has_front)
+    if scenario.observe != ("offset",) or scenario.others or not looks_alike or n_states > MAX_STATES:
+        return CellMap(model, scene_of(model), model.observation[model.states_of(0)])
+    # Cells are numbered as offsets, but from the issuer to the agent: in reverse order.
+    middle = grid.rows - 1, grid.columns - 1
+    starts = middle - grid.offset[np.unique(model.observation[model.starts])]
+    rows, columns = 2 * np.array(grid.size) - 1
+    room = {
+        "observe": ["agent"],
+        "grid.rows": int(rows),
+        "grid.columns": int(columns),
+        "grid.start": starts.tolist(),
+        "grid.walls": "",
+        "issuer.position": middle,
+        "issuer.walk": None,
+    }
+    around = compile_scenario(load_scenario(scenario, room))
+    backwards = np.arange(len(grid.offset), dtype=np.int32)[::-1]
+    return CellMap(around, replace(scene_of(around), origin=middle), backwards)
 
 
 def inset(loop: Loop, depth: float) -> list[tuple[float, float]]:

@@ -13,8 +13,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from envs.inputs import InputError
-from envs.model import ACTIONS, PING, compile_scenario, draw_issuer_reward
-from envs.observations import observation_space, observation_table
+from envs.model import ACTIONS, PING, draw_issuer_reward
+from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.specs import JsonSpec
 
@@ -76,7 +76,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         except ValueError:
             accepted = ", ".join(mode.value for mode in AutoresetMode)
             raise InputError(f"autoreset_mode = {autoreset_mode}; accepted: {accepted}.") from None
-        self.model = compile_scenario(load_scenario(scenario, overrides))
+        self.model = compile_seen(load_scenario(scenario, overrides), observation)
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         self._table = observation_table(self.model, observation)
         self.single_observation_space = observation_space(self._table)

@@ -77,7 +77,7 @@ class NetAlgorithm(SequentialAlgorithm):
 
     family = "deep"
     version = 2
-    observations = ("one_hot", "coordinates")
+    observations = ("one_hot", "coordinates", "offset_one_hot", "offset_coordinates")
     packages = ("numba",)
     placement = "thread"
     training = DeepTraining

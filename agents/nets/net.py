@@ -18,7 +18,7 @@ from agents.compiled import compiled
 from agents.nets.arithmetic import LANES, Numbers, inlined, like, log, multiply, tanh
 from agents.nets.walk import draw
 from envs import Model
-from envs.observations import observation_blocks, observation_table
+from envs.observations import ENCODINGS, observation_blocks, observation_table
 
 _BETAS: Final = (0.9, 0.999)  # PyTorch's, which Stable-Baselines3 leaves
 _LEAST: Final = 1e-30  # smaller moments count as zero: denormal numbers would slow every step down
@@ -93,7 +93,7 @@ def net_of(
     is_relu: bool,
 ) -> Net:
     """Returns a net whose parameters begin at a place of the flat arrays, for calls with at most B rows."""
-    is_sparse, n_observations = observation == "one_hot", model.n_observations
+    is_sparse, n_observations = ENCODINGS[observation] == "one_hot", model.n_observations
     ones = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
     table = np.empty((n_observations, 0)) if is_sparse else observation_table(model, observation)
     n_inputs = sum(each.size for each in model.components) if is_sparse else table.shape[1]

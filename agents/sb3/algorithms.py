@@ -25,7 +25,7 @@ class Sb3Algorithm(SequentialAlgorithm):
 
     version = 3
     family = "deep"
-    observations = ("one_hot", "coordinates")
+    observations = ("one_hot", "coordinates", "offset_one_hot", "offset_coordinates")
     writes_logs = True
     training = DeepTraining
 

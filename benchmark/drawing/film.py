@@ -30,6 +30,7 @@ from envs.scene import (
     TRIANGLES,
     Colour,
     Scene,
+    cell_map,
     colour_limits,
     inset,
     scene_of,
@@ -63,8 +64,8 @@ _STAR: Final = np.where(np.arange(10) % 2, 0.16, 0.38)[:, None] * np.stack(
 class Film:
     """One agent over its training: V maps of O cells.
 
-    Where an observation is more than the agent's cell, it holds O observations, and `seen` returns the film
-    of the cells in one place of the issuer and phase.
+    Where one map does not show all, it holds O observations, and `seen` returns the film of the cells in one
+    place of the issuer and phase.
     """
 
     title: str
@@ -75,7 +76,7 @@ class Film:
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
     scale: tuple[float, float] | None = None  # the ends of a colour scale that films share
-    model: Model | None = None  # unless one map shows it all, see `Model.has_cell_maps`
+    model: Model | None = None  # unless one map shows it all, see `Model.has_cell_maps` and `cell_map`
 
     @cached_property
     def limits(self) -> tuple[float, float]:
@@ -127,17 +128,24 @@ def film_of(title: str, population: Population, agent: int = 0) -> Film:
     """Returns the film of one agent of a population."""
     model, places = population.model, population.map_indices
     arrays = population.agents[agent]
-    greedy = arrays["greedy"][places]
+    values, greedy = arrays["values"].astype(np.float64), arrays["greedy"][places]
+    walks = [walk(model, masks, population.horizon) for masks in greedy]
     n_starts = len(model.starts)
+    _, scene, observed = cell_map(model)
+    is_egocentric = scene.origin is not None
+    if is_egocentric:
+        cell = observed.argsort()[model.observation]  # (S,) on the map
+        values, greedy = values[:, observed], greedy[:, observed]
+        walks = [replace(each, cells=tuple(cell[[*each.states]].tolist())) for each in walks]
     return Film(
         title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
-        scene=scene_of(model),
+        scene=scene,
         steps=np.array(population.evaluation_steps)[places].tolist(),
-        values=arrays["values"].astype(np.float64),
+        values=values,
         greedy=greedy,
         scores=population.unbounded_scores[agent, places],
-        walks=[walk(model, masks, population.horizon) for masks in greedy],
-        model=None if model.has_cell_maps else model,
+        walks=walks,
+        model=None if model.has_cell_maps or is_egocentric else model,
     )
 
 

@@ -244,8 +244,14 @@ def _dress(axis: Axes, scene: Scene, border: dict[str, Any], scale: float = 1.0)
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
     axis.set(xlabel="column", ylabel="row")
     axis.spines[:].set_visible(True)
-    axis.set_xticks(range(0, scene.columns, max(scene.columns // 6, 1)))
-    axis.set_yticks(range(0, scene.rows, max(scene.rows // 5, 1)))
+    every = max(scene.columns // 6, 1), max(scene.rows // 5, 1)
+    row, column = scene.origin or (0, 0)
+    axis.set_xticks(range(column % every[0], scene.columns, every[0]))
+    axis.set_yticks(range(row % every[1], scene.rows, every[1]))
+    if scene.origin:
+        axis.set(xlabel="columns from the issuer", ylabel="rows from the issuer")
+        axis.xaxis.set_major_formatter(lambda x, _: f"{x - column:g}".replace("-", "−"))
+        axis.yaxis.set_major_formatter(lambda y, _: f"{y - row:g}".replace("-", "−"))
 
 
 def _add_path(axis: Axes, loops: Sequence[Loop], style: dict[str, Any]) -> None:

@@ -24,6 +24,7 @@ from benchmark.execution.store import VALUE_DECIMALS
 from benchmark.reports.item import Item, writing
 from envs import ACTIONS, EVENTS, Model
 from envs import scene as scenes
+from envs.scene import CellMap, cell_map
 
 FILE: Final = "agents.json.gz"
 MOST_AGENTS: Final = 100  # of a population, whose final policies are shown
@@ -43,20 +44,30 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
     """Returns the item with the explorer's file.
 
     Args:
-      lister: Returns what is shown of a report's data. Scenarios that one map does not show, or in which
-        chance acts, are left out.
+      lister: Returns what is shown of a report's data. Left out are learners that one map does not show, and
+        scenarios in which chance acts.
     """
 
     @writing(
         "agents", "what the explorer on the page shows: maps and final policies, as compressed JSON", FILE
     )
     def agents(data: Any, directory: Path) -> None:
-        models = ((each, each.population.model) for each in lister(data))
-        shown = [each for each, model in models if model.has_cell_maps and model.n_outcomes == 1]
+        shown = [each for each in lister(data) if _is_shown(each.population.model)]
         if shown:
             (directory / FILE).write_bytes(compressed(packed(shown)))
 
     return agents
+
+
+def _is_shown(model: Model) -> bool:
+    """Returns whether one map shows what is observed, and the agent walks on it as in the scenario.
+
+    On an egocentric map the issuer stays, there are no walls, and episodes start at other distances.
+    """
+    scenario = model.scenario
+    is_around = cell_map(model).scene.origin is not None and not scenario.grid.is_wall.any()
+    is_same = len(scenario.stages) == 1 and scenario.issuer.feedback.kind in ("none", "uniform", "binary")
+    return (model.has_cell_maps or (is_around and is_same)) and model.n_outcomes == 1
 
 
 def compressed(data: object) -> bytes:
@@ -68,7 +79,7 @@ def compressed(data: object) -> bytes:
 def packed(shown: Sequence[Shown]) -> dict[str, Any]:
     """Returns what the explorer shows. An agent refers to its scene and its optimum by their places."""
     populations = [each.population for each in shown]
-    models = {each.model.scenario: each.model for each in populations}
+    maps = {each.model.scenario: cell_map(each.model) for each in populations}
     solved = {(each.model.scenario, each.discount): each for each in populations}
     colours = mpl.colormaps[scenes.COLOUR_MAP](np.linspace(0, 1, 33))
     return {
@@ -79,12 +90,12 @@ def packed(shown: Sequence[Shown]) -> dict[str, Any]:
         "colours": [to_hex(colour) for colour in colours],
         "palette": {name: "#{:02x}{:02x}{:02x}".format(*scenes.COLOURS[name]) for name in _PALETTE},
         "clipped_share": scenes.CLIPPED_SHARE,
-        "scenes": [_scene(model) for model in models.values()],
+        "scenes": [_scene(each) for each in maps.values()],
         "optima": [_optimum(each) for each in solved.values()],
         "agents": [
             _learner(each)
             | {
-                "scene": [*models].index(each.population.model.scenario),
+                "scene": [*maps].index(each.population.model.scenario),
                 "optimum": [*solved].index((each.population.model.scenario, each.population.discount)),
             }
             for each in shown
@@ -115,7 +126,8 @@ def _learner(shown: Shown) -> dict[str, Any]:
     places = population.map_indices[chosen]
     first = population.agents[0]
     n_shown = min(len(population.seeds), MOST_AGENTS)
-    policies = np.stack([agent["greedy"][-1] for agent in population.agents[:n_shown]])
+    cells = cell_map(population.model).observation
+    policies = np.stack([agent["greedy"][-1, cells] for agent in population.agents[:n_shown]])
     return {
         "scenario": population.scenario,
         "algorithm": shown.algorithm,
@@ -128,8 +140,8 @@ def _learner(shown: Shown) -> dict[str, Any]:
         "steps": [population.evaluation_steps[place] for place in places],
         "score": _listed(population.unbounded_scores[0, places]),
         "success": _listed(first["success"][places]),
-        "values": _integers(first["values"][chosen]),
-        "greedy": _bytes(first["greedy"][places]),
+        "values": _integers(first["values"][chosen][:, cells]),
+        "greedy": _bytes(first["greedy"][places][:, cells]),
         "seeds": list(population.seeds[:n_shown]),
         "final": {
             "score": _listed(population.unbounded_scores[:n_shown, -1]),
@@ -141,13 +153,14 @@ def _learner(shown: Shown) -> dict[str, Any]:
 
 def _optimum(population: Population) -> dict[str, Any]:
     """Returns optimal values and actions before the first wrong PING, by cell."""
-    q = optimal_values(population)
+    q = optimal_values(population, cell_map(population.model).model)
     return {"values": _integers(q[None]), "optimal": _bytes(greedy_masks(q, OPTIMUM_TOLERANCE))}
 
 
-def _scene(model: Model) -> dict[str, Any]:
+def _scene(shown: CellMap) -> dict[str, Any]:
     """Returns a scene and everything that a walk looks up: (O,), (S,) and flattened (S, A) lists."""
-    return scenes.scene_of(model).as_json() | {
+    model = shown.model
+    return shown.scene.as_json() | {
         "start": int(model.observation[model.start]),
         "fresh": model.fresh_state.tolist(),
         "observation": model.observation.tolist(),

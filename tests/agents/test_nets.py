@@ -31,6 +31,7 @@ from agents.sb3.training import make_agent
 from agents.sb3.vec_env import SB3VecEnv
 from agents.tabular import learner
 from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
+from envs.observations import compile_seen
 from tests.agents import MOODS
 from tests.agents.words import uniform, xoshiro
 from tests.support import ROOT
@@ -385,6 +386,15 @@ def test_first_weights_of_ppo_are_orthogonal(observation: str) -> None:
     matrices = [parts[0] for parts in first_weights("compiled_ppo", "one_hot")]
     scaled = np.concatenate([matrix.ravel() for matrix in matrices]) * np.sqrt(120 / 2)
     assert kstest(scaled, "norm").pvalue > 1e-3
+
+
+def test_forms_of_the_offset_are_encoded_like_the_others() -> None:
+    model = compile_seen(ANYWHERE.scenario, "offset")
+    for form, n_inputs in (("one_hot", 19 * 23), ("coordinates", 2)):
+        one, other = (trained("compiled_dqn", each, [0], model) for each in (form, f"offset_{form}"))
+        assert equal(one, other)
+        net = agent_of("compiled_dqn", f"offset_{form}", model, np.float32, 0)
+        assert n_inputs in net.weights()[0].shape
 
 
 # The same bits

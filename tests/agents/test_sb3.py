@@ -127,7 +127,8 @@ def test_envs_of_a_batch_differ_in_starts_and_outcomes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scenario", "observation"), [("S1", "index"), ("Moody", "one_hot"), ("Anywhere", "coordinates")]
+    ("scenario", "observation"),
+    [("S1", "index"), ("Moody", "one_hot"), ("Anywhere", "coordinates"), ("Anywhere", "offset_coordinates")],
 )
 def test_stable_baselines3_accepts_every_env(scenario: str, observation: str) -> None:
     check_env(gymnasium.make(f"envs:Proxemic/{scenario}-v0", observation=observation).unwrapped)

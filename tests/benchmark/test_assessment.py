@@ -22,7 +22,7 @@ from envs.model import PING
 from envs.observations import observation_table
 
 S1 = compile_scenario(load_scenario("S1"))
-DOWN = 1
+UP, DOWN, LEFT, RIGHT = range(4)
 TWO_PLACES = load_scenario("S1", {"issuer.position": [[6, 8], [3, 8]], "observe": ["agent", "issuer"]})
 
 
@@ -145,6 +145,35 @@ def test_functions_with_memory_are_refused() -> None:
 def test_mistakes_get_one_sentence(agent: Any, options: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         assess(agent, **{"scenario": "S1", "observation": "index", **options})
+
+
+def towards(offset: int) -> int:
+    """Walks to a cell at Chebyshev distance 2 from the issuer, columns first, and PINGs there."""
+    row, column = divmod(offset, 23)
+    row, column = row - 9, column - 11
+    if max(abs(row), abs(column)) == 2:
+        return PING
+    if abs(column) > 2:
+        return RIGHT if column > 0 else LEFT
+    return DOWN if row > 0 else UP
+
+
+def test_offset_is_enough_for_the_optimum_where_the_issuer_is_seen() -> None:
+    by_number = assess(towards, scenario="Anywhere", observation="offset")
+    assert by_number.unbounded_score == 1
+    assert by_number.region_overlap == 1
+
+    def by_coordinates(o: NDArray[np.float32]) -> int:
+        return towards(round(float(o[0]) * 18) * 23 + round(float(o[1]) * 22))
+
+    for act, form in (
+        (by_coordinates, "offset_coordinates"),
+        (lambda o: towards(o.argmax()), "offset_one_hot"),
+    ):
+        assert (assess(act, scenario="Anywhere", observation=form).policy == by_number.policy).all()
+    named = r"observation 212 \(the issuer's row \+0, column -6 from the agent\)"
+    with pytest.raises(InputError, match=named):
+        assess(lambda o: 9 if o == 9 * 23 + 5 else 0, scenario="Anywhere", observation="offset")
 
 
 # Saved models
@@ -301,6 +330,22 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
     dots = [line for line in axis.lines if line.get_marker() == "o"]
     assert sorted(np.asarray(dots[0].get_xydata())[:, 0]) == [c for c in range(12) if c != 8]
     assert set(np.asarray(dots[0].get_xydata())[:, 1]) == {6}
+
+
+def test_map_of_offsets_is_around_the_issuer() -> None:
+    figure = draw_map(assess(towards, scenario="Anywhere", observation="offset"))
+    axis = figure.axes[0]
+    (mesh,) = [each for each in axis.collections if isinstance(each, QuadMesh)]
+    shown = np.ma.filled(np.ma.asarray(mesh.get_array()).astype(float), np.nan).reshape(19, 23)
+    assert {(row - 9, column - 11) for row, column in np.argwhere(shown == 1)} == {
+        (row, column) for row in range(-2, 3) for column in range(-2, 3) if max(abs(row), abs(column)) == 2
+    }
+    right = [each for each in axis.collections if type(each) is PolyCollection][RIGHT].get_paths()
+    assert {np.asarray(path.vertices)[:, 0].mean().round() - 11 for path in right} == set(range(-11, -2))
+    figure.canvas.draw()
+    assert [label.get_text() for label in axis.get_xticklabels()] == ["−9", "−6", "−3", "0", "3", "6", "9"]
+    assert axis.get_ylabel() == "rows from the issuer"
+    assert axis.get_title() == "Anywhere: score 1, success 1"
 
 
 def test_maps_are_written_with_equal_bytes_or_it_is_reported(tmp_path: Path) -> None:

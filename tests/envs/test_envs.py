@@ -22,7 +22,7 @@ from envs.scenario import SCENARIO_DIRECTORY
 def test_gymnasium_checker_passes_without_a_screen(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):  # the checker opens a window, too
         monkeypatch.delenv(variable, raising=False)
-    observation = OBSERVATIONS[scenario_names().index(name) % 3]
+    observation = OBSERVATIONS[scenario_names().index(name) % len(OBSERVATIONS)]
     env = gymnasium.make(f"envs:Proxemic/{name}-v0", observation=observation, render_mode="rgb_array")
     with warnings.catch_warnings():
         warnings.simplefilter("error")

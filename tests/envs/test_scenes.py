@@ -61,6 +61,8 @@ def test_hidden_is_what_does_not_follow_from_the_observed() -> None:
         "Walking": ("wrong_pings", "clock"),  # the phase follows from the issuer's cell
         "Delayed": ("wrong_pings", "feedback to come"),
     }
+    by_offset = {name: load_scenario(name, {"observe": ["offset"]}).hidden for name in ("S1", "Anywhere")}
+    assert by_offset == {"S1": ("wrong_pings",), "Anywhere": ("agent's cell", "wrong_pings")}
 
 
 def test_walls_stop_the_agent() -> None:

@@ -39,7 +39,7 @@ def assert_same(ours: Any, theirs: Any) -> None:
 @pytest.mark.parametrize("name", scenario_names())
 def test_batch_equals_gymnasiums(name: str, mode: AutoresetMode) -> None:
     n, limit = 5, 12
-    observation = OBSERVATIONS[(scenario_names().index(name) + MODES.index(mode)) % 3]
+    observation = OBSERVATIONS[(scenario_names().index(name) + MODES.index(mode)) % len(OBSERVATIONS)]
     options: dict[str, Any] = {"max_episode_steps": limit, "autoreset_mode": mode}
     ours = gymnasium.make_vec(f"envs:Proxemic/{name}-v0", num_envs=n, observation=observation, **options)
     assert isinstance(ours, ProxemicVectorEnv)

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from benchmark.drawing.film import Film, Moment, end_of, learning, picture, write
+from benchmark.drawing.film import Film, Moment, end_of, film_of, learning, picture, write
 from benchmark.drawing.text import to_text
-from envs import compile_scenario, load_scenario
+from envs import ACTIONS, compile_scenario, load_scenario
 from envs.model import PING
 from envs.regions import outlines
 from envs.scene import COLOURS, Outline, scene_of
+from tests.benchmark.populations import population
+
+RIGHT = ACTIONS.index("RIGHT")
 
 
 def pixel(image: Image.Image, row: int, column: int, down: float, right: float, side: int = 30) -> Any:
@@ -191,3 +194,18 @@ def test_text_has_the_colours_of_the_largest_values(film: Film) -> None:
     assert styles[119].endswith("rgb(0,0,0) on rgb(253,231,55)") or styles[119].endswith("on rgb(254,232,56)")
     assert styles[7].endswith("rgb(0,0,0) on rgb(250,250,250)")
     assert styles[5].endswith("rgb(0,0,0) on rgb(250,250,250)")
+
+
+def test_film_of_an_agent_that_sees_the_offset_is_around_the_issuer() -> None:
+    greedy = np.full((1, 4, 19 * 23), 1 << RIGHT, dtype=np.uint8)
+    target = 9 * 23 + 11 + 2  # the issuer two columns to the right of the agent
+    greedy[:, :, target] = 1 << PING
+    values = np.zeros((1, 4, 19 * 23, 5), dtype=np.float32)
+    values[:, :, target, PING] = 1
+    film = film_of("", population("Anywhere", 1, observation="offset", greedy=greedy, values=values))
+    shown = film.seen(end_of(film, 0))
+    # At the first start, the issuer is three columns to the right.
+    assert shown.walks[0].cells == (9 * 23 + 11 - 3, 9 * 23 + 11 - 2, 9 * 23 + 11 - 2)
+    assert np.argwhere(shown.values[0] == 1).tolist() == [[9 * 23 + 11 - 2, PING]]
+    assert np.flatnonzero(shown.greedy[0] == 1 << PING).tolist() == [9 * 23 + 11 - 2]
+    assert shown.scene.cells_of("issuer") == [9 * 23 + 11]

@@ -1,5 +1,7 @@
 """The page in a real browser: the explorer, sorting, sources, accessibility."""
 
+import gzip
+import json
 import re
 import shutil
 from pathlib import Path
@@ -296,6 +298,23 @@ def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> Non
     assert opened.page.locator("th button").count() > 0  # tables sort
     opened.page.locator("table a.n").first.click()
     assert opened.page.locator("dialog[open] tbody tr").count() > 0
+
+
+def test_an_egocentric_map_counts_from_the_issuer(made: Path, tmp_path: Path, open_page: Open) -> None:
+    shutil.copytree(made, tmp_path / "mine")
+    file = tmp_path / "mine" / "agents.json.gz"
+    data = json.loads(gzip.decompress(file.read_bytes()))
+    data["scenes"][0]["origin"] = [3, 5]
+    file.write_bytes(gzip.compress(json.dumps(data).encode()))
+    build.write(tmp_path, "mine")
+    opened = open_page(tmp_path / "mine")
+    numbers = opened.panel("left", ".map text").all_text_contents()
+    assert numbers == ["−2", "0", *("−4", "−2", "0")]  # of five rows and seven columns, every second
+    opened.cell("left", 4, 3).hover()
+    assert "Row 1, column −2" in opened.panel("left", ".readout").inner_text()
+    assert "Rows and columns are counted from the issuer." in opened.panel("left", ".about").inner_text()
+    opened.walk(1)
+    assert "1 step from row −3, column −5." in opened.panel("left", ".walked").inner_text()
 
 
 def test_maps_of_the_same_size_follow_each_other(opened: Opened) -> None:

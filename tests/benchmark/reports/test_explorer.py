@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from agents.dynamic_programming import solve
 from benchmark.analysis.population import Population
 from benchmark.reports.explorer import FILE, MOST_AGENTS, Shown, explorer_item, typical_agent
-from envs import ACTIONS
+from envs import ACTIONS, ZONES, compile_scenario, load_scenario
 from tests.benchmark.populations import population as blank
 
 UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
@@ -92,4 +93,28 @@ def test_nothing_is_written_of_scenes_that_one_map_does_not_show(tmp_path: Path)
     assert item.write is not None
     item.write([Shown("table", "index", blank("S1")), Shown("table", "parts", blank("Moody"))], tmp_path)
     assert len(json.loads(gzip.decompress((tmp_path / FILE).read_bytes()))["agents"]) == 1
-    item.write([Shown("table", "parts", blank("Moody"))], tmp_path / "nothing")
+    hidden = [
+        Shown("table", "parts", blank("Moody")),
+        Shown("t", "offset", blank("Walking", observation="offset")),
+    ]
+    item.write(hidden, tmp_path / "nothing")
+
+
+def test_an_agent_that_sees_the_offset_is_shown_around_the_issuer(tmp_path: Path) -> None:
+    values = np.zeros((1, 4, 19 * 23, 5), dtype=np.float32)
+    values[0, -1, (9 + 2) * 23 + 11 - 5] = 1  # the issuer two rows below the agent, five columns to its left
+    made = blank("Anywhere", 1, observation="offset", values=values)
+    item = explorer_item(lambda data: data)
+    assert item.write is not None
+    item.write([Shown("table", "offset", made)], tmp_path)
+    data = json.loads(gzip.decompress((tmp_path / FILE).read_bytes()))
+    assert data["scenes"][0]["origin"] == [9, 11]
+    changes = np.array(data["agents"][0]["values"]).reshape(-1, 19, 23, 5)
+    assert np.argwhere(changes.any(axis=(0, 3))).tolist() == [[9 - 2, 11 + 5]]
+    # Outside the regions the optimum is the scenario's, wherever the issuer stands.
+    model = compile_scenario(load_scenario("Anywhere"))
+    outside = model.fresh_state[model.zone_of_cell == ZONES.index("outside")]
+    best = solve(model, made.discount, None if made.discount < 1 else made.horizon).value[outside]
+    cell = 19 * 23 - 1 - made.model.observation[outside]
+    around = np.array(data["optima"][0]["values"]).reshape(-1, 5).max(axis=1) / 10 ** data["decimals"]
+    assert around[cell] == pytest.approx(best, abs=0.51 * 10 ** -data["decimals"])

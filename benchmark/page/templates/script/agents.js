@@ -1,6 +1,7 @@
 // The agents of the explorer and the optima beside them: values and actions by map, cell and action.
 import { rowsOf, holds } from "./csv.js";
 import { bytes, explorer } from "./data.js";
+import { show } from "./elements.js";
 
 const CURVES = ["curves.csv", "learning.csv"]; // files with the mean score over training
 export const PING = explorer?.actions.indexOf("PING");
@@ -92,3 +93,12 @@ class Agent {
 export const agents = (explorer?.agents ?? []).map((packed) => new Agent(packed));
 
 export const rowAndColumn = (scene, cell) => ({ row: Math.floor(cell / scene.columns), column: cell % scene.columns });
+
+// The cell from which rows and columns are counted: the issuer's on an egocentric map.
+export const originOf = (scene) => scene.origin ?? [0, 0];
+
+export function placeOf(scene, cell) {
+  const { row, column } = rowAndColumn(scene, cell);
+  const [firstRow, firstColumn] = originOf(scene);
+  return `row ${show(row - firstRow)}, column ${show(column - firstColumn)}`;
+}

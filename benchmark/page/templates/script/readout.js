@@ -1,7 +1,7 @@
 // The readout: what an agent is about, and the numbers of the cell under the cursor.
 import { element, grouped, show, sourced } from "./elements.js";
 import { explorer } from "./data.js";
-import { rowAndColumn } from "./agents.js";
+import { placeOf } from "./agents.js";
 
 const ZONES = {
   outside: "outside the regions",
@@ -29,13 +29,14 @@ export function described(agent, map, step) {
     ` [${show(curve.low[place])}, ${show(curve.high[place])}]`,
   ];
   const result = `score ${show(agent.score[map])}, success probability ${show(agent.success[map])}`;
-  return [`${time}${values}${note} This agent (seed ${agent.seed}): ${result}`, ...mean, "."];
+  const around = scene.origin ? " Rows and columns are counted from the issuer." : "";
+  return [`${time}${values}${around}${note} This agent (seed ${agent.seed}): ${result}`, ...mean, "."];
 }
 
 export function readoutOf(agent, map, cell) {
-  const { row, column } = rowAndColumn(agent.scene, cell);
+  const place = placeOf(agent.scene, cell).replace("row", "Row");
   const zone = agent.scene.zone[cell];
-  const title = element("p", {}, element("strong", {}, `Row ${row}, column ${column}`), `, ${ZONES[zone] ?? zone}`);
+  const title = element("p", {}, element("strong", {}, place), `, ${ZONES[zone] ?? zone}`);
   if (agent.isOver(cell)) {
     return [title, element("p", {}, "The episode ends when the agent gets here: there are no actions.")];
   }

@@ -1,9 +1,11 @@
 // The scene: paints cells, the outlines of the regions, glyphs and axes. The data say where everything is.
-import { bordered, drawn } from "./elements.js";
+import { bordered, drawn, show } from "./elements.js";
 import { explorer } from "./data.js";
+import { originOf } from "./agents.js";
 
 const UNIT = 30; // side of a cell
-const MARGIN = 20; // for the numbers of rows and columns
+const MARGIN = 20; // for the numbers of rows and columns, of maps with up to so many columns
+const FEW = 12;
 const UNTOUCHED = { "pointer-events": "none" };
 
 function star(x, y, radius) {
@@ -46,7 +48,9 @@ export class SceneView {
   // `look` is called with the number of the cell that the pointer enters or touches.
   constructor(scene, look) {
     this.scene = scene;
-    const [width, height] = [MARGIN + UNIT * scene.columns + 2, UNIT * scene.rows + MARGIN];
+    this.scale = Math.max(1, scene.columns / FEW); // of the numbers, so that they can be read on wide maps
+    this.margin = MARGIN * this.scale;
+    const [width, height] = [this.margin + UNIT * scene.columns + 2, UNIT * scene.rows + this.margin];
     const style = `min-width:${12 * scene.columns}px; max-height:max(21rem, ${12 * scene.rows}px)`;
     this.image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", style });
     this.cells = scene.zone.map((_, cell) => this.paintCell(cell, look));
@@ -67,7 +71,7 @@ export class SceneView {
     return this.at(Math.floor(cell / this.scene.columns) + 0.5, (cell % this.scene.columns) + 0.5);
   }
   at(row, column) {
-    return [MARGIN + UNIT * column, UNIT * row];
+    return [this.margin + UNIT * column, UNIT * row];
   }
   pathOf(loops) {
     return loops.map((loop) => `M${loop.map((corner) => this.at(...corner).join(",")).join("L")}Z`).join("");
@@ -100,12 +104,14 @@ export class SceneView {
     this.hatch.setAttribute("d", isHatched.map((is, cell) => (is ? hatched(...this.centre(cell), UNIT / 2) : "")).join(""));
   }
   axes() {
-    const even = (count) => Array.from({ length: Math.ceil(count / 2) }, (_, i) => 2 * i);
-    const text = (x, y, anchor, number) => drawn("text", { x, y, "text-anchor": anchor }, String(number));
-    const bottom = this.at(this.scene.rows, 0)[1] + 14;
+    const [firstRow, firstColumn] = originOf(this.scene);
+    const everySecond = (count, first) => Array.from({ length: count }, (_, i) => i).filter((i) => (i - first) % 2 === 0);
+    const text = (x, y, anchor, number) => drawn("text", { x, y, "text-anchor": anchor, style: `font-size:${11 * this.scale}px` }, show(number));
+    const bottom = this.at(this.scene.rows, 0)[1] + 14 * this.scale;
     return [
-      ...even(this.scene.rows).map((row) => text(MARGIN - 5, this.at(row + 0.5, 0)[1] + 4, "end", row)),
-      ...even(this.scene.columns).map((column) => text(this.at(0, column + 0.5)[0], bottom, "middle", column)),
+      ...everySecond(this.scene.rows, firstRow).map((row) => text(this.margin - 5, this.at(row + 0.5, 0)[1] + 4 * this.scale, "end", row - firstRow)),
+      ...everySecond(this.scene.columns, firstColumn)
+        .map((column) => text(this.at(0, column + 0.5)[0], bottom, "middle", column - firstColumn)),
     ];
   }
   showCursor(cell) {

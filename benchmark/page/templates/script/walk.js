@@ -4,7 +4,7 @@
 // it last had a choice between several greedy actions: from there it would go in circles.
 import { element, show } from "./elements.js";
 import { explorer } from "./data.js";
-import { members, rowAndColumn } from "./agents.js";
+import { members, placeOf } from "./agents.js";
 
 const SEED = 2021; // ties are broken the same way in every walk
 const ENDS = {
@@ -62,13 +62,9 @@ export class Walk {
     } else if (this.steps.length >= horizon) this.end = `The limit of ${horizon} steps is reached.`;
     return !this.end;
   }
-  placeOf(cell) {
-    const { row, column } = rowAndColumn(this.agent.scene, cell);
-    return `row ${row}, column ${column}`;
-  }
   // What has happened so far, in sentences.
   get summary() {
-    const start = this.placeOf(this.start);
+    const start = placeOf(this.agent.scene, this.start);
     if (!this.steps.length) return `The agent is at ${start}.`;
     const total = (key) => show(this.steps.reduce((sum, step) => sum + step[key], 0));
     const count = `${this.steps.length} step${this.steps.length > 1 ? "s" : ""}`;
@@ -81,7 +77,7 @@ export class Walk {
     const line = (kind, attributes, cells) => element("tr", {}, ...cells.map((text) => element(kind, attributes, text)));
     const lines = this.steps.map(({ cell, action, choice, event, grid, issuer }, i) => {
       const taken = explorer.actions[action] + (choice > 1 ? ` (tie of ${choice})` : "");
-      return line("td", {}, [String(i + 1), this.placeOf(cell), taken, event.replaceAll("_", " "), show(grid), show(issuer)]);
+      return line("td", {}, [String(i + 1), placeOf(scene, cell), taken, event.replaceAll("_", " "), show(grid), show(issuer)]);
     });
     const head = line("th", { scope: "col" }, ["#", "from", "action", "event", "grid", "issuer"]);
     const note = `The issuer's rewards are means: each PING adds noise of up to \u00b1${show(scene.issuer_noise)}.`;
