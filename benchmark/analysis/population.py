@@ -17,6 +17,7 @@ from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import RunSpecification, evaluation_steps
 from envs import ZONES, InputError, Model, Scenario, compile_scenario
 from envs.model import PING
+from envs.observations import compile_seen
 
 OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distance, which allows for rounding
 
@@ -41,8 +42,9 @@ class Population:
 
     @cached_property
     def model(self) -> Model:
-        """The compiled scenario, as recorded."""
-        return compile_scenario(Scenario.model_validate_json(json.dumps(self.specification["scenario"])))
+        """The scenario as recorded, compiled for the learner's form of observation."""
+        scenario = Scenario.model_validate_json(json.dumps(self.specification["scenario"]))
+        return compile_seen(scenario, self.specification["observation"])
 
     @property
     def scenario(self) -> str:
@@ -240,7 +242,8 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
     )
 
 
-def optimal_values(population: Population) -> NDArray[np.float64]:
-    """Returns Q* of every fresh state, (F, A); without a discount, up to the horizon."""
+def optimal_values(population: Population, model: Model | None = None) -> NDArray[np.float64]:
+    """Returns Q* of every fresh state, (F, A), of its or another model; undiscounted, up to the horizon."""
+    model = model or population.model
     horizon = None if population.discount < 1 else population.horizon
-    return solve(population.model, population.discount, horizon).q[population.model.fresh_state]
+    return solve(model, population.discount, horizon).q[model.fresh_state]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from agents import load_algorithm
 from agents.policy import ALL_ACTIONS
 from benchmark.analysis.population import Population
-from envs import compile_scenario, load_scenario
+from envs import load_scenario
+from envs.observations import compile_seen
 
 
 def population(
@@ -19,6 +20,7 @@ def population(
     budget: int = 600,
     every: int = 200,
     map_every: int | None = None,
+    observation: str = "index",
     **arrays: Any,
 ) -> Population:
     """Returns a population with these arrays, in which otherwise nothing has been learned.
@@ -32,6 +34,7 @@ def population(
     specification = {
         "scenario": described.model_dump(mode="json"),
         "algorithm": algorithm,
+        "observation": observation,
         "settings": learner.settings.model_validate(chosen).model_dump(mode="json"),
         "horizon": 200,
         "evaluation_every": every,
@@ -39,7 +42,7 @@ def population(
         "evaluated_from": ["start"],
     }
     points, n_maps = budget // every + 1, budget // (map_every or every) + 1
-    table = (compile_scenario(described).n_observations, 5)
+    table = (compile_seen(described, observation).n_observations, 5)
     blank: dict[str, NDArray[Any]] = {
         "q": np.zeros((n, *table)),
         "stochastic": np.zeros((n, 0, *table)),

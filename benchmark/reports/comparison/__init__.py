@@ -8,6 +8,7 @@ of its cells, or between means of cells over scenarios.
 from pathlib import Path
 
 from benchmark.reports.comparison import results, training
+from benchmark.reports.comparison.classes import classes
 from benchmark.reports.comparison.declared import check, forecast
 from benchmark.reports.comparison.runs import load
 from benchmark.reports.item import Report
@@ -23,6 +24,7 @@ REPORT = Report(
         results.contrasts,
         results.summary,
         results.aggregate,
+        classes,
         training.curves,
         training.steps,
         training.speedups,

@@ -53,18 +53,16 @@ class Declared:
     families: Mapping[Learner, str]
 
     @property
-    def baseline(self) -> Learner | None:
-        """The table that deep learners have to beat; None if the question is another."""
-        return Learner.of(self.reporting.baseline) if self.reporting.baseline else None
+    def baselines(self) -> list[Learner]:
+        """The tables that deep learners have to beat; none if the question is another."""
+        return [Learner.of(name) for name in self.reporting.baseline]
 
     @property
     def decisive(self) -> list[Learner]:
-        """The deep learners that are compared with the baseline wherever both are."""
-        return [
-            x.learner
-            for x, y in self.contrasts
-            if y == Side(learner=self.baseline) and x.learner and self.families[x.learner] == "deep"
-        ]
+        """The deep learners that are compared with the baselines wherever both are."""
+        sides = [Side(learner=baseline) for baseline in self.baselines]
+        found = [x.learner for x, y in self.contrasts if y in sides and x.learner]
+        return [learner for learner in dict.fromkeys(found) if self.families[learner] == "deep"]
 
     @property
     def compared(self) -> list[Learner]:
@@ -95,7 +93,8 @@ class Declared:
 
         Raises:
           InputError: A name is unknown, a contrast is of a cell with itself or is declared twice, the
-            baseline is no table, or there are too many deep learners to compare each with a table.
+            baseline is no table, a deep learner is compared with some baselines alone, or there are too many
+            deep learners to compare each with a table.
         """
         assert experiment.report is not None
         families = {
@@ -120,7 +119,7 @@ class Declared:
                 )
             if table is not None and deep:
                 pairs = tuple((str(learner), str(table)) for learner in deep)
-                reporting = reporting.model_copy(update={"baseline": str(table), "contrasts": pairs})
+                reporting = reporting.model_copy(update={"baseline": (str(table),), "contrasts": pairs})
         return cls._resolved(reporting, families, axes, experiment.argument)
 
     @classmethod
@@ -161,7 +160,7 @@ class Declared:
         contrasts: list[tuple[Side, Side]] = []
         for i, (x, y) in enumerate(reporting.contrasts):
             contrasts.append(sides(f"{source}: report.contrasts.{i}", x, y, contrasts))
-            if x == reporting.baseline and families[Learner.of(y)] == "deep":
+            if x in reporting.baseline and families[Learner.of(y)] == "deep":
                 raise InputError(
                     f"{source}: report.contrasts.{i} = {[x, y]}: accepted: the baseline second, since the "
                     "question is whether deep RL is better."
@@ -176,15 +175,23 @@ class Declared:
                 f'{source}: report.effects: "{repeated}" is the name of two; accepted: one each.'
             )
         made = cls(reporting, contrasts, effects, families)
-        if reporting.baseline:
-            tables = [str(learner) for learner, family in families.items() if family == "tabular"]
-            if reporting.baseline not in tables:
-                unknown_name(f"{source}: report.baseline", "table", reporting.baseline, tables)
+        tables = [str(learner) for learner, family in families.items() if family == "tabular"]
+        for name in reporting.baseline:
+            if name not in tables:
+                unknown_name(f"{source}: report.baseline", "table", name, tables)
+            if reporting.baseline.count(name) > 1:
+                raise InputError(f"{source}: report.baseline: {name} is named twice; remove one.")
             if not made.decisive:
                 raise InputError(
-                    f"{source}: report.contrasts: none compares a deep learner with {reporting.baseline}; "
-                    f'accepted: at least one like ["LEARNER", "{reporting.baseline}"].'
+                    f"{source}: report.contrasts: none compares a deep learner with {name}; "
+                    f'accepted: at least one like ["LEARNER", "{name}"].'
                 )
+            for learner in made.decisive:
+                if (Side(learner=learner), Side(learner=Learner.of(name))) not in contrasts:
+                    raise InputError(
+                        f"{source}: report.contrasts: {learner} is compared with another baseline and not "
+                        f"with {name}; accepted: contrasts with all or none."
+                    )
         return made
 
 

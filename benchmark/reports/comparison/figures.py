@@ -25,6 +25,12 @@ from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
 
 SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
+# What they mean against several baselines, see `verdicts.standings`.
+THAN: Final = {
+    BETTER: " than all",
+    WORSE: " than at least one",
+    EQUIVALENT: " to at least one, worse than none",
+}
 _STYLES: Final[dict[str, dict[str, Any]]] = {
     BETTER: {"marker": "^", "color": COLOURS[2]},
     WORSE: {"marker": "v", "color": COLOURS[3]},
@@ -33,8 +39,11 @@ _STYLES: Final[dict[str, dict[str, Any]]] = {
     UNDECIDED: {"marker": "o", "color": "0.45", "mfc": "white"},
     NO_VERDICT: {"marker": "x", "color": "0.45"},
 }
-_DASHES: Final[dict[str, Any]] = {"index": "-", "one_hot": "-", "coordinates": (0, (4, 1.5))}
-_TINTED: Final = "coordinates"  # the observation of the learners that are drawn lighter
+_DASHES: Final[dict[str, Any]] = {  # of forms of observation; others are solid
+    "coordinates": (0, (4, 1.5)),
+    **dict.fromkeys(("offset", "offset_one_hot", "offset_coordinates"), (0, (1, 1.2))),
+}
+_TINTED: Final = ("coordinates", "offset_coordinates")  # observations of the learners that are drawn lighter
 _N_MARKERS: Final = 6  # of a curve
 _N_POINTS: Final = 4  # of a reference
 _COLUMNS: Final = 4  # of panels, if there are many scenarios
@@ -56,7 +65,7 @@ def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
 def style_of(learner: Learner, runs: Runs) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash."""
     style = variant_style(runs.algorithms.index(learner.algorithm))
-    if learner.observation == _TINTED:
+    if learner.observation in _TINTED:
         style["color"] = tuple(0.5 + 0.5 * part for part in to_rgb(style["color"]))
     return {**style, "ls": _DASHES.get(learner.observation, "-")}
 

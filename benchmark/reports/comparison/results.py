@@ -17,7 +17,7 @@ from benchmark.drawing.tables import link
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, cannot_show
-from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs, means_of
+from benchmark.reports.comparison.runs import CELL, EFFORT, PAIR, Cell, Runs, means_of
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
     Outcome,
@@ -27,6 +27,8 @@ from benchmark.reports.comparison.verdicts import (
     effects_of,
     is_worse_in_some,
     outcome,
+    runs_needed,
+    standings,
     winners,
 )
 from benchmark.reports.folder import Folder
@@ -40,9 +42,9 @@ _MOST_TOLD: Final = 10  # contrasts that are told whatever their verdict
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
-    "another class": "only a learner with a policy of another class beats the table in",
+    "another class": "only a learner with a policy of another class beats the {} in",
     "does not earn": "it does not in",
-    "neither learned": "neither the table nor a deep learner is shown to beat the random policy in",
+    "neither learned": "neither the {} nor a deep learner is shown to beat the random policy in",
     "mixed": "results are mixed in",
     "undecided": "it is undecided in",
     "no verdict": "there is no verdict in",
@@ -95,6 +97,30 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     return cannot_show(int(table["n"].min()), n_pooled, len(table), declared.reporting) or None
 
 
+@contrasts.sentence
+def _(table: pd.DataFrame, folder: Folder) -> str | None:
+    """Says how many runs would settle the places that are undecided, if all means stayed as they are."""
+    declared = Declared.from_manifest(folder.manifest)
+    reporting, places = declared.reporting, words.scenario_labels(table)
+    if not declared.baselines or reporting.pool != "none" or not all(places):
+        return None
+    n_tests = len(table) if reporting.adjust == "holm" else 1
+    parts: dict[int, list[str]] = {}
+    for place, rows in table.groupby(places, sort=False):
+        if outcome(declared, rows) == "undecided":
+            parts.setdefault(runs_needed(declared, rows, n_tests), []).append(str(place))
+    told = [
+        f"{link(f'{n:,}', 'contrasts', table[places.isin(names)])} in {listed(names)}"
+        for n, names in sorted(parts.items())
+    ]
+    if not told:
+        return None
+    return (
+        "Exploratory: where it is undecided, so many runs per learner would decide if all means stayed as "
+        f"they are: {'; '.join(told)}."
+    )
+
+
 def headline(folder: Folder) -> Finding | None:
     """Answers whether deep RL earns its keep, for which budget and in which scenarios."""
     declared = Declared.from_manifest(folder.manifest)
@@ -102,7 +128,7 @@ def headline(folder: Folder) -> Finding | None:
     if "contrasts.csv" not in folder:
         return Finding(f"{start}, there is no verdict on any contrast.")
     table = folder.frame("contrasts")
-    if declared.baseline is None:
+    if not declared.baselines:
         n = link(str(len(table)), "contrasts", table)
         return Finding(f"{start}, of {n} contrast{'s' * (len(table) != 1)}, {counted(table)}.")
     places = words.scenario_labels(table)
@@ -112,20 +138,22 @@ def headline(folder: Folder) -> Finding | None:
     for place, rows in table[places != ""].groupby(places, sort=False):
         by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
     told = [key for key in _OUTCOMES if key in by_outcome]
+    tables = "table" if len(declared.baselines) == 1 else "tables"
     parts = []
     for key, text in _OUTCOMES.items():
         if names := by_outcome.get(key):
             count = link(str(len(names)), "contrasts", table[places.isin(names)])
             is_rest = len(names) > figures.FEW and key == told[-1] != told[0]
             which = f"the other {count}" if is_rest else f"{count} ({listed(names)})"
-            parts.append(f"{text} {which}")
+            parts.append(f"{text.format(tables)} {which}")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     deep = listed([f"`{learner}`" for learner in declared.decisive])
+    beaten = listed([*(f"than `{baseline}`" for baseline in declared.baselines), "than the random policy"])
     rule = (
-        f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there than "
-        f"`{declared.baseline}` and than the random policy, with a policy of the same class and a score that "
-        "is not shown to be worse."
+        f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there {beaten}, with a "
+        f"policy of the same class{' as one of these tables' * (tables == 'tables')} and a score that is not "
+        "shown to be worse."
     )
     if declared.reporting.adjust == "holm":
         rule += (
@@ -137,48 +165,58 @@ def headline(folder: Folder) -> Finding | None:
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
     """Answers for the mean over scenarios, or for the only one."""
-    rows, baseline = decisive_rows(declared, table), declared.baseline
-    found = outcome(declared, table)
-    margin = declared.reporting.margins.success
-    won = [f"`{x}`" for x in winners(rows)["x"]]
-    more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than `{baseline}`"
-    subject = "the deep learner" if len(rows) == 1 else f"each of the {len(rows)} deep learners compared"
+    rows, names = decisive_rows(declared, table), [f"`{baseline}`" for baseline in declared.baselines]
+    found, standing = outcome(declared, table), standings(declared, rows)
+    margin, is_one = declared.reporting.margins.success, len(names) == 1
+    won = [f"`{x}`" for x in winners(rows)["x"].unique()]
+    more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than {listed(names)}"
+    n_deep = rows["x"].nunique()
+    subject = "the deep learner" if n_deep == 1 else f"each of the {n_deep} deep learners compared"
+    counts = "; ".join(
+        f"against `{baseline}`, {counted(rows[rows['y'] == str(baseline)])}"
+        for baseline in declared.baselines
+    )
     text = {
         "earns": f"deep RL earns its keep over a table: {more}",
         "another class": f"{more}, but their policies are of other classes, stochastic and greedy, so it is "
         "not shown that the net makes the difference",
         "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
-        f"`{baseline}`, or equally often within {margin:g}",
-        "neither learned": f"neither `{baseline}` nor a deep learner compared is shown to succeed more often "
-        "than the random policy",
-        "mixed": f"results are mixed: against `{baseline}`, {counted(rows)}",
-        "undecided": f"it is undecided whether deep RL earns its keep over a table: against `{baseline}`, "
-        f"{counted(rows)}",
+        f"{'' if is_one else 'at least one of '}{listed(names)}, or equally often within {margin:g}",
+        "neither learned": f"neither {' nor '.join(names)} nor a deep learner compared is shown to succeed "
+        "more often than the random policy",
+        "mixed": f"results are mixed: {counts}",
+        "undecided": f"it is undecided whether deep RL earns its keep over a table: {counts}",
         "no verdict": "there is no verdict on whether deep RL earns its keep over a table: runs are missing, "
         f"or there are fewer than {declared.reporting.fewest_runs} per scenario and learner",
     }[found]
     aside = ""
     for (_, row), is_worse in zip(rows.iterrows(), is_worse_in_some(rows), strict=True):
+        if row["success_verdict"] != standing.get(row["x"]):
+            continue  # other contrasts decide
+        against = "" if is_one else f" against `{row['y']}`"
         if row["success_verdict"] == BETTER and row["score_verdict"] in (WORSE, MIXED):
-            aside += f" In score, `{row['x']}` is {row['score_verdict']}."
-        if (names := str(row.get("success_except", "nan"))) in ("", "nan"):
+            aside += f" In score{against}, `{row['x']}` is {row['score_verdict']}."
+        if (places := str(row.get("success_except", "nan"))) in ("", "nan"):
             continue
         if is_worse:
-            aside += f" In {names}, the mean success of `{row['x']}` is lower by {margin:g} or more."
+            aside += (
+                f" In {places}{against}, the mean success of `{row['x']}` is lower by {margin:g} or more."
+            )
         elif row["success_verdict"] != MIXED:
-            aside += f" For `{row['x']}` this is not shown in {names} alone."
+            aside += f" For `{row['x']}`{against} this is not shown in {places} alone."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
     reached = [
         f"`{name}` {words.interval(learners[name], 'success', 'aggregate')}"
-        for name in [str(baseline), *rows["x"]]
+        for name in [*map(str, declared.baselines), *rows["x"].unique()]
     ]
-    room = 1 - learners[str(baseline)]["success"]
+    best = max(map(str, declared.baselines), key=lambda name: float(learners[name]["success"]))
+    room = 1 - learners[best]["success"]
     ceiling = ""
     if room < margin and found not in ("earns", "another class"):
         how = "always succeeds" if room < 1e-6 else f"fails in {room:.3f} of episodes"
-        ceiling = f" As `{baseline}` {how}, no learner could have been better by the margin of {margin:g}."
+        ceiling = f" As `{best}` {how}, no learner could have been better by the margin of {margin:g}."
     return Finding(f"{start}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
 
 
@@ -280,7 +318,7 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
             row["every_cell_success"] = proportion(cell.final("success", "every_cell"))
         row["diverged"] = int((cell.population.arrays["diverged_at"] >= 0).sum())
         row["training_wrong_pings"] = cell.wrong_pings
-        yield row
+        yield row | runs.effort(cell.learner)
 
 
 @summary.figure("How often each learner succeeds after training, and the verdicts.")
@@ -291,7 +329,7 @@ def _(tables: Frames, runs: Runs) -> Figure:
 
 def _dots(tables: Frames, runs: Runs) -> Figure:
     """Draws a panel per scenario and condition, and of the means over scenarios if these are pooled."""
-    frame, baseline = words.by_place(tables["summary"]), runs.declared.baseline
+    frame = words.by_place(tables["summary"])
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
     panels = {scenario: frame[frame["scenario"] == scenario] for scenario in scenarios}
     if "aggregate" in tables and len(runs.scenarios) > 1:
@@ -301,12 +339,9 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
             figures.dots(axis, panel, "success", learners, runs)
-            tried = {name: f" ({n} tried)" for name, n in runs.tuning.items() if n}
-            names = [f"{learner}{tried.get(learner.algorithm, '')}" for learner in learners]
-            figures.rows(axis, names, first=axis is axes[0, 0])
+            figures.rows(axis, learners, first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
-            if baseline in learners:
-                at = learners.index(baseline)
+            for at in [learners.index(each) for each in runs.declared.baselines if each in learners]:
                 axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
         figure.supxlabel(figures.with_references(text, runs), fontsize="small")
@@ -315,14 +350,12 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
 
 def _heat(tables: Frames, runs: Runs) -> Figure:
     """Draws a row per scenario and a column per learner, with the signs of verdicts."""
-    frame, contrasts, baseline = tables["summary"], tables.get("contrasts"), runs.declared.baseline
-    frame = words.by_place(frame)
+    frame, contrasts, declared = words.by_place(tables["summary"]), tables.get("contrasts"), runs.declared
     scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
-        rows = contrasts[contrasts["y"] == str(baseline)]
-        keys = zip(words.scenario_labels(rows), rows["x"], strict=True)
-        verdicts = dict(zip(keys, rows["success_verdict"], strict=True))
+        for place, rows in contrasts.groupby(words.scenario_labels(contrasts), sort=False):
+            verdicts |= {(str(place), str(x)): each for x, each in standings(declared, rows).items()}
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
     table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
     with figure_of(1, 1, (0.95 * len(learners) + 2.2, 0.32 * len(scenarios) + 2.4)) as (figure, axes):
@@ -341,8 +374,10 @@ def _heat(tables: Frames, runs: Runs) -> Figure:
         axis.spines[:].set_visible(False)
         text = "success probability after training, mean over runs; below each name, steps of training"
         if verdicts:
-            signs = ", ".join(f"{sign} {verdict}" for verdict, sign in figures.SIGNS.items())
-            text += f"\nagainst {baseline}: {signs}; no sign: undecided, no verdict or not compared"
+            than, end = ({}, "; ") if len(declared.baselines) == 1 else (figures.THAN, ";\n")
+            signs = ", ".join(f"{sign} {each}{than.get(each, '')}" for each, sign in figures.SIGNS.items())
+            text += f"\nagainst {listed(declared.baselines)}: {signs}{end}no sign: undecided, no verdict or "
+            text += "not compared"
         figure.supxlabel(text, fontsize="small")
     return figure
 
@@ -371,7 +406,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         "runs": "",
         "success": "success probability",
         "score": "score, clipped",
-        "settings_tried": "settings tried",
+        **EFFORT,
         "every_cell_success": "success from any cell",
         "unbounded_score": "score without bounds",
         "iqm": "its interquartile mean",
@@ -385,7 +420,7 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
         return
     for names, cells in runs.over_scenarios:
         row: dict[str, Any] = {**names, "policy": cells[0].policy, "runs": sum(cell.n for cell in cells)}
-        row["settings_tried"] = runs.tuning.get(names["algorithm"], pd.NA)  # not NaN: numbers stay whole
+        row |= runs.effort(cells[0].learner)
         for start in cells[0].population.specification["evaluated_from"]:
             for name in ENDPOINTS:
                 side = means_of(cells, name, start)

@@ -1,7 +1,7 @@
 """The runs of a comparison: the cells of a table of scenarios, conditions and learners."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,8 @@ from benchmark.analysis.intervals import Estimate, student
 from benchmark.analysis.population import Population, load_population
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import Experiment, RunSpecification, specifications
+from benchmark.experiments.search import Chosen
+from benchmark.experiments.specification import tuning_of
 from benchmark.reports.comparison.declared import Declared, Learner, Side
 from envs import InputError, Model
 
@@ -25,6 +27,11 @@ Listed = Mapping[Place, Sequence[RunSpecification]]  # the runs of cells
 
 SB3: Final = "Stable-Baselines3 itself"  # what trains references, as readers see it
 CELL: Final = dict.fromkeys(("scenario", "condition", "algorithm", "observation"), "")  # columns, unlabelled
+EFFORT: Final = {  # columns
+    "settings_tried": "settings tried",
+    "search_steps": "steps of the search",
+    "search_cpu_s": "CPU seconds of the search",
+}
 PAIR: Final = dict.fromkeys(("scenario", "condition", "x", "y"), "")
 _LISTED: Final = 4  # cells that a sentence on missing runs names
 _ROUNDING: Final = 9  # digits, so that the last digit of two optima does not decide which of them is better
@@ -113,9 +120,10 @@ class Runs:
     declared: Declared
     groups: Mapping[str, str]  # algorithm to its group; those of none are drawn with all
     references: Mapping[Learner, Learner]  # reference implementations to their learners
-    tuning: Mapping[str, int]  # algorithm to how many settings were tried; without those that do not say
     missing: str = ""  # which runs are missing; empty if none is
     seeds_note: str = ""  # which seeds there are instead of those declared
+    # What a search has chosen, of learners that have their settings from one.
+    searches: Mapping[Learner, Chosen] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[Cell]:
         return iter(self.cells)
@@ -127,6 +135,12 @@ class Runs:
         for cell in self.cells:
             found.setdefault(cell.learner, []).append(cell)
         return found
+
+    def effort(self, learner: Learner) -> dict[str, float]:
+        """Returns what was spent on the search for a learner's settings: trials, steps and CPU seconds."""
+        found = self.searches.get(learner)
+        spent = (0, 0, 0.0) if found is None else (found.trials, found.steps, found.cpu_time_s)
+        return dict(zip(EFFORT, spent, strict=True))
 
     @property
     def over_scenarios(self) -> list[tuple[dict[str, str], list[Cell]]]:
@@ -279,9 +293,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         Declared.of(experiment),
         groups={name: declared.group for name, declared in algorithms.items()},
         references={each: learner for each, learner in references.items() if each not in few},
-        tuning={name: each.tuning.settings for name, each in algorithms.items() if each.tuning is not None},
         missing="; ".join(filter(None, [missing, left_out])),
         seeds_note=seeds_note,
+        searches={each: chosen for each in order if (chosen := tuning_of(experiment, *each))},
     )
 
 

@@ -15,7 +15,7 @@ from benchmark.drawing import film
 from benchmark.drawing.tables import duration, link
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner
-from benchmark.reports.comparison.runs import CELL, PAIR, Cell, Runs
+from benchmark.reports.comparison.runs import CELL, EFFORT, PAIR, Cell, Runs
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
@@ -264,6 +264,7 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
         "updates": "",
         "parameters": "",
         "peak_memory_mb": "peak memory (MB)",
+        **EFFORT,
     },
     is_measured=True,
 )
@@ -283,6 +284,7 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
             "updates": np.median(np.concatenate([cell.population.arrays["updates"] for cell in cells])),
             "parameters": int(cells[0].population.arrays["parameters"][0]),
             "peak_memory_mb": np.median(memory) if memory else np.nan,
+            **runs.effort(learner),
         }
 
 

@@ -3,15 +3,15 @@
 A row is the difference of two cells, or of two means of cells over scenarios: x minus y. Contrasts have
 verdicts, with p-values adjusted as declared; effects are exploratory.
 
-Deep RL *earns its keep* over a table if some deep learner is better than the baseline in success, and
-better than the exact random policy, and not shown to be worse in score. If the policies of the two are of
-different classes, one greedy and one stochastic, the outcome is *another class*: then it is not shown that
-the net makes the difference. *Neither learned* if neither the baseline nor any deep learner is better than
-the random policy. It *does not earn* its keep if every deep learner is worse or equivalent; so it is of one
-whose mean is equivalent and that is worse by the margin in some scenario, better by it in none. Otherwise
-it is *mixed* if scenarios, or success and score, contradict each other. There is *no verdict* if runs are
-missing or too few. All else is *undecided*. Contrasts that name scenarios or conditions have verdicts of
-their own, and no part in the outcome.
+Deep RL *earns its keep* over tables if some deep learner is better than every baseline in success, and
+better than the exact random policy, and not shown to be worse than any of them in score. If no baseline has a
+policy of the same class as that learner, greedy or stochastic, the outcome is *another class*: then it is not
+shown that the net makes the difference. *Neither learned* if neither a baseline nor any deep learner is
+better than the random policy. It *does not earn* its keep if every deep learner is worse than a baseline or
+equivalent to it; so it is of one whose mean is equivalent and that is worse by the margin in some scenario,
+better by it in none. Otherwise it is *mixed* if scenarios, or success and score, contradict each other. There
+is *no verdict* if runs are missing or too few. All else is *undecided*. Contrasts that name scenarios or
+conditions have verdicts of their own, and no part in the outcome.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,9 @@ from benchmark.analysis.contrasts import (
     BETTER,
     EQUIVALENT,
     MIXED,
+    MOST_RUNS,
     NO_VERDICT,
+    UNDECIDED,
     VERDICTS,
     WORSE,
     Means,
@@ -33,6 +35,7 @@ from benchmark.analysis.contrasts import (
     decide,
     holm,
     mixed,
+    runs_to_decide,
 )
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.reports.comparison.declared import Declared, Learner, Side
@@ -112,10 +115,10 @@ def difference(pairs: Pairs) -> dict[str, Any]:
 
 
 def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
-    """Decides by contrasts with a baseline, all of one scenario or pooled; see the module's docstring."""
-    rows = decisive_rows(declared, rows)
-    verdicts, alpha = set(rows["success_verdict"]), 1 - LEVEL
-    if NO_VERDICT in verdicts or len(rows) < len(declared.decisive):
+    """Decides by contrasts with baselines, all of one scenario or pooled; see the module's docstring."""
+    rows, alpha = decisive_rows(declared, rows), 1 - LEVEL
+    verdicts = standings(declared, rows)
+    if NO_VERDICT in set(verdicts) or len(verdicts) < len(declared.decisive):
         return "no verdict"
     if ((rows["p_random_x"] > alpha) & (rows["p_random_y"] > alpha)).all():
         return "neither learned"
@@ -124,11 +127,51 @@ def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
         return "earns"
     if len(won):
         return "another class"
-    is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= alpha)
-    is_lost = rows["success_verdict"].isin([WORSE, EQUIVALENT]) | is_worse_in_some(rows)
-    if is_better.any() or (MIXED in verdicts and not is_lost.all()):
+    is_better = (verdicts == BETTER) & (rows.groupby("x")["p_random_x"].max() <= alpha)
+    is_lost = verdicts.isin([WORSE, EQUIVALENT]) | is_worse_in_some(rows).groupby(rows["x"]).any()
+    if is_better.any() or (MIXED in set(verdicts) and not is_lost.all()):
         return "mixed"
     return "does not earn" if is_lost.all() else "undecided"
+
+
+def standings(declared: Declared, rows: pd.DataFrame) -> "pd.Series[str]":
+    """Returns each learner's verdict on success against all baselines, by its name, from rows of one place.
+
+    It is better only if it is better than all, worse if it is worse than at least one, and equivalent if it
+    is equivalent to at least one and worse than none. Learners that are not compared with all are left out.
+    """
+    baselines = {str(baseline) for baseline in declared.baselines}
+    order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, UNDECIDED, BETTER)  # the first that there is
+    found = {}
+    for x, against in rows[rows["y"].isin(baselines)].groupby("x", sort=False):
+        if set(against["y"]) == baselines:
+            found[str(x)] = min(against["success_verdict"], key=order.index)
+    return pd.Series(found, dtype=str)
+
+
+def runs_needed(declared: Declared, rows: pd.DataFrame, n_tests: int) -> int:
+    """Returns how few runs would give every undecided deep learner a verdict, if all means stayed as they are.
+
+    One verdict of worse or equivalent is enough for a learner, or else it has to be better than all baselines.
+
+    Args:
+      declared: What is compared.
+      rows: The contrasts of one scenario.
+      n_tests: For how many contrasts p-values are adjusted.
+    """
+    rows, margin = decisive_rows(declared, rows), declared.reporting.margins.success
+    undecided = [x for x, found in standings(declared, rows).items() if found == UNDECIDED]
+    most = 0
+    for _, against in rows[rows["x"].isin(undecided)].groupby("x"):
+        needed = pd.Series(
+            [
+                runs_to_decide([row["success_x"]], [row["success_y"]], margin, n_tests) or MOST_RUNS
+                for _, row in against.iterrows()
+            ]
+        )
+        is_won = against["success_difference"].to_numpy() >= margin
+        most = max(most, needed.max() if is_won.all() else needed[~is_won].min())
+    return int(most)
 
 
 def is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
@@ -138,20 +181,21 @@ def is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
 
 
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the contrasts in which x is better in success, also than random, and not shown worse in score.
+    """Returns the contrasts of each x that is better in all: in success, than random, not worse in score.
 
-    If in some of them the policies are of the same class, it is these alone.
+    If some x has the same class of policy as a baseline, it is those of such x alone.
     """
     is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= 1 - LEVEL)
-    won = rows[is_better & ~rows["score_verdict"].isin([WORSE, MIXED])]
-    alike = won[won["policy_x"] == won["policy_y"]]
-    return alike if len(alike) else won
+    is_won = is_better & ~rows["score_verdict"].isin([WORSE, MIXED])
+    won = rows[is_won.groupby(rows["x"]).transform("all")]
+    is_alike = (won["policy_x"] == won["policy_y"]).groupby(won["x"]).transform("any")
+    return won[is_alike] if is_alike.any() else won
 
 
 def decisive_rows(declared: Declared, rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the contrasts of deep learners with the baseline."""
+    """Returns the contrasts of deep learners with the baselines."""
     is_deep = rows["x"].isin([str(learner) for learner in declared.decisive])
-    return rows[is_deep & (rows["y"] == str(declared.baseline))]
+    return rows[is_deep & rows["y"].isin([str(baseline) for baseline in declared.baselines])]
 
 
 def counted(rows: pd.DataFrame) -> str:

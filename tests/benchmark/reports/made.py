@@ -48,6 +48,7 @@ def cell(
     family: str = "tabular",
     policy: str = "greedy",
     condition: str = "default",
+    observation: str = "index",
     **arrays: Any,
 ) -> Cell:
     """Returns runs with this success and score, (N,) after training or (N, T)."""
@@ -61,21 +62,23 @@ def cell(
         **arrays,
     }
     algorithm = _ALGORITHMS[family]
-    made = population(scenario, len(success), algorithm, budget=BUDGET, every=EVERY, **arrays)
-    return Cell(scenario, condition, Learner(name, "index"), made, policy, condition != "default")
+    made = population(
+        scenario, len(success), algorithm, budget=BUDGET, every=EVERY, observation=observation, **arrays
+    )
+    return Cell(scenario, condition, Learner(name, observation), made, policy, condition != "default")
 
 
 def runs_of(
     cells: Sequence[Cell],
     contrasts: Sequence[tuple[str, str]] = (),
-    baseline: str = "",
+    baseline: str | Sequence[str] = "",
     *,
     references: Mapping[str, str] | None = None,
     missing: str = "",
     planners: Sequence[Cell] = (),
     **reporting: Any,
 ) -> Runs:
-    """Returns a comparison of cells; contrasts and the baseline name learners without their observation."""
+    """Returns a comparison of cells; contrasts and baselines name learners without their observation."""
     axes = {
         "scenarios": list(dict.fromkeys(each.scenario for each in cells)),
         "conditions": list(dict.fromkeys(each.condition for each in cells)),
@@ -88,7 +91,8 @@ def runs_of(
 
     reporting["effects"] = [(side(x), side(y), name) for x, y, name in reporting.get("effects", ())]
     pairs = [(side(x), side(y)) for x, y in contrasts]
-    declared = {"kind": "comparison", "contrasts": pairs, "baseline": side(baseline), **reporting}
+    baselines = side(baseline) if isinstance(baseline, str) else [side(name) for name in baseline]
+    declared = {"kind": "comparison", "contrasts": pairs, "baseline": baselines, **reporting}
     facts = {"declared": json.dumps(declared), "learners": learners, "axes": axes}
     return Runs(
         cells,
@@ -96,7 +100,6 @@ def runs_of(
         Declared.from_manifest({"facts": facts, "experiment": "made"}),
         groups={},
         references={Learner(x, "index"): Learner(y, "index") for x, y in (references or {}).items()},
-        tuning={},
         missing=missing,
     )
 
@@ -104,11 +107,11 @@ def runs_of(
 def compared(
     learners: Mapping[str, Made],
     contrasts: Sequence[tuple[str, str]] = (),
-    baseline: str = "",
+    baseline: str | Sequence[str] = "",
     scenarios: Sequence[str] = ("S1", "S2", "S3"),
     **more: Any,
 ) -> Runs:
-    """Returns a comparison of learners; without contrasts, of each with the baseline."""
+    """Returns a comparison of learners; without contrasts, of each with every baseline."""
     cells = []
     for name, made in learners.items():
         success, score = (
@@ -120,7 +123,9 @@ def compared(
             reached = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
             scored = None if each is None else np.full(made.n, each)
             cells.append(cell(name, reached, scenario, score=scored, family=made.family, policy=made.policy))
-    pairs = contrasts or [(name, baseline) for name in learners if baseline and name != baseline]
+    baselines = [baseline] * bool(baseline) if isinstance(baseline, str) else baseline
+    others = [name for name in learners if name not in baselines]
+    pairs = contrasts or [(name, table) for name in others for table in baselines]
     references = {name: made.reference_for for name, made in learners.items() if made.reference_for}
     return runs_of(cells, pairs, baseline, references=references, **more)
 

@@ -34,30 +34,36 @@ def declared(tmp_path: Path, reporting: str = "") -> Experiment:
 
 def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:
     found = Declared.of(declared(tmp_path))
-    assert found.baseline == Learner("other", "index")
+    assert found.baselines == [Learner("other", "index")]
     assert found.decisive == [NET, Learner("net", "coordinates")]  # a check is no learner of its own
-    assert [y.learner for _, y in found.contrasts] == [found.baseline] * 2
+    assert [y.learner for _, y in found.contrasts] == found.baselines * 2
     assert (found.reporting.margins.success, found.reporting.margins.score) == (0.1, 0.05)
     reporting = found.reporting
     assert (reporting.fewest_runs, reporting.pool, reporting.adjust) == (10, "scenarios", "holm")
 
 
-def test_declared_contrasts_are_taken_and_survive_the_manifest(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("baseline", "baselines"),
+    [('"table, index"', [TABLE]), ('["table, index", "other, index"]', [TABLE, Learner("other", "index")])],
+)
+def test_declared_contrasts_are_taken_and_survive_the_manifest(
+    tmp_path: Path, baseline: str, baselines: list[Learner]
+) -> None:
     more = f"""
-    baseline = "table, index"
-    contrasts = [{CONTRAST}, ["table, index", "other, index"], ["net, one_hot @ S1", "net, one_hot @ S2"],
-                 ["default/noise=high", "default/noise=low"]]
+    baseline = {baseline}
+    contrasts = [{CONTRAST}, ["net, one_hot", "other, index"], ["table, index", "other, index"],
+                 ["net, one_hot @ S1", "net, one_hot @ S2"], ["default/noise=high", "default/noise=low"]]
     margins = {{ success = 0.2 }}
     fewest_runs = 30
     """
     experiment = declared(tmp_path, more)
     found = Declared.of(experiment)
-    assert (found.baseline, found.decisive) == (TABLE, [NET])
+    assert (found.baselines, found.decisive) == (baselines, [NET])
     assert [sorted(x.axes) for x, _ in found.contrasts] == [
-        ["learner"], ["learner"], ["learner", "scenario"], ["condition"]
+        ["learner"], ["learner"], ["learner"], ["learner", "scenario"], ["condition"]
     ]  # fmt: skip
-    assert found.contrasts[2][1] == ("S2", None, NET)
-    facts = Runs([], [], found, {}, {}, {}).facts | {
+    assert found.contrasts[3][1] == ("S2", None, NET)
+    facts = Runs([], [], found, {}, {}).facts | {
         "axes": {"scenarios": ["S1", "S2"], "conditions": [*experiment.conditions]}
     }
     assert Declared.from_manifest({"facts": facts, "experiment": "mine"}) == found
@@ -83,6 +89,17 @@ def test_declared_contrasts_are_taken_and_survive_the_manifest(tmp_path: Path) -
         (f'baseline = "other, index"\ncontrasts = [{CONTRAST}]', ["report.contrasts", "other, index"]),
         ('baseline = "table, index"', ["report.contrasts", "table, index"]),
         ('baseline = "table, index"\ncontrasts = [["table, index", "net, one_hot"]]', ["contrasts.0"]),
+        (
+            f'baseline = ["table, index", "table, index"]\ncontrasts = [{CONTRAST}]',
+            ["report.baseline", "twice"],
+        ),
+        (f'baseline = ["table, index", "tables"]\ncontrasts = [{CONTRAST}]', ["report.baseline", "tables"]),
+        (f'baseline = ["table, index", 1]\ncontrasts = [{CONTRAST}]', ["report.baseline.1"]),
+        (f"baseline = 1\ncontrasts = [{CONTRAST}]", ["report.baseline"]),
+        (
+            f'baseline = ["other, index", "table, index"]\ncontrasts = [{CONTRAST}]',
+            ["report.contrasts", "net, one_hot", "other, index"],
+        ),
         ("fewest_runs = 9", ["report.fewest_runs", "9"]),
         ("margins = { success = 0.0 }", ["report.margins.success", "0.0"]),
         ("margin = 0.1", ["margin"]),
@@ -114,14 +131,14 @@ def test_experiments_that_cannot_be_compared_are_refused(tmp_path: Path) -> None
 
 
 def test_forecast_says_before_any_run_that_equivalence_cannot_be_shown(tmp_path: Path) -> None:
-    """Equivalence within 0.1 needs 29 runs for one test, and 66 for 51 (see `analysis.test_contrasts`)."""
+    """Equivalence within 0.1 needs 29 runs for one test, and 61 for 30 (see `analysis.test_contrasts`)."""
     none = forecast(declared(tmp_path, 'pool = "none"\nadjust = "none"'))
     assert "29 runs" in none
     assert "20 runs" in none
     assert forecast(declared(tmp_path, "margins = { success = 0.5 }")) == ""
     sweep = declared(tmp_path, 'pool = "none"\ncontrasts = [["default/noise=high", "default/noise=low"]]')
     assert "8 contrasts" in forecast(sweep)  # four learners, two scenarios
-    beyond = load_experiment("beyond")
-    assert "51 contrasts" in forecast(beyond)
-    assert "66 runs" in forecast(beyond)
-    assert forecast(load_experiment("compare_deep")) == ""
+    beyond = load_experiment("beyond_smoke")  # five scenarios, three nets, two baselines
+    assert "30 contrasts" in forecast(beyond)
+    assert "61 runs" in forecast(beyond)
+    assert forecast(load_experiment("beyond")) == forecast(load_experiment("compare_deep")) == ""

@@ -2,7 +2,9 @@
 
 import math
 import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +19,7 @@ from agents.dynamic_programming import from_starts, solve
 from benchmark.analysis.contrasts import VERDICTS
 from benchmark.analysis.intervals import combined
 from benchmark.drawing.tables import plain
+from benchmark.experiments.search import Chosen
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
 from envs import compile_scenario, load_scenario
@@ -135,6 +138,53 @@ def test_effects_are_differences_of_scenarios_by_hand() -> None:
     assert x["wrong_pings_difference"] == pytest.approx(5)
     half = stats.t.ppf(0.975, 19) * np.std([0, 1] * 10, ddof=1) / np.sqrt(20) / 400 * 1000
     assert x["wrong_pings_difference_high"] == pytest.approx(5 + np.hypot(half, half))
+
+
+def test_the_best_learner_of_each_class_is_that_of_the_search(tmp_path: Path) -> None:
+    made = {  # family, policy, observation, share of runs that succeed, score in the search
+        "q": ("tabular", "greedy", "index", 0.25, 0.6),
+        "lucky": ("tabular", "greedy", "index", 1.0, 0.5),
+        "untuned": ("tabular", "greedy", "index", 1.0, None),
+        "soft": ("tabular", "stochastic", "index", 0.5, 0.3),
+        "near": ("tabular", "greedy", "offset", 0.75, 0.7),
+        "dqn": ("deep", "greedy", "one_hot", 0.5, 0.2),
+        "ppo": ("deep", "stochastic", "offset_coordinates", 1.0, 0.9),
+    }
+    cells = [
+        cell(name, np.arange(20) < share * 20, scenario, family=family, policy=policy, observation=form)
+        for name, (family, policy, form, share, _) in made.items()
+        for scenario in ("S1", "Anywhere")
+    ]
+    effort: Any = {"trial": 1, "settings": {}, "trials": 48, "runs": 9, "steps": 900, "cpu_time_s": 1.5}
+    searches = {
+        Learner(name, each[2]): Chosen(score=each[4], **effort)
+        for name, each in made.items()
+        if each[4] is not None
+    }
+    runs = replace(runs_of(cells), searches=searches)
+    frame = table("classes", runs)
+    expected = [
+        ("table", "greedy", "cells", "q, index"),
+        ("table", "greedy", "offset", "near, offset"),
+        ("table", "stochastic", "cells", "soft, index"),
+        ("net", "greedy", "cells", "dqn, one_hot"),
+        ("net", "stochastic", "offset", "ppo, offset_coordinates"),
+    ]
+    found = [tuple(row) for row in frame[["scenario", "kind", "policy", "sees", "learner"]].to_numpy()]
+    assert found == [
+        (scenario, *row) for scenario in ("S1", "Anywhere") for row in expected
+        if scenario == "Anywhere" or row[2] == "cells"  # in S1 nobody sees the issuer
+    ]  # fmt: skip
+    near = frame[frame["learner"] == "near, offset"].iloc[0]
+    ends = stats.binomtest(15, 20).proportion_ci()
+    assert (near["n"], near["success"]) == (20, 0.75)
+    assert (near["success_low"], near["success_high"]) == pytest.approx((ends.low, ends.high))
+    (told,) = item("classes").findings(folder_of(tmp_path, runs, "classes").folder)
+    assert "in Anywhere of the best learner of each class" in told.text
+    assert "greedy table that sees the offset (`near, offset`) 0.75; " in plain(told.text)
+    for gone in ({"soft", "ppo"}, {"near", "ppo"}):  # no stochastic policy, or nobody sees the offset
+        left = {learner: each for learner, each in searches.items() if learner.algorithm not in gone}
+        assert item("classes").table(replace(runs, searches=left)) is None
 
 
 def test_ahead_is_where_the_interval_lies_above_zero() -> None:

@@ -4,15 +4,16 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
 from agents.dynamic_programming import evaluate
 from agents.policy import uniform_policy
-from benchmark.analysis.contrasts import Means, contrast, holm
+from benchmark.analysis.contrasts import Means, contrast, holm, runs_to_decide
 from benchmark.drawing.tables import plain
 from benchmark.reports.comparison.runs import Runs
-from benchmark.reports.comparison.verdicts import contrasts_of, outcome
+from benchmark.reports.comparison.verdicts import contrasts_of, outcome, standings
 from benchmark.reports.document import Document
 from envs import InputError, compile_scenario, load_scenario
 from tests.benchmark.reports.made import Made, cell, compared, folder_of, item, runs_of
@@ -225,6 +226,94 @@ def test_a_stochastic_policy_that_beats_a_greedy_table_is_of_another_class(tmp_p
     assert outcome_of(compared(more, baseline="table", scenarios=["MoodyHidden"])) == "earns"
 
 
+# Two baselines, one of each class of policy
+
+SOFT = Made("tabular", 0.3, policy="stochastic")
+TWO: list[tuple[dict[str, Made], str, str]] = [
+    ({"net": WINNER}, "earns", "`net, index` succeeds more often than `table, index` and `soft, index`."),
+    ({"net": WINNER._replace(policy="stochastic")}, "earns", "than `table, index` and `soft, index`."),
+    ({"soft": WEAK, "net": WINNER._replace(policy="stochastic")}, "another class", "other classes"),
+    ({"soft": SOFT._replace(success=1.0), "net": WINNER}, "does not earn",
+     "less often than at least one of `table, index` and `soft, index`, or equally often within 0.1"),
+    ({"soft": SOFT._replace(success=1.0), "net": Made("deep", 0.6)}, "does not earn",
+     "As `soft, index` always succeeds"),
+    ({"soft": SOFT._replace(success=1.0, n=12), "net": WINNER}, "undecided",
+     "against `table, index`, 1 is better; against `soft, index`, 1 is undecided."),
+    ({"soft": SOFT._replace(n=9), "net": WINNER}, "no verdict", ""),
+    ({"soft": SOFT._replace(score=0.9), "net": WINNER._replace(score=0.5)}, "mixed",
+     "In score against `soft, index`, `net, index` is worse."),
+    ({"table": WEAK._replace(success=0.0), "soft": SOFT._replace(success=0.0), "net": Made("deep", 0.0)},
+     "neither learned", "neither `table, index` nor `soft, index` nor a deep learner compared is shown"),
+    ({"table": WEAK._replace(success=0.0), "net": Made("deep", 0.0)}, "does not earn", ""),
+    # A winner is enough, whatever another net does.
+    ({"net": WINNER, "other": LOSER}, "earns", "`net, index` succeeds more often"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("learners", "expected", "said"), TWO)
+def test_deep_rl_has_to_beat_every_baseline(
+    tmp_path: Path, learners: dict[str, Made], expected: str, said: str
+) -> None:
+    runs = compared({"table": WEAK, "soft": SOFT} | learners, baseline=["table", "soft"])
+    assert outcome_of(runs) == expected
+    document = folder_of(tmp_path, runs)
+    assert said in headline(document)
+    assert "- baselines: `table, index`, `soft, index`" in document.readme()
+
+
+def test_every_scenario_is_decided_against_both_baselines(tmp_path: Path) -> None:
+    learners = {
+        "table": Made("tabular", (0.3, 0.3, 0.3)),
+        "soft": Made("tabular", (0.3, 1.0, 0.3), policy="stochastic"),
+        "net": Made("deep", (1.0, 1.0, 0.0)),
+    }
+    runs = compared(learners, baseline=["table", "soft"], pool="none")
+    text = headline(folder_of(tmp_path, runs))
+    assert "deep RL earns its keep in 1 (S1); it does not in 2 (S2 and S3)." in text
+    assert "more often there than `table, index`, than `soft, index` and than the random policy, with" in text
+    assert "a policy of the same class as one of these tables and a score" in text
+
+
+def test_undecided_scenarios_say_how_many_runs_would_decide(tmp_path: Path) -> None:
+    """In S1 the verdict against the better table is nearer; S2 and S3 are decided."""
+    learners = {
+        "table": Made("tabular", (1.0, 1.0, 1.0)),
+        "soft": Made("tabular", (0.5, 1.0, 1.0), policy="stochastic"),
+        "net": Made("deep", (0.94, 1.0, 0.0)),
+    }
+    runs = compared(learners, baseline=["table", "soft"], pool="none")
+    told = [plain(each.text) for each in item("contrasts").findings(folder_of(tmp_path, runs).folder)]
+    (text,) = [each for each in told if "so many runs per learner" in each]
+    x = next(cell.final("success").mean() for cell in runs if cell.learner.algorithm == "net")
+    n = runs_to_decide([x], [1.0], 0.1, 6)
+    assert n is not None
+    assert text.endswith(f"as they are: {n} in S1.")
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "expected"),
+    [
+        (("better", "better"), "better"),
+        (("better", "undecided"), "undecided"),
+        (("better", "equivalent"), "equivalent"),
+        (("better", "worse"), "worse"),
+        (("equivalent", "worse"), "worse"),
+        (("equivalent", "mixed"), "equivalent"),
+        (("better", "mixed"), "mixed"),
+        (("worse", "no verdict"), "no verdict"),
+        (("better",), None),  # not compared with both
+    ],
+)
+def test_one_verdict_against_two_baselines(verdicts: tuple[str, ...], expected: str | None) -> None:
+    declared = compared({"table": WEAK, "soft": SOFT, "net": WINNER}, baseline=["table", "soft"]).declared
+    for order in (1, -1):
+        rows = pd.DataFrame(
+            {"x": "net, index", "y": y, "success_verdict": verdict}
+            for y, verdict in zip(("table, index", "soft, index"), verdicts[::order], strict=False)
+        )
+        assert standings(declared, rows).get("net, index") == expected
+
+
 def test_twenty_runs_and_51_contrasts_cannot_show_equivalence(tmp_path: Path) -> None:
     for n_nets, n, needed in ((51, 20, 66), (1, 28, 29), (1, 29, None)):
         learners = {"table": Made("tabular", 1.0, n)}
@@ -332,7 +421,7 @@ def test_missing_runs_and_learners_leave_no_verdict(tmp_path: Path) -> None:
     assert "there is no verdict" in headline(folder_of(tmp_path / "partial", partial))
     for gone, name in (({"other"}, "some"), ({"net", "other"}, "all")):
         cells = [each for each in whole if each.learner.algorithm not in gone]
-        left = Runs(cells, [], whole.declared, {}, {}, {}, missing="runs are missing")
+        left = Runs(cells, [], whole.declared, {}, {}, missing="runs are missing")
         text = headline(folder_of(tmp_path / name, left))
         assert "no verdict" in text
         assert "earns its keep over" not in text.replace("whether deep RL earns its keep over", "")
