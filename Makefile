@@ -15,6 +15,7 @@ FUZZ ?=
 # Files that mark what is installed. To use a Python that already has it, leave them empty: make reproduce PY=python BASE=
 BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
+TUNE ?= $(VENV)/.tune
 DEV ?= $(VENV)/.dev
 
 # SEEDS=10 runs seeds 0 to 9 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. By default
@@ -22,13 +23,16 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce compare-deep beyond report test check speed growth chaos fuzz clean
+.PHONY: help reproduce tune compare-deep beyond report test check speed growth chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
 
 reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduce/
 	$(RUN) $(or $(EXPERIMENT),reproduce)
+
+tune: $(TUNE) ## the same search for the settings of every learner, in results/tuning/ (an hour)
+	$(RUN) $(or $(EXPERIMENT),tuning)
 
 compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
@@ -63,6 +67,7 @@ fuzz: $(DEV) ## give the command line 100,000 random inputs (FUZZ="--inputs 2000
 clean: ## remove installed packages, caches and runs; published results stay
 	rm -rf $(VENV) build *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	rm -rf $(RESULTS)/runs.db* $(RESULTS)/index.html $(RESULTS)/*_smoke $(RESULTS)/*_partial $(RESULTS)/*_seeds_* $(RESULTS)/*_svg $(RESULTS)/*_pdf $(RESULTS)/*_tex $(RESULTS)/.*.making $(RESULTS)/*/.stamp $(RESULTS)/*/.page-stamp
+	rm -f benchmark/experiments/*_smoke.chosen.json
 	find agents benchmark envs tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.base: pyproject.toml constraints.txt

@@ -171,7 +171,10 @@ def _parser() -> argparse.ArgumentParser:
     about = "let a saved model sample its actions (default: greedy)"
     assess.add_argument("--stochastic", action="store_true", help=about)
     assess.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
-    about = "form of observation that the agent takes: index, one_hot or coordinates"
+    about = (
+        "form of observation that the agent takes: index, one_hot, coordinates, or the offset to the issuer: "
+    )
+    about += "offset, offset_one_hot, offset_coordinates"
     assess.add_argument("--observation", required=True, help=about)
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 

@@ -61,9 +61,6 @@ map_every = 100
 policy = "greedy"
 group = "tables"
 settings = { learning_rate = 0.2, final_epsilon = 0.01, epsilon_fraction = 0.5, record_every = 10 }
-[algorithms.table.tuning]
-settings = 3
-seeds = 2
 [algorithms.dqn]
 algorithm = "compiled_dqn"
 observations = ["one_hot", "coordinates"]

@@ -200,10 +200,11 @@ def third_party(layers: Iterable[str]) -> set[str]:
 
 
 def test_what_is_imported_is_declared() -> None:
-    """All that is declared is imported, too; rliable imports arch, and sb3_contrib is imported by name."""
+    """All that is declared is imported, too, but what others import or what is imported by name."""
     core = {*requirements(None), "pydantic_core"}  # pydantic's own, which its documentation says to import
     assert third_party(["envs"]) == core | {*EXTRAS["render"]}
-    used = {*EXTRAS["reproduce"], *EXTRAS["deep"], *EXTRAS["cluster"]} - {"arch", "sb3_contrib"}
+    used = {module for extra in ("reproduce", "deep", "cluster", "tune") for module in EXTRAS[extra]}
+    used -= {"arch", "sb3_contrib", "sklearn"}  # of rliable and optuna, and by name
     assert third_party(LAYERS) - {*EXTRAS["render"]} == core | used
 
 

@@ -19,6 +19,7 @@ MINIATURES: dict[str, tuple[list[str], list[str]]] = {
     "chaos": (["CHAOS=--kills 1"], ["disk full", "interrupted: 1; runs lost, repeated or different: 0"]),
     "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"]),
     "report": ([], []),
+    "tune": (["EXPERIMENT=tuning_smoke"], ["72 runs done", "the chosen settings are in"]),
     "speed": (["SPEED=--smoke"], []),
     "growth": (["GROWTH=--smoke"], []),
 }
@@ -36,6 +37,9 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
     made = {path.name for path in tmp_path.iterdir()}
     if target == "report":
         assert made == {"README.md", "index.html", "reproduce"}
+    elif target == "tune":
+        assert made >= {"runs.db", "tuning_smoke"}
+        assert "dqn, coordinates" in (tmp_path / "tuning_smoke" / "README.md").read_text()
     elif target in ("speed", "growth"):
         assert made == {f"{target}_smoke"}
         files = sorted((tmp_path / f"{target}_smoke").glob("*.csv"))

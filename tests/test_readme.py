@@ -130,8 +130,13 @@ def test_readme_is_made_of_the_published_tables() -> None:
 
 
 def test_readme_says_how_much_was_tuned() -> None:
-    tuning = {name: each.tuning for name, each in load_experiment("compare_deep").algorithms.items()}
-    numbers = {name: each.settings for name, each in tuning.items() if each and each.settings}
-    assert numbers == {"q_learning_tuned": 48, "dqn": 21, "dqn_linear": 7, "ppo": 23}
+    search = load_experiment("tuning").search
+    assert search is not None
     words = " ".join(README.split())
-    assert "48 settings for the table, 21 for DQN, 23 for PPO" in words
+    assert f"the same search for every learner, {search.trials} trials" in words
+    tuned = {name: each.tuned_by for name, each in load_experiment("compare_deep").algorithms.items()}
+    untuned = {name for name, search in tuned.items() if not search}
+    assert untuned == {
+        "q_learning",
+        *(f"{name}_default{end}" for name in ("dqn", "ppo") for end in ("", "_sb3")),
+    }

@@ -2,9 +2,12 @@
 
 import argparse
 
+from benchmark.analysis.search import searched
 from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
+from benchmark.experiments.schema import read_experiment
+from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
@@ -39,11 +42,36 @@ def main(options: argparse.Namespace) -> int:
             print(f"{experiment.name}: written to {directory}.")
             return 0
         made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
+        if experiment.search is not None:
+            _write_chosen(options.experiment, experiment, store)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     print(f"{experiment.name}: the page is {page.update(options.results, directory.name)}.")
     if made.certificate is not None:
         print(made.certificate)
     return 0
+
+
+def _write_chosen(given: str, experiment: Experiment, store: Store) -> None:
+    """Writes the settings that a search has chosen beside its file, for experiments that name it.
+
+    A file that differs in measured times alone stays as it is.
+    """
+    path = read_experiment(given)[1]
+    file, learners = chosen_file(path), {each.name: each.result() for each in searched(experiment, store)}
+    found = Choices(search=experiment.searched, learners=learners)
+    try:
+        is_same = _unmeasured(read_chosen(path, "")) == _unmeasured(found)
+    except InputError:  # there is none, or it is damaged
+        is_same = False
+    if not is_same:
+        files.write_text(file, found.model_dump_json(indent=1) + "\n")
+    print(f"{experiment.name}: the chosen settings are in {file}{', as before' * is_same}.")
+
+
+def _unmeasured(choices: Choices) -> object:
+    return choices.search, {
+        n: each.model_dump(exclude={"cpu_time_s"}) for n, each in choices.learners.items()
+    }
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:

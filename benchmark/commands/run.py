@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
+from benchmark.analysis.search import stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
-from benchmark.execution.executors import load_executor
+from benchmark.execution.executors import ExecutorFactory, load_executor
 from benchmark.execution.plan import plan
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, all_specifications, load_experiment
+from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
 from benchmark.reports import draw, load_report
 from envs import InputError
 from envs.inputs import missing_package, needed_by
@@ -36,33 +37,49 @@ def main(options: argparse.Namespace) -> int:
         raise InputError(
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."
         )
+    if experiment.search is not None and seeds is not None:
+        raise InputError(f"{name}: --seeds: a search runs with its declared seeds only; remove it.")
     executor = None if options.executor is None else load_executor(options.executor, "--executor")
     if options.tensorboard is not None:
         _check_logs(experiment, options.tensorboard)
-    runs = all_specifications(experiment, seeds)
-    check_scores(runs)
+    check_scores(all_specifications(experiment, seeds))
     if text := forecast(experiment):
         print(f"{name}: {text}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
-        if n_damaged := store.discard_damaged(run.digest for run in runs):
-            print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
-        todo = driver.pending(runs, store)
-        n_done = len(runs) - len(todo)
-        if options.tensorboard is not None and n_done:
-            print(f"{name}: {n_done} runs were done already; they are not trained again for --tensorboard.")
-        if not todo:
-            print(f"{name}: all {len(runs)} runs are done already.")
-            return report.main(options) if options.report else 0
-        with ExitStack() as stack:
-            if options.cluster is not None:
-                cluster = connect(options.cluster, {run.algorithm for run in todo})
-                stack.callback(cluster.cancel)
-                # A worker finds its next job waiting.
-                jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
-            display = stack.enter_context(Display(name, runs, store.ended(), plan(todo)))
-            logs = options.tensorboard
-            errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
-        statuses = store.statuses()
+        for runs in stages(experiment, store, seeds):
+            if code := _execute(name, runs, store, options, jobs, executor):
+                return code
+    return report.main(options) if options.report else 0
+
+
+def _execute(
+    name: str,
+    runs: Sequence[RunSpecification],
+    store: Store,
+    options: argparse.Namespace,
+    jobs: int,
+    executor: ExecutorFactory | None,
+) -> int:
+    """Executes the runs that are missing, and says how many; returns the exit code."""
+    if n_damaged := store.discard_damaged(run.digest for run in runs):
+        print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
+    todo = driver.pending(runs, store)
+    n_done = len(runs) - len(todo)
+    if options.tensorboard is not None and n_done:
+        print(f"{name}: {n_done} runs were done already; they are not trained again for --tensorboard.")
+    if not todo:
+        print(f"{name}: all {len(runs)} runs are done already.")
+        return 0
+    with ExitStack() as stack:
+        if options.cluster is not None:
+            cluster = connect(options.cluster, {run.algorithm for run in todo})
+            stack.callback(cluster.cancel)
+            # A worker finds its next job waiting.
+            jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
+        display = stack.enter_context(Display(name, runs, store.ended(), plan(todo)))
+        logs = options.tensorboard
+        errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
+    statuses = store.statuses()
     n_lost = sum(run.digest not in statuses for run in runs)
     if errors:
         again = "the same command tries them again"
@@ -75,7 +92,7 @@ def main(options: argparse.Namespace) -> int:
     n_diverged = sum(statuses[run.digest] == "diverged" for run in todo)
     which = f", {n_diverged} of them diverged" if n_diverged else ""
     print(f"{name}: {len(todo)} runs done{which}, {n_done} were done already.")
-    return report.main(options) if options.report else 0
+    return 0
 
 
 def forecast(experiment: Experiment) -> str:

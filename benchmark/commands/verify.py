@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmark.analysis.search import known_runs
 from benchmark.commands import parse_jobs
 from benchmark.commands.report import folder_name
 from benchmark.execution import driver
@@ -16,7 +17,6 @@ from benchmark.execution.store import REPAIR_ADVICE, Record, Store
 from benchmark.experiments import (
     Experiment,
     RunSpecification,
-    all_specifications,
     experiment_names,
     load_experiment,
 )
@@ -55,7 +55,7 @@ def _problems(
     if structure := store.problem():
         yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
     ended = store.ended()
-    runs = {experiment.name: all_specifications(experiment) for experiment in experiments}
+    runs = {experiment.name: known_runs(experiment, store) for experiment in experiments}
     wanted = {run.digest: run for of_experiment in runs.values() for run in of_experiment}
     every = [*store.statuses()] if options.experiment is None else sorted(wanted.keys() & ended)
     damaged = store.damaged(every)

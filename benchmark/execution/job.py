@@ -17,7 +17,8 @@ from agents.policy import mask_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.execution.store import VALUE_DECIMALS, Record, evaluated
-from envs import InputError, compile_scenario
+from envs import InputError
+from envs.observations import compile_seen
 
 
 def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
@@ -75,7 +76,7 @@ def _times(job: Job, started: float) -> dict[str, Any]:
 def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
     """Returns the arrays of all runs by name, each (N, ...)."""
     first = job[0]
-    model = compile_scenario(first.scenario)
+    model = compile_seen(first.scenario, first.observation)
     training = load_algorithm(first.algorithm).train(
         model,
         first.settings,

@@ -5,6 +5,7 @@ algorithm with settings, together with one observation. A condition changes valu
 The readings of the paper are conditions. A sweep adds axes, and each point of their product is a condition.
 """
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -14,8 +15,9 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from benchmark.experiments.search import Search, Space, trials
 from envs import InputError
 from envs.inputs import (
     Line,
@@ -43,13 +45,6 @@ _RESERVED: Final = (
 )
 
 
-class Tuning(Table):
-    """How much search the settings of a variant took; readers see it beside the scores."""
-
-    settings: Annotated[int, Field(ge=0)]  # how many settings were tried; 0 if they were taken from elsewhere
-    seeds: Annotated[int, Field(ge=0)] = 0  # runs of each, at most
-
-
 class Variant(Table):
     """An algorithm with its settings, and the observations from which it learns.
 
@@ -65,11 +60,13 @@ class Variant(Table):
     map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
     policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
     family: Literal["tabular", "deep"] | None = None  # what it counts as, if not what its algorithm is
-    tuning: Tuning | None = None
     # Variants of a group are drawn together; a variant without a group is drawn with every group.
     group: Annotated[Line, Field(max_length=60)] = ""
     settings: dict[str, Any] = Field(default_factory=dict)
     reference_for: str = ""  # the variant that this one is the reference implementation for
+    search: Space = Field(default_factory=dict)  # what a search varies
+    # "EXPERIMENT:VARIANT": learners take what that search has chosen for them, but for their own `settings`.
+    tuned_by: Line = ""
 
 
 class Condition(Table):
@@ -78,6 +75,20 @@ class Condition(Table):
     scenario: dict[str, Any] = Field(default_factory=dict)
     scenarios: tuple[str, ...] | None = None  # names of the scenarios it changes; all by default
     settings: dict[str, Any] = Field(default_factory=dict)  # of every variant
+
+    def settings_of(self, variant: str) -> Mapping[str, Any]:  # noqa: ARG002
+        """Returns the settings that it changes of a variant."""
+        return self.settings
+
+
+class Trial(Condition):
+    """A trial of a search, which gives every variant settings of its own."""
+
+    of: dict[str, dict[str, Any]]  # by variant
+
+    def settings_of(self, variant: str) -> Mapping[str, Any]:
+        """Returns the settings that the search has drawn for a variant."""
+        return self.of[variant]
 
 
 class Reading(Condition):
@@ -97,6 +108,12 @@ class Margins(Table):
     score: Annotated[float, Field(gt=0, lt=1)] = 0.05
 
 
+def _as_tuple(value: Any) -> Any:
+    """Returns a name, or a list of names, as a tuple; "" is none."""
+    names = [value] * bool(value) if isinstance(value, str) else value
+    return tuple(names) if isinstance(names, list) else names
+
+
 class Reporting(Table):
     """What is drawn of an experiment, and what a comparison decides and how, declared before its runs.
 
@@ -108,7 +125,8 @@ class Reporting(Table):
     question: Line = ""  # the heading; by default that of the kind
     items: tuple[str, ...] = ()  # further tables and figures, each as module:attribute
     omit: tuple[str, ...] = ()  # names of the kind's items that are left out
-    baseline: str = ""  # the table that deep learners have to beat; "" if the question is another
+    # The tables that deep learners have to beat: a name or a list; none if the question is another.
+    baseline: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
     pool: Literal["scenarios", "none"] = "scenarios"  # whether verdicts are on means over scenarios
     adjust: Literal["holm", "none"] = "holm"  # p-values, for the number of contrasts
     margins: Margins = Margins()
@@ -135,6 +153,7 @@ class Experiment(Table):
     # Of every variant, unless the variant sets the same key.
     settings: dict[str, Any] = Field(default_factory=dict)
     algorithms: Annotated[dict[Name, Variant], Field(min_length=1)]
+    search: Search | None = None  # for the settings of every variant that has a `search`
     readings: dict[Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
@@ -160,7 +179,27 @@ class Experiment(Table):
         for where, (evaluation_every, map_every) in schedules.items():
             accepted = f"a multiple of evaluation_every = {evaluation_every}"
             require(map_every % evaluation_every == 0, f"{where}map_every = {map_every}", accepted)
+        if self.search is None:
+            searched = [name for name, each in self.algorithms.items() if each.search]
+            require(not searched, "".join(searched[:1]) + ".search", "a table [search] beside it")
+        else:
+            require(
+                not self.sweep and len(self.readings) == 1, "search", "neither a sweep nor readings beside it"
+            )
+            for name, each in self.algorithms.items():
+                require(bool(each.search), f"algorithms.{name}", "a table search, as the experiment has one")
+                fixed = {"budget", "budget_unit", "time_limit"} & each.search.keys()
+                require(
+                    not fixed, "".join(f"algorithms.{name}.search.{key}" for key in fixed), "other settings"
+                )
+                require(each.seeds > 1, f"algorithms.{name}.seeds = 1", "at least 2 in a search")
+                seeds, later = self.seeds_of_search(name)
+                accepted = f"seeds outside {later.start} to {later.stop - 1}, which the search uses later"
+                require(
+                    not overlap(seeds, later), f"algorithms.{name}.first_seed = {each.first_seed}", accepted
+                )
         n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
+        n_conditions *= 1 if self.search is None else self.search.trials + 1
         accepted = f"at most {MOST_CONDITIONS:,} conditions"
         require(n_conditions <= MOST_CONDITIONS, "readings with sweep", accepted)
         return self
@@ -205,6 +244,21 @@ class Experiment(Table):
         n_seeds = declared.seeds if reading.seeds is None else reading.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
 
+    def seeds_of_search(self, variant: str) -> tuple[range, range]:
+        """Returns the seeds of a variant's trials, and those that the search uses later."""
+        assert self.search is not None
+        seeds = self.declared_seeds(variant, DEFAULT_CONDITION)
+        return seeds, range(self.search.first_seed, self.search.around(len(seeds)).stop)
+
+    @property
+    def searched(self) -> str:
+        """A digest of what a search depends on: all but texts."""
+        content = self.model_dump(mode="json", exclude={"description", "note", "report"})
+        for each in content["algorithms"].values():
+            for axis in each["search"].values():
+                del axis["why"]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
     @property
     def seed_ranges(self) -> set[range]:
         """The seeds of all variants under all conditions."""
@@ -221,6 +275,11 @@ class Experiment(Table):
             [(f"{axis}={name}", f"sweep.{axis}.{name}", change) for name, change in changes.items()]
             for axis, changes in self.sweep.items()
         ]
+        if self.search is not None:
+            n = self.search.trials
+            drawn = {name: trials(name, each.search, n) for name, each in self.algorithms.items()}
+            points = [Trial(of={name: each[t] for name, each in drawn.items()}) for t in range(n + 1)]
+            axes.append([(f"trial={t}", f"search (trial {t})", point) for t, point in enumerate(points)])
         return {
             "/".join([name, *(part for part, _, _ in point)]): {
                 f"readings.{name}": reading,
@@ -237,6 +296,11 @@ class _Extension(Table):
     extends: str  # a shipped experiment's name, or the path of a TOML file
     description: str
     changes: dict[str, Any]  # dotted key to value
+
+
+def overlap(a: range, b: range) -> bool:
+    """Returns whether two ranges of seeds have one in common."""
+    return max(a.start, b.start) < min(a.stop, b.stop)
 
 
 def experiment_names() -> list[str]:
@@ -311,9 +375,9 @@ def _with_references(data: dict[str, Any], source: str) -> dict[str, Any]:
         where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
         if of not in own:
             unknown_name(f"{where}: reference_for", "variant", of, own)
-        for key in ("group", "settings", "policy"):
+        for key in ("group", "settings", "policy", "tuned_by"):
             if key in variants[name]:
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
-        keys = own[of].keys() & {"observations", "group", "settings", "policy"}
+        keys = own[of].keys() & {"observations", "group", "settings", "policy", "tuned_by"}
         references[name] = {key: own[of][key] for key in keys} | variants[name]
     return data | {"algorithms": variants | references}

@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, Final
@@ -13,10 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from agents import LearnerSettings, Schedule, dynamic_programming, load_algorithm
-from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, Variant, read_experiment
+from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, overlap, read_experiment
+from benchmark.experiments.search import Chosen, read_chosen
 from envs import ACTIONS, InputError, Scenario, load_scenario, model
 from envs.inputs import in_either_case, override, parse, unknown_name
-from envs.observations import check_one_hot
+from envs.observations import ENCODINGS, check_one_hot, seen_as
 
 MOST_RUNS: Final = 500_000  # of an experiment
 MOST_EVALUATIONS: Final = 100_000  # of a run
@@ -90,7 +91,8 @@ class RunSpecification:
         """About how many bytes are recorded before compression: greedy actions, and values of all actions."""
         budget = self.settings.budget
         n_evaluations, n_maps = (-(-budget // every) + 1 for every in (self.evaluation_every, self.map_every))
-        return self.scenario.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
+        seen = seen_as(self.scenario, self.observation)
+        return seen.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
 
     @property
     def schedule(self) -> Schedule:
@@ -147,8 +149,15 @@ def load_experiment(experiment: str | Path) -> Experiment:
             if observation not in of_variant:
                 reason = f"{of} does not learn from {observation}; accepted: {', '.join(of_variant)}"
                 raise InputError(f"{where}.observations: {reason}.")
-        for condition in loaded.conditions:
-            _settings(loaded, name, condition, str(path))
+        if variant.tuned_by:
+            _check_tuning(loaded, name, path)
+        for observation in variant.observations:
+            for condition in loaded.conditions:
+                _settings(loaded, name, observation, condition, str(path))
+            first = next(iter(loaded.conditions))
+            for key, axis in variant.search.items():
+                for value in axis.marks:  # which a search tries last
+                    _settings(loaded, name, observation, first, str(path), {key: value})
     with _refused_in(str(path)):
         names = [load_scenario(scenario).name for scenario in loaded.scenarios]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -157,7 +166,9 @@ def load_experiment(experiment: str | Path) -> Experiment:
         raise InputError(
             f"{path}: scenarios: {' and '.join(pair)}: accepted: names that differ in more than case."
         )
-    for condition, changes in loaded.conditions.items():
+    # Trials change neither scenarios nor sizes.
+    conditions = [*loaded.conditions.items()][: None if loaded.search is None else 1]
+    for condition, changes in conditions:
         for table, change in changes.items():
             for name in change.scenarios or ():
                 if name not in names:
@@ -167,8 +178,9 @@ def load_experiment(experiment: str | Path) -> Experiment:
             with _refused_in(f"{path}: {' with '.join(tables)}"):
                 scenario = _scenario(loaded, condition, declared)
             for name, variant in loaded.algorithms.items():
-                with _refused_in(f"{path}: algorithms.{name}"):
-                    _check_size(_run(loaded, condition, scenario, name, variant.observations[0]), variant)
+                for observation in variant.observations:
+                    with _refused_in(f"{path}: algorithms.{name}"):
+                        _check_size(_run(loaded, condition, scenario, name, observation))
     return loaded
 
 
@@ -181,14 +193,15 @@ def _refused_in(where: str) -> Iterator[None]:
         raise InputError(f"{where}: {error}") from error
 
 
-def _check_size(run: RunSpecification, variant: Variant) -> None:
+def _check_size(run: RunSpecification) -> None:
     """Checks that observations, and what is recorded of a run, fit into memory.
 
     Raises:
       InputError: They do not.
     """
-    scenario, every = run.scenario, f"evaluation_every = {run.evaluation_every}"
-    if "one_hot" in variant.observations:
+    scenario = seen_as(run.scenario, run.observation)
+    every = f"evaluation_every = {run.evaluation_every}"
+    if ENCODINGS[run.observation] == "one_hot":
         check_one_hot(scenario.n_observations, scenario.n_features)
     n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1
     if n_evaluations > MOST_EVALUATIONS:
@@ -236,7 +249,7 @@ def _run(
             "model": model.VERSION,
         },
         observation=observation,
-        settings=_settings(experiment, variant, condition, experiment.name),
+        settings=_settings(experiment, variant, observation, condition, experiment.name),
         horizon=experiment.horizon,
         evaluation_every=evaluation_every,
         map_every=map_every,
@@ -280,8 +293,73 @@ def _scenario(experiment: Experiment, condition: str, scenario: str) -> Scenario
     return load_scenario(scenario, changed)
 
 
-def _settings(experiment: Experiment, variant: str, condition: str, source: str) -> LearnerSettings:
-    """Returns a variant's settings under a condition, checked."""
+def tuning_of(experiment: Experiment, variant: str, observation: str) -> Chosen | None:
+    """Returns the settings that a search has chosen for a learner, and their effort; None without a search.
+
+    Raises:
+      InputError: Nothing has been chosen for this learner, or not by the search as it is declared now.
+    """
+    tuned_by = experiment.algorithms[variant].tuned_by
+    if not tuned_by:
+        return None
+    source = f"{experiment.argument}: algorithms.{variant}.tuned_by = {tuned_by}"
+    name, _, searched = tuned_by.rpartition(":")
+    search, path = _read_search(name)
+    choices, learner = read_chosen(path, source), f"{searched}, {observation}"
+    if choices.search != search.searched:
+        raise InputError(f"{source}: {path} has changed since; run the search again, with --report.")
+    if learner not in choices.learners:
+        unknown_name(source, "learner of the search", learner, choices.learners)
+    return choices.learners[learner]
+
+
+@lru_cache(maxsize=8)
+def _read_search(name: str) -> tuple[Experiment, Path]:
+    return read_experiment(name)
+
+
+def _check_tuning(experiment: Experiment, variant: str, path: Path) -> None:
+    """Checks that a variant's scenarios, stream and seeds are not those that its settings were chosen on.
+
+    Raises:
+      InputError: They are, or `tuned_by` names no variant of a search with the same settings.
+    """
+    declared = experiment.algorithms[variant]
+    where = f"{path}: algorithms.{variant}.tuned_by = {declared.tuned_by}"
+    name, _, searched = declared.tuned_by.rpartition(":")
+    if not name:
+        raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
+    search, _ = _read_search(name)
+    if search.search is None:
+        raise InputError(f"{where}: {name} has no table [search]; accepted: an experiment with one.")
+    if searched not in search.algorithms:
+        unknown_name(where, f"variant of {name}", searched, search.algorithms)
+    if (experiment.stream or experiment.name) == (search.stream or search.name):
+        raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
+    seen = {load_scenario(each).essence: each for each in search.scenarios}
+    for condition in experiment.conditions:
+        for scenario in experiment.scenarios:
+            with _refused_in(where):
+                essence = _scenario(experiment, condition, scenario).essence
+            if other := seen.get(essence):
+                reason = f"{scenario} is {other}, which the search has used, or its reflection"
+                raise InputError(f"{where}: {reason}; accepted: other scenarios.")
+        own = experiment.declared_seeds(variant, condition)
+        for taken in search.seeds_of_search(searched):
+            if overlap(own, taken):
+                reason = f"the search has used the seeds {taken.start} to {taken.stop - 1}"
+                raise InputError(f"{where}: {reason}; accepted: others than {own.start} to {own.stop - 1}.")
+
+
+def _settings(
+    experiment: Experiment,
+    variant: str,
+    observation: str,
+    condition: str,
+    source: str,
+    more: Mapping[str, Any] | None = None,
+) -> LearnerSettings:
+    """Returns a learner's settings under a condition, and with more changes, checked."""
     declared = experiment.algorithms[variant]
     cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{variant}").settings
     for key in experiment.settings:
@@ -290,9 +368,18 @@ def _settings(experiment: Experiment, variant: str, condition: str, source: str)
     where = f"{source}: algorithms.{variant}.settings"
     if experiment.settings:
         where += " with [settings]"
+    tuned = tuning_of(experiment, variant, observation)
+    if tuned is not None:
+        where += f" with tuned_by = {declared.tuned_by}"
     changed: dict[str, Any] = {}
     for table, change in experiment.conditions[condition].items():
-        changed |= change.settings
-        if change.settings:
+        changed |= change.settings_of(variant)
+        if change.settings_of(variant):
             where += f" with {table}.settings"
-    return parse(cls, override(experiment.settings | declared.settings, changed, where), where)
+    given = experiment.settings | ({} if tuned is None else tuned.settings)
+    own = {
+        f"{key}.{name}" if name else key: each
+        for key, value in declared.settings.items()
+        for name, each in (value.items() if isinstance(value, dict) else [("", value)])
+    }
+    return parse(cls, override(given, own | changed | dict(more or {}), where), where)

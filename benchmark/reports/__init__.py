@@ -15,6 +15,7 @@ __all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 REPORTS: Final = {
     "comparison": "benchmark.reports.comparison:REPORT",
     "replication": "benchmark.reports.replication:REPORT",
+    "search": "benchmark.reports.search:REPORT",
 }
 
 _T = TypeVar("_T")

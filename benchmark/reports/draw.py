@@ -17,6 +17,7 @@ from matplotlib import pyplot as plt
 
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
+from benchmark.analysis.search import known_runs
 from benchmark.drawing import tables
 from benchmark.drawing.style import save_figure
 from benchmark.execution.provenance import digest_of_source
@@ -25,7 +26,6 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
-    all_specifications,
     specifications,
 )
 from benchmark.reports import document, files, load_items, load_report, sameness
@@ -71,7 +71,7 @@ def draw(
     report, items = report_of(experiment)
     is_as_declared = seeds is None and not partial  # and so comparable with the published results
     measured = measured_files(items)
-    every, ended = all_specifications(experiment, seeds), store.ended()
+    every, ended = known_runs(experiment, store, seeds), store.ended()
     runs = [run for run in every if run.digest in ended]
     # Read once: there may be 100,000.
     provenance = [record.provenance for record in store.get([run.digest for run in runs], arrays=False)]
@@ -250,8 +250,12 @@ def _manifest(
                 "packages": load_algorithm(run.algorithm).packages,
                 "reference_for": experiment.algorithms[run.variant].reference_for,
                 "policy": experiment.algorithms[run.variant].policy,
-                "tuning": experiment.algorithms[run.variant].model_dump()["tuning"],
-                "settings": run.settings.model_dump(mode="json"),
+                "tuned_by": experiment.algorithms[run.variant].tuned_by,
+                "settings": {
+                    each.observation: each.settings.model_dump(mode="json")
+                    for each in default
+                    if each.variant == run.variant
+                },
             }
             for run in default
         },

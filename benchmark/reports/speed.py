@@ -216,7 +216,7 @@ def _repeat(times: int, call: Callable[[], object], units: float = 1) -> float:
     return times * units
 
 
-# Rows of deep learning, with the settings of `compare_deep`, on S1
+# Rows of deep learning, with the settings of `nets.toml` of growth, on S1
 
 
 def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
@@ -309,7 +309,7 @@ def _net_rows(smoke: bool) -> list[Row]:
         variant, observation = (name, "one_hot") if name == "dqn_linear" else name.split("_", 1)
         ours, other = (partial(train, each, observation, count()) for each in (variant, f"{variant}_sb3"))
         products = _products(deep_runs(variant, observation, budget, [0])[0].settings, observation)
-        against = "Stable-Baselines3, trained as in compare_deep, by CPU time"
+        against = "Stable-Baselines3, by CPU time"
         rows.append(Row(f"net_{name}", "steps", (ours, other), against, products))
     return rows
 

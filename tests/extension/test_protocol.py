@@ -43,6 +43,28 @@ high = { scenario = { ping_limit = 1 } }
 """
 
 
+TWO_BASELINES = """
+description = "Does anything beat both tables?"
+scenarios = ["S1"]
+horizon = 200
+evaluation_every = 1000
+map_every = 5000
+settings = { budget = 5000, time_limit = 200, record_every = 5000 }
+
+[report]
+kind = "comparison"
+omit = ["agents", "learning", "wrong_pings", "curves", "region"]
+margins = { success = 0.3 }
+baseline = ["calm, index", "lost, index"]
+contrasts = [["net, index", "calm, index"], ["net, index", "lost, index"]]
+
+[algorithms]
+calm = { algorithm = "q_learning", observations = ["index"], seeds = 30 }
+lost = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { learning_rate = 1e-9 } }
+net = { algorithm = "q_learning", observations = ["index"], seeds = 30, family = "deep" }
+"""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The experiment's folder of results."""
@@ -86,3 +108,16 @@ def test_sentences_name_what_each_contrast_is_of(folder: Path) -> None:
         assert any(all(word in sentence for word in (*names, *verdict)) for sentence in sentences), names
     assert "nan" not in readme
     assert "keep" not in heading + "".join(sentences)  # there is no deep learner
+
+
+def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> None:
+    """What counts as deep here learns as one table does, and the other table learns nothing."""
+    experiment = experiment_of(tmp_path / "two.toml", TWO_BASELINES)
+    with Store(tmp_path / "runs.db") as store:
+        trained(experiment, store)
+        draw.draw(experiment, store, tmp_path / "two")
+    contrasts = pd.read_csv(tmp_path / "two/contrasts.csv")
+    assert contrasts["success_verdict"].tolist() == ["equivalent", "better"]
+    readme = (tmp_path / "two/README.md").read_text(encoding="utf-8")
+    assert "deep RL does not earn its keep over a table" in readme
+    assert "than at least one of `calm, index` and `lost, index`" in readme

@@ -45,15 +45,15 @@ uncomfortable = -0.75
 other = -0.25
 """
 EXPERIMENT = """
-description = "Tables in a corridor, in the paper's room, behind walls and with moods."
-scenarios = ["corridor.toml", "S1", "Walls", "Moody"]
+description = "Tables in a corridor, in the paper's room, behind walls, with moods, and anywhere."
+scenarios = ["corridor.toml", "S1", "Walls", "Moody", "Anywhere"]
 horizon = 50
 evaluation_every = 500
 map_every = 500
 settings = { learning_rate = 0.5, discount = 0.9, epsilon = 0.3, budget = 2000, record_every = 1000 }
 report = { kind = "comparison", omit = ["learning", "wrong_pings"], pool = "none" }
 algorithms.one = { algorithm = "q_learning", observations = ["index"], seeds = 3 }
-algorithms.two = { algorithm = "sarsa", observations = ["index"], seeds = 3 }
+algorithms.two = { algorithm = "sarsa", observations = ["index", "offset"], seeds = 3 }
 """
 OPTIMUM = 3 * -0.25 + 2.0  # three moves RIGHT to the nearest cell at distance 2 from the issuer, then PING
 
@@ -73,6 +73,15 @@ def test_a_scenario_is_given_by_its_path(corridor: Path) -> None:
     assert terminated
     assert sum(rewards) + float(reward) == OPTIMUM
     assert env.observation_space == gymnasium.spaces.Discrete(3 * 6)
+
+
+def test_its_agent_may_see_the_offset_alone(corridor: Path) -> None:
+    corridor.write_text(f'observe = ["offset"]\n{CORRIDOR}', encoding="utf-8")
+    env = gymnasium.make("Proxemic/S1-v0", scenario=corridor)
+    # Offsets from -2 to 2 rows and -5 to 5 columns: no row and five columns, then four.
+    assert env.observation_space == gymnasium.spaces.Discrete(5 * 11)
+    assert env.reset()[0] == 2 * 11 + 5 + 5
+    assert env.step(RIGHT)[0] == 2 * 11 + 5 + 4
 
 
 def test_a_scenario_in_the_folder_is_registered(corridor: Path, tmp_path: Path) -> None:
@@ -100,12 +109,14 @@ def test_it_is_compared_like_any_other(corridor: Path, tmp_path: Path) -> None:
         trained(experiment, store)
         draw.draw(experiment, store, tmp_path / "mine")
     scenarios = pd.read_csv(tmp_path / "mine" / "scenarios.csv").set_index("scenario")
-    assert scenarios.index.tolist() == ["corridor", "S1", "Walls", "Moody"]
+    assert scenarios.index.tolist() == ["corridor", "S1", "Walls", "Moody", "Anywhere"]
     assert scenarios["optimal_return"]["corridor"] == pytest.approx(OPTIMUM)
     assert scenarios["observations"]["corridor"] == 18
-    summary = pd.read_csv(tmp_path / "mine" / "summary.csv").set_index(["scenario", "algorithm"])
-    assert 0.9 < summary["unbounded_score"]["corridor", "one"] <= 1  # it has nearly the optimum
+    keys = ["scenario", "algorithm", "observation"]
+    summary = pd.read_csv(tmp_path / "mine" / "summary.csv").set_index(keys)
+    assert 0.9 < summary["unbounded_score"]["corridor", "one", "index"] <= 1  # it has nearly the optimum
     assert (tmp_path / "mine" / "scenarios.png").exists()
     explorer = json.loads(gzip.decompress((tmp_path / "mine" / FILE).read_bytes()))
-    shown = {agent["scenario"] for agent in explorer["agents"]}
-    assert shown == {"corridor", "S1"}  # one map does not show the others
+    shown = {(agent["scenario"], agent["observation"]) for agent in explorer["agents"]}
+    cells = {(name, form) for name in ("corridor", "S1") for form in ("index", "offset")}
+    assert shown == cells | {("Anywhere", "offset")}  # one map does not show the others

@@ -114,13 +114,13 @@ def tables(experiment: str, size: int, results: str) -> Values:
 
 
 def nets(size: int, budget: int, results: str) -> Values:
-    """Does the same with so many nets of `compare_deep`: DQN from one-hot observations in S1."""
+    """Does the same with so many nets: DQN from one-hot observations in S1."""
     return _train(Threads(1), 1, partial(deep_runs, "dqn", "one_hot", budget), size, results)
 
 
 def deep_runs(variant: str, observation: str, budget: int, seeds: Sequence[int]) -> list[RunSpecification]:
-    """Lists runs of `compare_deep` in S1, with another budget."""
-    declared = _load("compare_deep")
+    """Lists runs of the nets that are measured, with a budget."""
+    declared = _load(Path(__file__).with_name("nets.toml"))
     changed = declared.model_copy(update={"settings": declared.settings | {"budget": budget}})
     return specifications(changed, DEFAULT_CONDITION, "S1", variant, observation, seeds)
 

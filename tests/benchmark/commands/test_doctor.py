@@ -194,8 +194,8 @@ def test_costs_of_missing_runs_are_estimated(
 
 def test_what_runs_cannot_show_is_a_note(examine: Examine, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, 0.1)
-    (note,) = about("verdicts", examine("beyond")[1])
-    assert re.match(r"note With 20 runs and 51 contrasts, ", note)
+    (note,) = about("verdicts", examine("beyond_smoke")[1])
+    assert re.match(r"note With 2 runs and 30 contrasts, ", note)
     assert about("verdicts", examine("reproduce_smoke")[1]) == []
 
 

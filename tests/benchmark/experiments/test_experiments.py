@@ -90,10 +90,10 @@ def test_comparison_declares_what_it_should() -> None:
     seeds = {name: full.declared_seeds(name, "default") for name in full.algorithms}
     # Contrasts are decided on seeds that no tuning had seen.
     learners = {name for name, variant in full.algorithms.items() if not variant.reference_for}
-    assert {seeds[name] for name in learners} == {range(100, 200)}
-    assert {seeds[name] for name in full.algorithms if name.endswith("_sb3")} == {range(10)}
+    assert {seeds[name] for name in learners} == {range(200, 300)}
+    assert {seeds[name] for name in full.algorithms if name.endswith("_sb3")} == {range(200, 210)}
     stochastic = {name for name, variant in full.algorithms.items() if variant.policy == "stochastic"}
-    assert stochastic == {"ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3"}
+    assert stochastic == {"softmax_table", "ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3"}
     settings = [run.settings.model_dump() for run in all_specifications(full)]
     assert {(values["budget"], values["time_limit"]) for values in settings} == {(10_000, 200)}
     reproduce = load_experiment("reproduce").algorithms["q_learning"].settings
@@ -114,7 +114,7 @@ def test_comparisons_have_miniatures_with_the_same_learners() -> None:
                 assert getattr(variant, key) == getattr(other, key)
             n_observations = 1 if variant.reference_for else None  # of a check, the first does
             assert variant.observations == other.observations[:n_observations]
-        assert len(all_specifications(small)) < 80
+        assert len(all_specifications(small)) < 90
 
 
 # Identity and random streams
@@ -127,6 +127,9 @@ MANIFESTS = {name: ROOT / "results" / name / "manifest.json" for name in experim
 def test_published_runs_are_the_declared_ones(name: str) -> None:
     published = json.loads(MANIFESTS[name].read_text(encoding="utf-8"))
     runs = all_specifications(load_experiment(name))
+    if name == "tuning":  # of which these are the first stage
+        assert published["runs"] > len(runs)
+        return
     digest = hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()
     assert (published["runs"], published["digest"]) == (len(runs), digest)
 
@@ -168,21 +171,13 @@ def test_a_reference_takes_settings_observations_and_group_from_its_variant() ->
         assert check.algorithm in (checked.algorithm.removeprefix("compiled_"), "q_learning_plain")
 
 
-def test_equivalence_shares_its_runs_with_the_comparison() -> None:
-    compared = {run.digest for run in all_specifications(load_experiment("compare_deep"))}
-    runs = all_specifications(load_experiment("equivalence"))
-    shared = [run for run in runs if run.digest in compared]
-    assert len(runs) == 2 * 2 * 2 * (200 + 100)  # scenarios, algorithms, observations, seeds
-    assert len(shared) == 2 * 2 * 2 * (100 + 10)
-
-
 def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
     runs = all_specifications(COMPARED)
     first = runs[: len(COMPARED.populations)]
     assert {(run.scenario.name, run.variant, run.observation) for run in first} == set(COMPARED.populations)
-    assert {run.seed for run in first} == {0}
+    assert {run.seed for run in first} == {200}
     assert len({run.folder for run in runs}) == len(runs)
-    assert first[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_0"
+    assert first[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_200"
 
 
 # Mistakes
@@ -217,7 +212,7 @@ OF_A_COMPARISON = [
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
-    ("net_arch = []", "net_arc = []", "unknown key net_arc (did you mean net_arch?)"),
+    ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
     (f'{LINEAR}\nalgorithm = "dqn"', f'{LINEAR}\nalgorithm = "ppo"', "algorithms.dqn_linear_sb3.settings"),
     ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),

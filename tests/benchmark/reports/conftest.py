@@ -29,7 +29,7 @@ effects = [["S3", "S1", "feedback"]]
 
 [algorithms]
 table = { algorithm = "q_learning", observations = ["index"], seeds = 12, settings = { epsilon = 0.3 } }
-sarsa = { algorithm = "sarsa", observations = ["index"], seeds = 12, tuning = { settings = 3 } }
+sarsa = { algorithm = "sarsa", observations = ["index"], seeds = 12 }
 check = { reference_for = "table", algorithm = "q_learning_plain", seeds = 2 }
 
 [algorithms.ppo]

@@ -13,7 +13,9 @@ from matplotlib import pyplot as plt
 
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import Experiment, all_specifications, specifications
+from benchmark.experiments.search import Chosen
 from benchmark.reports import document, draw, load_report
+from benchmark.reports.comparison import results
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import load
 from benchmark.reports.document import Document
@@ -113,6 +115,22 @@ def test_figures_do_without_tables_that_are_left_out(drawn: Drawn, name: str) ->
     figures = [item.draw(frames, data) for item in items if item.draw]
     assert len([*filter(None, figures)]) >= 3
     plt.close("all")
+
+
+def test_what_searches_took_comes_with_the_runs(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = Chosen(trial=3, settings={}, score=0.7, trials=8, runs=80, steps=32_000, cpu_time_s=1.0)
+    monkeypatch.setattr(
+        "benchmark.reports.comparison.runs.tuning_of",
+        lambda _, variant, __: chosen if variant == "sarsa" else None,
+    )
+    with Store(drawn.results / "runs.db", read_only=True) as store:
+        runs = load(drawn.experiment, store, None, False)
+    assert runs.searches == {Learner("sarsa", "index"): chosen}
+    rows = results.aggregate.table(runs)
+    assert rows is not None
+    assert dict(zip(rows["algorithm"], rows["search_steps"], strict=True)) == {
+        name: 32_000 if name == "sarsa" else 0 for name in rows["algorithm"]
+    }
 
 
 def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) -> None:

@@ -1,0 +1,160 @@
+"""The search for settings that an experiment declares, and the settings that it has chosen.
+
+Trial 0 has a learner's settings as they are. The others are points of a scrambled Sobol sequence (Sobol 1967,
+Owen 1998), one sequence per variant. So trial t is the same however many there are, and whoever executes it.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
+
+from envs import InputError
+from envs.inputs import Line, Table, require
+
+_DIGITS: Final = 3  # significant ones, of numbers that are drawn
+
+
+class Span(Table):
+    """A setting that is drawn between two numbers, evenly on its scale."""
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+    whole: bool = False  # whether it is a whole number
+    why: Annotated[Line, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        require(self.low < self.high, f"low = {self.low}", f"less than high = {self.high}")
+        require(self.low > 0 or self.scale == "linear", f"low = {self.low}", 'above 0, or scale = "linear"')
+        is_whole = self.low.is_integer() and self.high.is_integer()
+        require(is_whole or not self.whole, f"low = {self.low}, high = {self.high}", "whole numbers, both")
+        return self
+
+    def at(self, share: float) -> float:
+        """Returns the value that a share, from 0 to 1, of the range lies below.
+
+        >>> Span(low=0.01, high=1, scale="log", why="-").at(0.5)
+        0.1
+        """
+        low, high = np.log([self.low, self.high]) if self.scale == "log" else (self.low, self.high)
+        value = low + share * (high - low)
+        value = float(f"{np.exp(value) if self.scale == 'log' else value:.{_DIGITS}g}")
+        value = min(max(value, self.low), self.high)  # whatever rounding does
+        return round(value) if self.whole else value
+
+    @property
+    def marks(self) -> list[Any]:
+        """Values all over the range."""
+        return [self.at(share) for share in (0.0, 0.5, 1.0)]
+
+
+class Choice(Table):
+    """A setting that is drawn from a few values."""
+
+    values: Annotated[tuple[Any, ...], Field(min_length=2)]
+    why: Annotated[Line, Field(min_length=1)]
+
+    def at(self, share: float) -> Any:
+        """Returns the value at a share, from 0 to less than 1, of the list."""
+        return self.values[int(share * len(self.values))]
+
+    @property
+    def marks(self) -> list[Any]:
+        """All values."""
+        return list(self.values)
+
+
+def _kind(value: Any) -> str:
+    is_choice = isinstance(value, Choice) or (isinstance(value, Mapping) and "values" in value)
+    return "choice" if is_choice else "range"
+
+
+Axis = Annotated[Annotated[Span, Tag("range")] | Annotated[Choice, Tag("choice")], Discriminator(_kind)]
+Space = dict[str, Axis]  # dotted key of a setting to its range
+
+
+class Search(Table):
+    """How much a search tries. The runs of a trial are those that its variant declares, in every scenario."""
+
+    trials: Annotated[int, Field(ge=1, le=5000)]  # of each learner, and trial 0
+    finalists: Annotated[int, Field(ge=1, le=100)] = 4  # trials that are run again, with fresh seeds
+    first_seed: Annotated[int, Field(ge=0, le=900_000)]  # of fresh seeds
+    seeds: Annotated[int, Field(ge=2, le=10_000)] = 40  # fresh runs of each finalist per scenario
+
+    @property
+    def fresh(self) -> range:
+        """The seeds of finalists."""
+        return range(self.first_seed, self.first_seed + self.seeds)
+
+    def around(self, n: int) -> range:
+        """Returns the seeds of n runs of what is around the chosen settings."""
+        return range(self.fresh.stop, self.fresh.stop + n)
+
+
+def trials(name: str, space: Space, n: int) -> list[dict[str, Any]]:
+    """Returns the settings of trials 0 to n, each as changes of the variant's own; trial 0 changes nothing.
+
+    >>> space = {"epsilon": Span(low=0, high=1, why="-")}
+    >>> trials("q", space, 8)[:3] == trials("q", space, 2)
+    True
+    """
+    from scipy.stats import qmc  # takes half a second to import
+
+    seed = np.random.SeedSequence(int.from_bytes(hashlib.sha256(name.encode()).digest()))
+    shares = qmc.Sobol(len(space), seed=np.random.default_rng(seed)).random_base2(int(n).bit_length())
+    drawn = [
+        {key: axis.at(share) for (key, axis), share in zip(space.items(), row, strict=True)}
+        for row in shares[:n].tolist()
+    ]
+    return [{}, *drawn]
+
+
+class Chosen(Table):
+    """The settings that a search has chosen for a learner, and what it took to find them."""
+
+    trial: int
+    settings: dict[str, Any]
+    score: float  # mean area under the curve of success on fresh runs
+    trials: int  # that were tried, without trial 0
+    runs: int
+    steps: int  # environment steps of all these runs
+    cpu_time_s: float  # of their training
+
+
+class Choices(Table):
+    """What a search has chosen, as a file has it."""
+
+    search: str  # digest of what was declared, see `Experiment.searched`
+    learners: dict[str, Chosen]  # by name
+
+
+def chosen_file(path: Path) -> Path:
+    """Returns where the chosen settings of the search in an experiment's file are."""
+    return path.with_name(f"{path.stem}.chosen.json")
+
+
+def read_chosen(path: Path, source: str) -> Choices:
+    """Reads what the search in an experiment's file has chosen.
+
+    Raises:
+      InputError: Nothing yet, or the file is damaged; the message begins with the source.
+    """
+    file = chosen_file(path)
+    again = f"run the search {path.stem} with --report"
+    try:
+        return _read_chosen(file, file.stat().st_mtime_ns)
+    except OSError as error:
+        raise InputError(f"{source}: {file} cannot be read ({error.strerror}): {again} first.") from error
+    except ValidationError as error:
+        raise InputError(f"{source}: {file} is damaged; {again} again, which replaces it.") from error
+
+
+@lru_cache(maxsize=8)
+def _read_chosen(file: Path, _: int) -> Choices:
+    return Choices.model_validate_json(file.read_bytes())

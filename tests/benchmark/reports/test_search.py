@@ -1,0 +1,128 @@
+"""The report of a search: what the best of b trials is expected to reach, and what is published."""
+
+import re
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark.__main__ import main
+from benchmark.experiments import load_experiment
+from benchmark.experiments.search import read_chosen, trials
+from benchmark.experiments.specification import tuning_of
+from benchmark.reports.search.results import _shares, _values
+from benchmark.reports.search.runs import expected_best, gain, mean
+from tests.support import ROOT, mistyped_columns
+
+PUBLISHED = ROOT / "results" / "tuning"
+TUNING = load_experiment("tuning")
+
+
+@pytest.mark.parametrize("b", [1, 2, 3])
+def test_expected_best_of_all_draws(b: int) -> None:
+    """Averages over all draws of b trials, chosen by one half of the runs and scored by the other."""
+    areas = np.random.default_rng(1).random((4, 2, 6))
+    weights = np.array([1, 2, 0, 1])
+    pool = np.repeat(range(4), weights)
+    found = []
+    for chosen_by, scored_by in ((slice(3), slice(3, None)), (slice(3, None), slice(3))):
+        by, score = (areas[:, :, part].mean(axis=(1, 2)) for part in (chosen_by, scored_by))
+        found.append(np.mean([score[max(draw, key=lambda t: by[t])] for draw in product(pool, repeat=b)]))
+    assert expected_best(areas, weights, 3)[b - 1] == pytest.approx(np.mean(found))
+
+
+def test_luck_does_not_count() -> None:
+    """Of many trials of equal worth, the best by luck is worth no more than any other."""
+    areas = np.random.default_rng(2).random((500, 4, 6))
+    assert expected_best(areas, np.ones(500), 500)[-1] == pytest.approx(0.5, abs=0.1)
+    assert areas.mean(axis=(1, 2)).max() > 0.65
+
+
+def test_means_are_over_scenarios() -> None:
+    x, y = [np.ones(10), np.zeros(20)], [np.zeros(10), np.zeros(20)]
+    assert mean(x).value == gain(x, y).value == 0.5
+    assert mean(x).low < 0.5 < mean(x).high
+    assert gain(x, y).low > 0
+
+
+def test_the_setting_that_matters_is_found() -> None:
+    space = TUNING.algorithms["q_learning"].search
+    drawn = trials("q", space, 48)[1:]
+    shares = _shares(space, [_values(each, space) for each in drawn], [each["epsilon"] for each in drawn])
+    assert max(shares, key=lambda key: shares[key]) == "epsilon"
+    assert shares["epsilon"] > 0.9
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a miniature publishes."""
+    results = tmp_path_factory.mktemp("results")
+    assert main(["run", "tuning_smoke", "--results", str(results), "--report"]) == 0
+    return results / "tuning_smoke"
+
+
+def test_everything_of_a_search_is_published(folder: Path) -> None:
+    tables = {path.stem: pd.read_csv(path) for path in folder.glob("*.csv")}
+    assert {name: len(table) for name, table in tables.items()} == {
+        "chosen": 3, "best_of": 9, "cost": 3, "trials": 12, "importance": 7, "around": 18, "spaces": 5,
+    }  # fmt: skip
+    figures = {path.stem for path in folder.glob("*.png")}
+    assert figures == {"best_of", "cost", "trials", "importance", "around", "scenes"}
+    assert {
+        path.name: mistyped_columns(path) for path in folder.glob("*.csv") if mistyped_columns(path)
+    } == {}
+    chosen = tables["chosen"].iloc[0]
+    rows = tables["trials"]
+    row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
+    assert row["fresh_area"] == pytest.approx(chosen["chosen"], abs=1e-5)
+    assert row["settings"] == chosen["settings"]
+
+
+def test_published_trials_are_the_declared_ones() -> None:
+    published = pd.read_csv(PUBLISHED / "trials.csv")
+    for name, declared in TUNING.algorithms.items():
+        for observation in declared.observations:
+            rows = published[(published["algorithm"] == name) & (published["observation"] == observation)]
+            assert len(rows) == 49
+            for t, changes in enumerate(trials(name, declared.search, 48)[1:], start=1):
+                for value in changes.values():
+                    assert str(value).lower() in rows["settings"].iloc[t].lower()
+
+
+def test_experiments_take_what_is_published() -> None:
+    """The file that experiments read says what the published table says."""
+    published = pd.read_csv(PUBLISHED / "chosen.csv")
+    path = ROOT / "benchmark" / "experiments" / "tuning.toml"
+    chosen = read_chosen(path, "here").learners
+    names = published["algorithm"] + ", " + published["observation"]
+    assert [*chosen] == [*names]
+    for name, (_, row) in zip(names, published.iterrows(), strict=True):
+        assert chosen[name].trial == row["trial"]
+        assert chosen[name].score == pytest.approx(row["chosen"], abs=1e-5)
+
+
+def test_baselines_are_the_best_tables_of_the_search() -> None:
+    for name in ("compare_deep", "beyond"):
+        experiment = load_experiment(name)
+        assert experiment.report is not None
+        best: dict[str, tuple[float, str]] = {}
+        for variant, declared in experiment.algorithms.items():
+            for observation in declared.observations:
+                found = tuning_of(experiment, variant, observation)
+                is_table = declared.family == "tabular" or not declared.algorithm.startswith("compiled")
+                if found is not None and is_table and not declared.reference_for:
+                    each = found.score, f"{variant}, {observation}"
+                    best[declared.policy] = max(best.get(declared.policy, (0.0, "")), each)
+        assert {*experiment.report.baseline} == {learner for _, learner in best.values()}
+
+
+def test_a_search_has_its_own_seeds_and_no_part(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command, *option in (
+        ["report", "--seeds", "0-3"],
+        ["report", "--partial"],
+        ["run", "--seeds", "0-3"],
+    ):
+        assert main([command, "tuning_smoke", "--results", str(folder.parent), *option]) == 2
+        assert re.search("remove (it|--seeds and --partial)", capsys.readouterr().err)

@@ -1,0 +1,41 @@
+"""A learner from outside joins a search by a few lines of TOML."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from benchmark.__main__ import main
+
+MINE = """
+extends = "tuning_smoke"
+description = "SARSA joins."
+
+[changes]
+"search.trials" = 2
+
+[changes."algorithms.mine"]
+algorithm = "sarsa"
+observations = ["index"]
+seeds = 2
+search = { epsilon = { low = 0.01, high = 0.6, scale = "log", why = "As for the others." } }
+"""
+
+
+def test_a_learner_joins_the_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(MINE)
+    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 0
+    assert "the chosen settings are in" in capsys.readouterr().out
+    chosen = pd.read_csv(tmp_path / "results" / "mine" / "chosen.csv")
+    learners = ["q_learning, index", "q_learning, offset", "dqn, coordinates", "mine, index"]
+    assert [*(chosen["algorithm"] + ", " + chosen["observation"])] == learners
+    # Another experiment takes what was chosen for it.
+    tuned = tmp_path / "tuned.toml"
+    tuned.write_text(
+        'description = ""\nscenarios = ["S1"]\nhorizon = 50\nevaluation_every = 100\nmap_every = 100\n'
+        f'[algorithms.mine]\nalgorithm = "sarsa"\nobservations = ["index"]\nseeds = 2\nfirst_seed = 50\n'
+        f'tuned_by = "{path}:mine"\nsettings = {{ budget = 100 }}\n'
+    )
+    assert main(["run", str(tuned), "--results", str(tmp_path / "results")]) == 0
+    assert "2 runs done" in capsys.readouterr().out
