@@ -109,16 +109,9 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     for place, rows in table.groupby(places, sort=False):
         if outcome(declared, rows) == "undecided":
             parts.setdefault(runs_needed(declared, rows, n_tests), []).append(str(place))
-    told = [
-        f"{link(f'{n:,}', 'contrasts', table[places.isin(names)])} in {listed(names)}"
-        for n, names in sorted(parts.items())
-    ]
-    if not told:
-        return None
-    return (
-        "Exploratory: where it is undecided, so many runs per learner would decide if all means stayed as "
-        f"they are: {'; '.join(told)}."
-    )
+    told = "; ".join(f"{n:,} in {listed(names)}" for n, names in sorted(parts.items()))
+    start = "Exploratory: where it is undecided, so many runs per learner would decide"
+    return f"{start} if all means stayed as they are: {told}." if told else None
 
 
 def headline(folder: Folder) -> Finding | None:
