@@ -34,7 +34,7 @@ reproduce: $(BASE) ## the paper's figure, claims and tables, in results/reproduc
 tune: $(TUNE) ## the same search for the settings of every learner, in results/tuning/ (an hour)
 	$(RUN) $(or $(EXPERIMENT),tuning)
 
-compare-deep: $(DEEP) ## the table against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
+compare-deep: $(DEEP) ## tables against DQN and PPO, in results/compare_deep/ (SEEDS=10: 10 seeds each, in compare_deep_seeds_0-9)
 	$(RUN) $(or $(EXPERIMENT),compare_deep)
 
 beyond: $(DEEP) ## scenarios beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/

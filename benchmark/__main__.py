@@ -172,9 +172,9 @@ def _parser() -> argparse.ArgumentParser:
     assess.add_argument("--stochastic", action="store_true", help=about)
     assess.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
     about = (
-        "form of observation that the agent takes: index, one_hot, coordinates, or the offset to the issuer: "
+        "form of observation that the agent takes: index, one_hot or coordinates, or with the issuer's cell "
+        "relative to the agent's: offset, offset_one_hot or offset_coordinates"
     )
-    about += "offset, offset_one_hot, offset_coordinates"
     assess.add_argument("--observation", required=True, help=about)
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 

@@ -441,7 +441,7 @@ class Scenario(Table):
     def _is_sound(self) -> Self:
         ordered = tuple(name for name in COMPONENTS if name in self.observe)
         observe = f"observe = {list(self.observe)}"
-        accepted = f"agent or offset, and other components once each, in the order {list(COMPONENTS)}"
+        accepted = f"either agent or offset, and others at most once each, in the order {list(COMPONENTS)}"
         has_one = ("agent" in ordered) != ("offset" in ordered)
         require(has_one and self.observe == ordered, observe, accepted)
         regions = [self.regions, *(person.regions for person in self.others)]

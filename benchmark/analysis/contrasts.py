@@ -23,7 +23,6 @@ MIXED: Final = "mixed"  # on a mean over scenarios: some contradict the others
 UNDECIDED: Final = "undecided"
 NO_VERDICT: Final = "no verdict"  # too few runs, or runs are missing
 VERDICTS: Final = (BETTER, WORSE, EQUIVALENT, MIXED, UNDECIDED, NO_VERDICT)
-MOST_RUNS: Final = 1_000_000  # whose number is looked for
 POWER: Final = 0.8  # probability with which a number of runs or agents that is called needed decides
 
 
@@ -100,14 +99,13 @@ def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) 
     >>> runs_for_any_equivalence(0.1, 1, 1), runs_for_any_equivalence(0.1, 1, 51)
     (29, 66)
     """
-    return runs_to_decide([1.0] * n_scenarios, [1.0] * n_scenarios, margin, n_contrasts) or MOST_RUNS
+    return runs_to_decide([1.0] * n_scenarios, [1.0] * n_scenarios, margin, n_contrasts)
 
 
-def runs_to_decide(x: Sequence[float], y: Sequence[float], margin: float, n_contrasts: int) -> int | None:
+def runs_to_decide(x: Sequence[float], y: Sequence[float], margin: float, n_contrasts: int) -> int:
     """Returns how few runs of each learner decide a contrast, given the means that they will have.
 
-    P-values are multiplied by the number of contrasts, which Holm's method never exceeds. None if not even
-    `MOST_RUNS` decide.
+    P-values are multiplied by the number of contrasts, which Holm's method never exceeds.
 
     >>> runs_to_decide([0.9], [0.6], 0.1, 1), runs_to_decide([0.9], [0.9], 0.1, 1)
     (21, 65)
@@ -117,9 +115,10 @@ def runs_to_decide(x: Sequence[float], y: Sequence[float], margin: float, n_cont
         found = contrast(Means(x, [n] * len(x)), Means(y, [n] * len(y)), margin)
         return min(found.p_different, found.p_equivalent) * n_contrasts <= 1 - LEVEL
 
-    if not is_enough(MOST_RUNS):
-        return None
-    return 1 + bisect_left(range(1, MOST_RUNS), True, key=is_enough)
+    most = 2
+    while not is_enough(most):  # ends, as every difference is measurable or smaller than the margin
+        most *= 2
+    return 1 + bisect_left(range(1, most), True, key=is_enough)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

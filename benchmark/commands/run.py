@@ -46,8 +46,9 @@ def main(options: argparse.Namespace) -> int:
     if text := forecast(experiment):
         print(f"{name}: {text}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
-        for runs in stages(experiment, store, seeds):
-            if code := _execute(name, runs, store, options, jobs, executor):
+        for stage, runs in enumerate(stages(experiment, store, seeds), start=1):
+            label = name if experiment.search is None else f"{name}, stage {stage}"
+            if code := _execute(label, runs, store, options, jobs, executor):
                 return code
     return report.main(options) if options.report else 0
 

@@ -181,7 +181,11 @@ class Experiment(Table):
             require(map_every % evaluation_every == 0, f"{where}map_every = {map_every}", accepted)
         if self.search is None:
             searched = [name for name, each in self.algorithms.items() if each.search]
-            require(not searched, "".join(searched[:1]) + ".search", "a table [search] beside it")
+            require(
+                not searched,
+                "".join(f"algorithms.{name}.search" for name in searched[:1]),
+                "a table [search] beside it",
+            )
         else:
             require(
                 not self.sweep and len(self.readings) == 1, "search", "neither a sweep nor readings beside it"
@@ -190,11 +194,13 @@ class Experiment(Table):
                 require(bool(each.search), f"algorithms.{name}", "a table search, as the experiment has one")
                 fixed = {"budget", "budget_unit", "time_limit"} & each.search.keys()
                 require(
-                    not fixed, "".join(f"algorithms.{name}.search.{key}" for key in fixed), "other settings"
+                    not fixed,
+                    ", ".join(f"algorithms.{name}.search.{key}" for key in sorted(fixed)),
+                    "other settings",
                 )
                 require(each.seeds > 1, f"algorithms.{name}.seeds = 1", "at least 2 in a search")
                 seeds, later = self.seeds_of_search(name)
-                accepted = f"seeds outside {later.start} to {later.stop - 1}, which the search uses later"
+                accepted = f"seeds outside {later.start} to {later.stop - 1}, which its later stages use"
                 require(
                     not overlap(seeds, later), f"algorithms.{name}.first_seed = {each.first_seed}", accepted
                 )

@@ -307,7 +307,9 @@ def tuning_of(experiment: Experiment, variant: str, observation: str) -> Chosen 
     search, path = _read_search(name)
     choices, learner = read_chosen(path, source), f"{searched}, {observation}"
     if choices.search != search.searched:
-        raise InputError(f"{source}: {path} has changed since; run the search again, with --report.")
+        raise InputError(
+            f"{source}: {path} was made by another version of the search; run it again, with --report."
+        )
     if learner not in choices.learners:
         unknown_name(source, "learner of the search", learner, choices.learners)
     return choices.learners[learner]
@@ -342,7 +344,7 @@ def _check_tuning(experiment: Experiment, variant: str, path: Path) -> None:
             with _refused_in(where):
                 essence = _scenario(experiment, condition, scenario).essence
             if other := seen.get(essence):
-                reason = f"{scenario} is {other}, which the search has used, or its reflection"
+                reason = f"{scenario} is {other}, a scenario of the search, or its reflection"
                 raise InputError(f"{where}: {reason}; accepted: other scenarios.")
         own = experiment.declared_seeds(variant, condition)
         for taken in search.seeds_of_search(searched):

@@ -86,8 +86,8 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     # Observation
     ({"observe": ["agent", "agent"]}, "observe = ['agent', 'agent']"),
     ({"observe": ["phase", "agent"]}, "observe = ['phase', 'agent']"),
-    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: agent or offset"),
-    ({"observe": ["issuer"]}, "observe = ['issuer']: accepted: agent or offset"),
+    ({"observe": ["agent", "offset"]}, "observe = ['agent', 'offset']: accepted: either agent or offset"),
+    ({"observe": ["issuer"]}, "observe = ['issuer']: accepted: either agent or offset"),
     # Phases
     ({"phases": [phase()]}, "phases.0 (a)"),
     ({"phases": [phase(steps=1, next={})]}, "phases.0 (a)"),

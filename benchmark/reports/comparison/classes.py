@@ -22,7 +22,7 @@ _SEEN: Final = ("cells", "offset")
 
 @item(
     "classes",
-    "exploratory: the learner of each class with the best score in its search, which used other runs",
+    "exploratory: in each class, the learner with the largest area in its search, which used other runs",
     {
         **dict.fromkeys(["scenario", "condition"], ""),
         "kind": "table or net",
@@ -32,7 +32,7 @@ _SEEN: Final = ("cells", "offset")
     },
 )
 def classes(runs: Runs) -> Iterator[dict[str, Any]]:
-    """`search_score` is the mean area under the curve of success on fresh runs of the search.
+    """`search_area` is the mean area under the curve of success on fresh runs of the search.
 
     Learners without a search take no part. Where the issuer is not seen, both forms of observation are the
     same, and only that of cells has a row.
@@ -60,7 +60,7 @@ def classes(runs: Runs) -> Iterator[dict[str, Any]]:
                     "policy": policy,
                     "sees": seen,
                     "learner": str(cell.learner),
-                    "search_score": runs.searches[cell.learner].score,
+                    "search_area": runs.searches[cell.learner].score,
                     "n": cell.n,
                     "success": proportion(cell.final("success")),
                 }
@@ -85,6 +85,6 @@ def _(table: pd.DataFrame, _: Folder) -> str | None:
         )
     ]
     return (
-        f"Exploratory: mean success {where} of the best learner of each class, chosen by the search, not by "
-        f"these runs: {'; '.join(parts)}."
+        f"Exploratory: mean success {where} of the learner of each class that the search found best, on "
+        f"other runs: {'; '.join(parts)}."
     )

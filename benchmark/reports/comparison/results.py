@@ -44,7 +44,7 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
     "another class": "only a learner with a policy of another class beats the {} in",
     "does not earn": "it does not in",
-    "neither learned": "neither the {} nor a deep learner is shown to beat the random policy in",
+    "neither learned": "no table and no deep learner compared is shown to beat the random policy in",
     "mixed": "results are mixed in",
     "undecided": "it is undecided in",
     "no verdict": "there is no verdict in",
@@ -110,8 +110,10 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         if outcome(declared, rows) == "undecided":
             parts.setdefault(runs_needed(declared, rows, n_tests), []).append(str(place))
     told = "; ".join(f"{n:,} in {listed(names)}" for n, names in sorted(parts.items()))
-    start = "Exploratory: where it is undecided, so many runs per learner would decide"
-    return f"{start} if all means stayed as they are: {told}." if told else None
+    start = (
+        "Exploratory: how many runs per learner would decide what is undecided, if all means stayed as they"
+    )
+    return f"{start} are: {told}." if told else None
 
 
 def headline(folder: Folder) -> Finding | None:
@@ -153,7 +155,9 @@ def headline(folder: Folder) -> Finding | None:
             " The probability that any claim of a difference in success is wrong is at most about 5 %, and "
             "so is that of any claim of equivalence."
         )
-    return Finding(f"{start} and {words.sizes(folder)} runs per learner: {'; '.join(parts)}.\n\n{rule}")
+    return Finding(
+        f"{start} and {words.sizes(folder)} runs per learner compared: {'; '.join(parts)}.\n\n{rule}"
+    )
 
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
@@ -189,14 +193,16 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         against = "" if is_one else f" against `{row['y']}`"
         if row["success_verdict"] == BETTER and row["score_verdict"] in (WORSE, MIXED):
             aside += f" In score{against}, `{row['x']}` is {row['score_verdict']}."
-        if (places := str(row.get("success_except", "nan"))) in ("", "nan"):
+        if (apart := str(row.get("success_except", "nan"))) in ("", "nan"):
             continue
+        where, x, y = listed(apart.split(", ")), row["x"], row["y"]
         if is_worse:
             aside += (
-                f" In {places}{against}, the mean success of `{row['x']}` is lower by {margin:g} or more."
+                f" In {where}, the mean success of `{x}` is lower than that of `{y}` by {margin:g} or more."
             )
         elif row["success_verdict"] != MIXED:
-            aside += f" For `{row['x']}`{against} this is not shown in {places} alone."
+            verdict = row["success_verdict"]
+            aside += f" The verdict on `{x}`{against}, {verdict}, is not shown by itself in {where}."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}

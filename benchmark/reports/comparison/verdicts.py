@@ -25,7 +25,6 @@ from benchmark.analysis.contrasts import (
     BETTER,
     EQUIVALENT,
     MIXED,
-    MOST_RUNS,
     NO_VERDICT,
     UNDECIDED,
     VERDICTS,
@@ -150,9 +149,9 @@ def standings(declared: Declared, rows: pd.DataFrame) -> "pd.Series[str]":
 
 
 def runs_needed(declared: Declared, rows: pd.DataFrame, n_tests: int) -> int:
-    """Returns how few runs would give every undecided deep learner a verdict, if all means stayed as they are.
+    """Returns how few runs would decide on every undecided deep learner, if all means stayed as they are.
 
-    One verdict of worse or equivalent is enough for a learner, or else it has to be better than all baselines.
+    One verdict of worse or equivalent is enough, or else a learner has to be better than all baselines.
 
     Args:
       declared: What is compared.
@@ -165,7 +164,7 @@ def runs_needed(declared: Declared, rows: pd.DataFrame, n_tests: int) -> int:
     for _, against in rows[rows["x"].isin(undecided)].groupby("x"):
         needed = pd.Series(
             [
-                runs_to_decide([row["success_x"]], [row["success_y"]], margin, n_tests) or MOST_RUNS
+                runs_to_decide([row["success_x"]], [row["success_y"]], margin, n_tests)
                 for _, row in against.iterrows()
             ]
         )

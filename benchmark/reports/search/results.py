@@ -21,6 +21,7 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, Frames, drawing, entry, item, no_rows
 from benchmark.reports.search.runs import KEY, Searches, expected_best, gain, mean
 from envs import compile_scenario
+from envs.words import listed
 
 _AREA: Final = "mean area under the curve of success"
 _COLOURS: Final = {"tabular": COLOURS[1], "deep": COLOURS[0]}
@@ -70,15 +71,19 @@ def headline(folder: Folder) -> Finding:
     table, search = folder.frame("chosen"), folder.manifest["facts"]["search"]
 
     def told(key: str) -> str:
-        rows = table.sort_values(key, kind="stable").iloc[[0, -1]]
-        ends = (f"{link(f'{row[key]:.2f}', 'chosen', row)} (`{_name(row)}`)" for _, row in rows.iterrows())
+        values = table[key].round(2)
+        ends = []
+        for value in (values.min(), values.max()):
+            rows = table[values == value]
+            names = listed([f"`{_name(row)}`" for _, row in rows.iterrows()])
+            ends.append(f"{link(f'{value:.2f}', 'chosen', rows)} ({names})")
         return " to ".join(ends)
 
     return Finding(
-        f"With default settings the {_AREA} ranges from {told('default')}; with the best settings of "
-        f"{search['trials']} trials per learner, from {told('chosen')}. Means are over "
-        f"{len(folder.manifest['scenarios'])} scenarios with "
-        f"{search['seeds']} fresh runs each."
+        f"With default settings the {_AREA}, which is success averaged over training, ranges from "
+        f"{told('default')}; with the settings chosen from {search['trials']} trials and the default ones, "
+        f"from {told('chosen')}. Means are over {len(folder.manifest['scenarios'])} scenarios, with "
+        f"{search['seeds']} fresh runs in each."
     )
 
 
@@ -125,14 +130,14 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
             (_, one), *_ = rows[rows["trials"] == b].iterrows()
             row[f"best of {b}"] = entry(one, "expected", "best_of")
         is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
-        row[f"trials until within {_CLOSE} of that"] = f"{rows.loc[is_close, 'trials'].iloc[0]}"
+        row[f"trials to come within {_CLOSE} of the best of {n}"] = f"{rows.loc[is_close, 'trials'].iloc[0]}"
         shown.append(row)
     return pd.DataFrame(shown)
 
 
 @item(
     "cost",
-    "what the search took: all trials and the fresh runs of finalists",
+    "what the search took, except the runs around the chosen settings",
     {
         **KEY,
         "trials": "",
@@ -151,7 +156,7 @@ def cost(data: Searches) -> Iterator[dict[str, Any]]:
         yield _names(each) | took | {"cpu_ms": 1000 * found.cpu_time_s / found.runs}
 
 
-@cost.figure("The same against the CPU seconds that the trials take.")
+@cost.figure("The expected area of the best of b trials against the CPU seconds that b trials take.")
 def _(tables: Frames, data: Searches) -> Figure:
     rows = tables["cost"]
     seconds = {_name(row): row["cpu_ms"] / 1000 for _, row in rows.iterrows()}

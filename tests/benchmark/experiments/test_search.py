@@ -141,7 +141,7 @@ def test_learners_take_what_was_chosen_for_their_observation(search: Experiment,
     [
         (
             ('["S1"]', '["S1", "FarCorner"]'),
-            "FarCorner is FarCorner, which the search has used, or its reflection; accepted: other",
+            "FarCorner is FarCorner, a scenario of the search, or its reflection; accepted: other",
         ),
         (
             ("first_seed = 100", "first_seed = 14"),
@@ -181,10 +181,10 @@ def test_a_scene_under_another_name_is_refused(search: Experiment, tmp_path: Pat
     if len(change) == 1:
         assert tuned(tmp_path, scene).name == "tuned"
         condition = '[sweep.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
-        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, which the search has used"):
+        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, a scenario of the search"):
             tuned(tmp_path, scene, ("[algorithms.plain]", condition))
     else:
-        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, which the search has used"):
+        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, a scenario of the search"):
             tuned(tmp_path, scene)
 
 
@@ -203,7 +203,7 @@ def test_a_changed_search_is_run_again(search: Experiment, tmp_path: Path) -> No
     tuned(tmp_path)
     path.write_text(path.read_text().replace("low = 0.03", "low = 0.05"))
     specification._read_search.cache_clear()
-    with pytest.raises(InputError, match=r"search\.toml has changed since; run the search again"):
+    with pytest.raises(InputError, match=r"was made by another version of the search"):
         tuned(tmp_path)
 
 
@@ -246,7 +246,7 @@ def test_choices_must_be_there(search: Experiment, tmp_path: Path) -> None:
         ),
         (
             ("first_seed = 10", "first_seed = 1"),
-            "first_seed = 0: accepted: seeds outside 1 to 5, which the search uses later",
+            "first_seed = 0: accepted: seeds outside 1 to 5, which its later stages use",
         ),
         (
             ("search = { trials", "sweep = { a = { b = {} } }\nsearch = { trials"),

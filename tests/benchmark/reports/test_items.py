@@ -180,7 +180,7 @@ def test_the_best_learner_of_each_class_is_that_of_the_search(tmp_path: Path) ->
     assert (near["n"], near["success"]) == (20, 0.75)
     assert (near["success_low"], near["success_high"]) == pytest.approx((ends.low, ends.high))
     (told,) = item("classes").findings(folder_of(tmp_path, runs, "classes").folder)
-    assert "in Anywhere of the best learner of each class" in told.text
+    assert "in Anywhere of the learner of each class that the search found best" in told.text
     assert "greedy table that sees the offset (`near, offset`) 0.75; " in plain(told.text)
     for gone in ({"soft", "ppo"}, {"near", "ppo"}):  # no stochastic policy, or nobody sees the offset
         left = {learner: each for learner, each in searches.items() if learner.algorithm not in gone}
