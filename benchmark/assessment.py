@@ -32,14 +32,14 @@ with needed_by("benchmark.assessment"):
     from benchmark.analysis.population import anchors, check_anchors, overlap
     from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
-    from benchmark.reports.folder import Folder
+    from benchmark.drawing.tables import read_csv
+    from benchmark.reports.folder import SCORES, Folder
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
 HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
 RESULTS: Final = Path(__file__).parents[1] / "results"
 PICTURES: Final = (".png", ".svg")  # endings of files
-_SCORES: Final = "scores.csv"
 _ASKED_AGAIN: Final = 200  # observations for which a function is asked a second time
 _TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
 _ROUNDING: Final = 1e-6  # of scores, which files have with six significant digits
@@ -303,7 +303,7 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
       InputError: A folder of results is damaged.
     """
     found = []
-    for file in sorted(results.glob(f"*/{_SCORES}")):
+    for file in sorted(results.glob(f"*/{SCORES}")):
         folder = Folder(file.parent)
         with folder.reading():
             found += _scores(folder, scenario)
@@ -317,21 +317,20 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
     seeds that its experiment declares. Miniatures for tests do not count, nor do reference implementations,
     which are trained with the settings of another learner.
     """
-    name, manifest, table = scenario.name, folder.manifest, _SCORES.removesuffix(".csv")
+    name, manifest, frame = scenario.name, folder.manifest, read_csv(folder.path / SCORES)
     is_comparable = (
         manifest["scenarios"].get(name) == scenario.model_dump(mode="json")
         and manifest["horizon"] == HORIZON
         and not manifest["partial"]
         and manifest["experiment"] == folder.path.name  # else, other seeds
         and not folder.path.name.endswith("_smoke")
-        and "score" in folder.frame(table)  # not every experiment measures it
+        and "score" in frame  # not every experiment measures it
     )
     if not is_comparable:
         return []
     references = [
         variant for variant, declared in manifest["algorithms"].items() if declared["reference_for"]
     ]
-    frame = folder.frame(table)
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
     learner = frame["algorithm"] + ", " + frame["observation"]
     return [pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})]

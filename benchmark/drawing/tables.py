@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Final
+from typing import IO, Any, Final
 
 import pandas as pd
 from tabulate import tabulate
@@ -40,11 +40,13 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
 
     Floats have six significant digits, and a point or an exponent even if they are whole numbers. A missing
     value is empty, and a column that has no value in any row is left out. A text that a spreadsheet would
-    compute gets an apostrophe in front; `read_csv` takes it away.
+    compute gets an apostrophe in front; `read_csv` takes it away. A file that ends in `.gz`
+    is compressed.
     """
     texts = {_uncomputed(str(name)): _column_texts(frame[name]) for name in frame}
     filled = {name: column for name, column in texts.items() if any(column) or not len(frame)}
-    pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n")
+    packed: Any = {"method": "gzip", "mtime": 0} if path.suffix == ".gz" else None
+    pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n", compression=packed)
 
 
 def read_csv(file: Path | IO[str]) -> pd.DataFrame:

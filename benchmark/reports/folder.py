@@ -1,6 +1,7 @@
 """A folder of published results, as its files have it: the source of all sentences, README and page."""
 
 import json
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -13,7 +14,8 @@ from benchmark.drawing.tables import read_csv
 from envs import InputError
 
 MANIFEST: Final = "manifest.json"
-_UNREADABLE: Final = (OSError, ValueError, LookupError, TypeError, AttributeError)
+SCORES: Final = "scores.csv.gz"  # every run of a comparison
+_UNREADABLE: Final = (OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error)
 
 
 class Folder:

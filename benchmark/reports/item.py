@@ -46,7 +46,7 @@ class Finding:
     """
 
     text: str
-    verdict: str = ""  # "" if it only describes
+    verdict: str = ""  # "" if it only describes, "several" if there are
 
 
 @dataclass(eq=False)

@@ -1,8 +1,10 @@
 """Assessing an agent: how it is read, against hand-made policies, and how it is ranked, by hand."""
 
+import gzip
 import json
 import math
 import re
+import shutil
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -254,7 +256,7 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
     }
     folder.mkdir()
     (folder / "manifest.json").write_text(json.dumps(manifest | changes), encoding="utf-8")
-    (folder / "scores.csv").write_text(scores, encoding="utf-8")
+    (folder / "scores.csv.gz").write_bytes(gzip.compress(scores.encode()))
 
 
 SCORES = """scenario,algorithm,observation,score
@@ -290,6 +292,12 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     publish(tmp_path / "damaged", "algorithm,score\ntable,1.0\n")
     with pytest.raises(InputError, match="damaged"):
         standing()
+    shutil.rmtree(tmp_path / "damaged")
+    whole = (tmp_path / "some" / "scores.csv.gz").read_bytes()
+    for part in (whole[:-12], whole[:20] + b"xxxx" + whole[24:], b""):
+        (tmp_path / "some" / "scores.csv.gz").write_bytes(part)
+        with pytest.raises(InputError, match="some: damaged"):
+            standing()
 
 
 # Map

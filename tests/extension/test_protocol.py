@@ -78,7 +78,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_contrasts_are_differences_of_means_over_what_they_leave_open(folder: Path) -> None:
     contrasts = pd.read_csv(folder / "contrasts.csv")
-    scores = pd.read_csv(folder / "scores.csv")
+    scores = pd.read_csv(folder / "scores.csv.gz")
     mean = scores.groupby(["algorithm", "condition", "scenario"])["success"].mean()
     low, high = "default/noise=low", "default/noise=high"
     expected = [

@@ -1,6 +1,7 @@
 """Items of a comparison: what each learner reached, how learners differ, and what they know."""
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -9,11 +10,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
-from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED, WORSE
+from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED, VERDICTS, WORSE
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.drawing.maps import gallery, in_words
 from benchmark.drawing.style import figure_of
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import link, write_csv
 from benchmark.execution.store import evaluated
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, cannot_show
@@ -31,14 +32,14 @@ from benchmark.reports.comparison.verdicts import (
     standings,
     winners,
 )
-from benchmark.reports.folder import Folder
-from benchmark.reports.item import Finding, Frames, item, no_rows
+from benchmark.reports.folder import SCORES, Folder
+from benchmark.reports.item import Finding, Frames, item, no_rows, writing
 from envs import ZONES
 from envs.scene import COLOUR_MAP
 from envs.words import listed
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
-_MOST_TOLD: Final = 10  # contrasts that are told whatever their verdict
+_MOST_TOLD: Final = 10  # contrasts that have a sentence each
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
@@ -83,10 +84,18 @@ def _(tables: Frames, _: Runs) -> Figure | None:
 
 @contrasts.sentence
 def _(table: pd.DataFrame, __: Folder) -> Iterator[Finding]:
-    """Tells every contrast, or of many those with a verdict, won or lost."""
-    for _, row in table.iterrows():
-        if len(table) <= _MOST_TOLD or row["success_verdict"] not in (UNDECIDED, NO_VERDICT):
-            yield words.verdict(row)
+    """Tells every contrast; if there are many, those of the same two sides in one sentence."""
+    for (x, y), rows in table.groupby(["x", "y"], sort=False):
+        if len(rows) == 1 or len(table) <= _MOST_TOLD:
+            yield from (words.verdict(row) for _, row in rows.iterrows())
+            continue
+        parts = []
+        for verdict in [each for each in VERDICTS if each in {*rows["success_verdict"]}]:
+            ended = rows[rows["success_verdict"] == verdict]
+            names = listed([words.case(row) for _, row in ended.iterrows()])
+            count = link(f"{len(ended)}", "contrasts", ended)
+            parts.append(f"{verdict} in {count}{f' ({names})' * (len(ended) <= figures.FEW)}")
+        yield Finding(f"`{x}` against `{y}`, in success: {listed(parts)}.", "several")
 
 
 @contrasts.sentence
@@ -443,8 +452,8 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     return f"Success from a random cell against that from the start cell: {'; '.join(parts)}."
 
 
-@item("scores", "every run at the end of training")
-def scores(runs: Runs) -> pd.DataFrame:
+@writing("scores", "every run at the end of training, compressed", SCORES)
+def scores(runs: Runs, directory: Path) -> None:
     """`every_cell_` marks episodes that start in any cell; `diverged_at` is infinite if a run did not."""
     frames = []
     for cell in runs:
@@ -461,7 +470,7 @@ def scores(runs: Runs) -> pd.DataFrame:
         diverged_at = cell.population.arrays["diverged_at"]
         columns["diverged_at"] = np.where(diverged_at < 0, np.inf, diverged_at)
         frames.append(pd.DataFrame(columns))
-    return pd.concat(frames, ignore_index=True)
+    write_csv(pd.concat(frames, ignore_index=True), directory / SCORES)
 
 
 @item(

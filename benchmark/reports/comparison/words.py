@@ -54,6 +54,12 @@ def place(row: pd.Series) -> str:
     return " under ".join(name for name in names if isinstance(name, str))
 
 
+def case(row: pd.Series) -> str:
+    """Returns the scenario, condition and learner of a row, as far as it names them."""
+    names = [place(row), f"`{name_of(row)}`" if isinstance(row.get("algorithm"), str) else ""]
+    return ", ".join(filter(None, names))
+
+
 def scenario_labels(table: pd.DataFrame) -> pd.Series:
     """Returns the place of each row."""
     return pd.Series([place(row) for _, row in table.iterrows()], index=table.index, dtype=str)

@@ -19,8 +19,10 @@ from benchmark.reports.comparison import results
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import load
 from benchmark.reports.document import Document
+from benchmark.reports.folder import SCORES
 from envs import InputError
 from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
+from tests.benchmark.reports.made import item
 from tests.benchmark.reports.sentences import check_links, check_verdicts
 from tests.support import ROOT, mistyped_columns
 
@@ -43,16 +45,17 @@ def without(experiment: Experiment, *names: str, **reporting: Any) -> Experiment
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
     figures = ["contrasts", "summary", "curves", "effects", "wrong_pings"]
-    tables = [*figures[:-1], "aggregate", "steps", "ahead", "region", "cost", "scores"]  # none has learned
+    tables = [*figures[:-1], "aggregate", "steps", "ahead", "region", "cost"]  # none has learned
     expected = {f"{name}.csv" for name in tables} | {f"{name}.png" for name in figures}
-    assert names == expected | {"README.md", "manifest.json", ".stamp", "learning.webp"}
+    assert names == expected | {"README.md", "manifest.json", ".stamp", "learning.webp", SCORES}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
-    scores = pd.read_csv(drawn.folder / "scores.csv")
+    assert mistyped_columns(drawn.folder / SCORES) == []
+    scores = pd.read_csv(drawn.folder / SCORES)
     assert len(scores) == len(all_specifications(drawn.experiment))
     assert scores["score"].between(0, 1).all()
     assert (scores["policy"] == "stochastic").equals(scores["algorithm"] == "ppo")
     readme = (drawn.folder / "README.md").read_text(encoding="utf-8")
-    for name in expected | {"learning.webp"}:
+    for name in expected | {"learning.webp", SCORES}:
         assert f"| {name.removesuffix('.png').removesuffix('.csv')}" in readme, name
     manifest = json.loads((drawn.folder / "manifest.json").read_text())
     digests = sorted(run.digest for run in all_specifications(drawn.experiment))
@@ -79,7 +82,7 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
     check_verdicts(found)
     if "aggregate.csv" not in found.folder:  # nothing is pooled
         return
-    aggregate, scores = (pd.read_csv(found.folder.path / f"{name}.csv") for name in ("aggregate", "scores"))
+    aggregate, scores = (pd.read_csv(found.folder.path / name) for name in ("aggregate.csv", SCORES))
     keys = ["algorithm", "observation"]
     means: Any = scores.groupby([*keys, "scenario"])[["success", "score"]].mean().groupby(keys).mean()
     for row in aggregate.to_dict("records"):
@@ -201,8 +204,9 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
     experiment = without(experiment_of(tmp_path / "diverging.toml", text), "ppo", "check")
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
-        tables = draw.tables_of(load_report("comparison").items[:-2], load(experiment, store, None, False))
-    summary, scores = tables["summary"], tables["scores"]
+        runs = load(experiment, store, None, False)
+    item("scores").write(runs, tmp_path)
+    summary, scores = item("summary").table(runs), pd.read_csv(tmp_path / SCORES)
     nets = summary[summary["algorithm"] == "net"]
     assert nets["diverged"].tolist() == [12, 12]
     assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy
