@@ -102,10 +102,20 @@ def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) 
     return runs_to_decide([1.0] * n_scenarios, [1.0] * n_scenarios, margin, n_contrasts)
 
 
-def runs_to_decide(x: Sequence[float], y: Sequence[float], margin: float, n_contrasts: int) -> int:
+def runs_to_decide(
+    x: Sequence[float], y: Sequence[float], margin: float, n_contrasts: int, *, is_better_enough: bool = True
+) -> int:
     """Returns how few runs of each learner decide a contrast, given the means that they will have.
 
     P-values are multiplied by the number of contrasts, which Holm's method never exceeds.
+
+    Args:
+      x: Means by scenario.
+      y: Those of the other learner.
+      margin: For equivalence.
+      n_contrasts: How many there are.
+      is_better_enough: Whether it is decided, too, if x is better. If not, x must be better by less than the
+        margin.
 
     >>> runs_to_decide([0.9], [0.6], 0.1, 1), runs_to_decide([0.9], [0.9], 0.1, 1)
     (21, 65)
@@ -113,7 +123,9 @@ def runs_to_decide(x: Sequence[float], y: Sequence[float], margin: float, n_cont
 
     def is_enough(n: int) -> bool:
         found = contrast(Means(x, [n] * len(x)), Means(y, [n] * len(y)), margin)
-        return min(found.p_different, found.p_equivalent) * n_contrasts <= 1 - LEVEL
+        is_only_equivalent = found.difference > 0 and not is_better_enough
+        p = found.p_equivalent if is_only_equivalent else min(found.p_different, found.p_equivalent)
+        return p * n_contrasts <= 1 - LEVEL
 
     most = 2
     while not is_enough(most):  # ends, as every difference is measurable or smaller than the margin

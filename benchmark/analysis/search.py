@@ -26,6 +26,7 @@ from benchmark.experiments import (
     specifications,
 )
 from benchmark.experiments.search import Chosen
+from envs import InputError
 from envs.inputs import override, parse
 
 Runs = list[RunSpecification]
@@ -69,8 +70,13 @@ class Searched:
         """Returns the area under the curve of success of stored runs, (N,)."""
         name = evaluated("success", self.experiment.algorithms[self.variant].policy, "start")
         steps = evaluation_steps(runs[0].settings.budget, runs[0].evaluation_every)
-        found = [record.arrays[name] for record in self.store.get([run.digest for run in runs])]
-        return area(np.stack(found), steps)
+        found = np.stack([record.arrays[name] for record in self.store.get([run.digest for run in runs])])
+        if not found.size:
+            raise InputError(
+                f"{self.experiment.argument}: algorithms.{self.variant}.policy = stochastic: its training "
+                "returns no such policy; accepted: greedy."
+            )
+        return area(found, steps)
 
     @cached_property
     def searched(self) -> NDArray[np.float64]:

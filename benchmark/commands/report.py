@@ -8,6 +8,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.experiments.schema import read_experiment
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
+from benchmark.experiments.specification import digest_of_search
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
@@ -58,7 +59,7 @@ def _write_chosen(given: str, experiment: Experiment, store: Store) -> None:
     """
     path = read_experiment(given)[1]
     file, learners = chosen_file(path), {each.name: each.result() for each in searched(experiment, store)}
-    found = Choices(search=experiment.searched, learners=learners)
+    found = Choices(search=digest_of_search(experiment), learners=learners)
     try:
         is_same = _unmeasured(read_chosen(path, "")) == _unmeasured(found)
     except InputError:  # there is none, or it is damaged

@@ -5,7 +5,6 @@ algorithm with settings, together with one observation. A condition changes valu
 The readings of the paper are conditions. A sweep adds axes, and each point of their product is a condition.
 """
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -187,11 +186,19 @@ class Experiment(Table):
                 "a table [search] beside it",
             )
         else:
-            require(
-                not self.sweep and len(self.readings) == 1, "search", "neither a sweep nor readings beside it"
-            )
+            changes = [reading for reading in self.readings.values() if reading.scenario or reading.settings]
+            is_alone = not self.sweep and not changes and len(self.readings) == 1
+            require(is_alone, "search", "neither a sweep nor readings beside it")
+            efforts = {
+                name: (each.seeds, *self.schedule(name), (self.settings | each.settings).get("budget"))
+                for name, each in self.algorithms.items()
+            }
             for name, each in self.algorithms.items():
+                effort = efforts[name] == next(iter(efforts.values()))
+                require(effort, f"algorithms.{name}", "the seeds, schedule and budget of all others")
                 require(bool(each.search), f"algorithms.{name}", "a table search, as the experiment has one")
+                unit = (self.settings | each.settings).get("budget_unit", "steps")
+                require(unit == "steps", f"algorithms.{name}.settings.budget_unit = {unit}", "steps")
                 fixed = {"budget", "budget_unit", "time_limit"} & each.search.keys()
                 require(
                     not fixed,
@@ -255,15 +262,6 @@ class Experiment(Table):
         assert self.search is not None
         seeds = self.declared_seeds(variant, DEFAULT_CONDITION)
         return seeds, range(self.search.first_seed, self.search.around(len(seeds)).stop)
-
-    @property
-    def searched(self) -> str:
-        """A digest of what a search depends on: all but texts."""
-        content = self.model_dump(mode="json", exclude={"description", "note", "report"})
-        for each in content["algorithms"].values():
-            for axis in each["search"].values():
-                del axis["why"]
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
     def seed_ranges(self) -> set[range]:

@@ -87,6 +87,12 @@ class Search(Table):
     first_seed: Annotated[int, Field(ge=0, le=900_000)]  # of fresh seeds
     seeds: Annotated[int, Field(ge=2, le=10_000)] = 40  # fresh runs of each finalist per scenario
 
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        accepted = f"at most trials = {self.trials}"
+        require(self.finalists <= self.trials, f"finalists = {self.finalists}", accepted)
+        return self
+
     @property
     def fresh(self) -> range:
         """The seeds of finalists."""
@@ -130,7 +136,7 @@ class Chosen(Table):
 class Choices(Table):
     """What a search has chosen, as a file has it."""
 
-    search: str  # digest of what was declared, see `Experiment.searched`
+    search: str  # digest of what was declared, see `specification.digest_of_search`
     learners: dict[str, Chosen]  # by name
 
 

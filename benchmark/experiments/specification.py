@@ -304,9 +304,9 @@ def tuning_of(experiment: Experiment, variant: str, observation: str) -> Chosen 
         return None
     source = f"{experiment.argument}: algorithms.{variant}.tuned_by = {tuned_by}"
     name, _, searched = tuned_by.rpartition(":")
-    search, path = _read_search(name)
+    _, path = _read_search(name)
     choices, learner = read_chosen(path, source), f"{searched}, {observation}"
-    if choices.search != search.searched:
+    if choices.search != _digest_of_search(name):
         raise InputError(
             f"{source}: {path} was made by another version of the search; run it again, with --report."
         )
@@ -318,6 +318,23 @@ def tuning_of(experiment: Experiment, variant: str, observation: str) -> Chosen 
 @lru_cache(maxsize=8)
 def _read_search(name: str) -> tuple[Experiment, Path]:
     return read_experiment(name)
+
+
+@lru_cache(maxsize=8)
+def _digest_of_search(name: str) -> str:
+    return digest_of_search(_read_search(name)[0])
+
+
+def digest_of_search(search: Experiment) -> str:
+    """Returns a digest of what a search depends on: what its file declares but texts, scenarios, versions."""
+    content = search.model_dump(mode="json", exclude={"description", "note", "report"})
+    for each in content["algorithms"].values():
+        for axis in each["search"].values():
+            del axis["why"]
+    content["scenarios"] = [load_scenario(each).model_dump(mode="json") for each in search.scenarios]
+    algorithms = [load_algorithm(each.algorithm).version for each in search.algorithms.values()]
+    content["versions"] = [*algorithms, dynamic_programming.VERSION]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _check_tuning(experiment: Experiment, variant: str, path: Path) -> None:

@@ -153,8 +153,8 @@ def front(results: Path) -> str:
         found = row(name, table, where)
         return f"{found[column]:.2f} [{found[f'{column}_low']:.2f}, {found[f'{column}_high']:.2f}]"
 
-    def value(name: str, table: str, column: str, **where: str) -> str:
-        return f"{row(name, table, where)[column]:.2f}"
+    def runs(name: str, table: str, **where: str) -> str:
+        return f"{row(name, table, where)['n']:,}"
 
     def duration(name: str, table: str, column: str, **where: str) -> str:
         return tables.duration(row(name, table, where)[column])
@@ -163,9 +163,16 @@ def front(results: Path) -> str:
         found = Document(results / name).headline
         return "" if found is None else tables.plain(found.text).partition("\n\n")[0]
 
-    functions = {"interval": interval, "value": value, "duration": duration, "headline": headline}
+    def manifest(name: str) -> object:
+        return Folder(results / name).manifest
+
+    functions = [interval, runs, duration, headline, manifest]
     with Folder(results / "compare_deep").reading():
-        return templates_in(_FRONT.parent).get_template(_FRONT.name).render(functions)
+        return (
+            templates_in(_FRONT.parent)
+            .get_template(_FRONT.name)
+            .render({each.__name__: each for each in functions})
+        )
 
 
 def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:

@@ -7,13 +7,10 @@ from typing import Any, Final
 import pandas as pd
 
 from benchmark.analysis.intervals import proportion
-from benchmark.drawing.tables import link
-from benchmark.reports.comparison import figures
+from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
-from benchmark.reports.folder import Folder
-from benchmark.reports.item import item
-from envs.words import listed
+from benchmark.reports.item import entry, item
 
 _KINDS: Final = {"tabular": "table", "deep": "net"}  # by family
 _POLICIES: Final = ("greedy", "stochastic")
@@ -22,14 +19,7 @@ _SEEN: Final = ("cells", "offset")
 
 @item(
     "classes",
-    "exploratory: in each class, the learner with the largest area in its search, which used other runs",
-    {
-        **dict.fromkeys(["scenario", "condition"], ""),
-        "kind": "table or net",
-        **dict.fromkeys(["policy", "sees", "learner"], ""),
-        "n": "runs",
-        "success": "success probability",
-    },
+    "exploratory: success of the learner of each class that did best in its search, which used other runs",
 )
 def classes(runs: Runs) -> Iterator[dict[str, Any]]:
     """`search_area` is the mean area under the curve of success on fresh runs of the search.
@@ -66,25 +56,12 @@ def classes(runs: Runs) -> Iterator[dict[str, Any]]:
                 }
 
 
-@classes.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Tells the means over the scenarios in which both forms of observation differ."""
-    rows = table[table["scenario"].isin(table.loc[table["sees"] == "offset", "scenario"])]
-    scenarios = rows["scenario"].unique()
-    if "condition" in table or not len(scenarios):
-        return None
-    few = len(scenarios) <= figures.FEW
-    where = (
-        f"in {listed(scenarios)}" if few else f"in the {len(scenarios)} scenarios where the issuer is seen"
-    )
-    parts = [
-        f"{policy} {kind} that sees {'the offset' if seen == 'offset' else 'cells'} (`{learner}`) "
-        f"{link(f'{each.success.mean():.2f}', 'classes', each)}"
-        for (kind, policy, seen, learner), each in rows.groupby(
-            ["kind", "policy", "sees", "learner"], sort=False
-        )
-    ]
-    return (
-        f"Exploratory: mean success {where} of the learner of each class that the search found best, on "
-        f"other runs: {'; '.join(parts)}."
-    )
+@classes.shown
+def _(table: pd.DataFrame) -> pd.DataFrame:
+    """Shows a row per place, and a column per class."""
+    shown: dict[str, dict[str, str]] = {}
+    for _, row in table.iterrows():
+        title = f"{row['policy']} {row['kind']}, {row['sees']}: {row['learner']}"
+        at = shown.setdefault(words.place(row), dict.fromkeys(["scenario"], words.place(row)))
+        at[title] = entry(row, "success", "classes")
+    return pd.DataFrame([*shown.values()]).fillna("-")

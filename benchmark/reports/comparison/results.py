@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from agents.memoryless import SEARCH
-from benchmark.analysis.contrasts import BETTER, MIXED, NO_VERDICT, UNDECIDED, VERDICTS, WORSE
+from benchmark.analysis.contrasts import BETTER, MIXED, VERDICTS, WORSE
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.drawing.maps import gallery, in_words
 from benchmark.drawing.style import figure_of
@@ -116,8 +116,8 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     n_tests = len(table) if reporting.adjust == "holm" else 1
     parts: dict[int, list[str]] = {}
     for place, rows in table.groupby(places, sort=False):
-        if outcome(declared, rows) == "undecided":
-            parts.setdefault(runs_needed(declared, rows, n_tests), []).append(str(place))
+        if outcome(declared, rows) == "undecided" and (n := runs_needed(declared, rows, n_tests)):
+            parts.setdefault(n, []).append(str(place))
     told = "; ".join(f"{n:,} in {listed(names)}" for n, names in sorted(parts.items()))
     start = (
         "Exploratory: how many runs per learner would decide what is undecided, if all means stayed as they"
@@ -211,7 +211,9 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
             )
         elif row["success_verdict"] != MIXED:
             verdict = row["success_verdict"]
-            aside += f" The verdict on `{x}`{against}, {verdict}, is not shown by itself in {where}."
+            aside += (
+                f" The verdict on `{x}`{against}, {verdict}, is of the mean: {where} alone cannot show it."
+            )
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
@@ -402,7 +404,9 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     if not parts:
         return None
     means = ", means over scenarios" * (table["scenario"].nunique() > 1)
-    return f"Success of stochastic policies and of the greedy ones beside them{means}: {'; '.join(parts)}."
+    return (
+        f"Success of stochastic policies and of the greedy ones derived from them{means}: {'; '.join(parts)}."
+    )
 
 
 @item(

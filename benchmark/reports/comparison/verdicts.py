@@ -149,28 +149,30 @@ def standings(declared: Declared, rows: pd.DataFrame) -> "pd.Series[str]":
 
 
 def runs_needed(declared: Declared, rows: pd.DataFrame, n_tests: int) -> int:
-    """Returns how few runs would decide on every undecided deep learner, if all means stayed as they are.
+    """Returns how few runs would decide on a scenario that is undecided, if all means stayed as they are.
 
-    One verdict of worse or equivalent is enough, or else a learner has to be better than all baselines.
+    One learner that is better than all baselines is enough; otherwise each has to be worse than one of them,
+    or equivalent to it. It is 0 if no number of runs would do.
 
     Args:
       declared: What is compared.
-      rows: The contrasts of one scenario.
+      rows: The contrasts of the scenario.
       n_tests: For how many contrasts p-values are adjusted.
     """
     rows, margin = decisive_rows(declared, rows), declared.reporting.margins.success
     undecided = [x for x, found in standings(declared, rows).items() if found == UNDECIDED]
-    most = 0
+    won, lost = [], [0]
     for _, against in rows[rows["x"].isin(undecided)].groupby("x"):
-        needed = pd.Series(
-            [
-                runs_to_decide([row["success_x"]], [row["success_y"]], margin, n_tests)
-                for _, row in against.iterrows()
-            ]
-        )
-        is_won = against["success_difference"].to_numpy() >= margin
-        most = max(most, needed.max() if is_won.all() else needed[~is_won].min())
-    return int(most)
+        is_ahead = against["success_difference"].to_numpy() >= margin
+        needed = [
+            runs_to_decide([row["success_x"]], [row["success_y"]], margin, n_tests, is_better_enough=ahead)
+            for (_, row), ahead in zip(against.iterrows(), is_ahead, strict=True)
+        ]
+        if is_ahead.all():
+            won.append(max(needed))
+        else:
+            lost.append(min(n for n, ahead in zip(needed, is_ahead, strict=True) if not ahead))
+    return min(won, default=max(lost))
 
 
 def is_worse_in_some(rows: pd.DataFrame) -> pd.Series:

@@ -80,8 +80,8 @@ def headline(folder: Folder) -> Finding:
         return " to ".join(ends)
 
     return Finding(
-        f"With default settings the {_AREA}, which is success averaged over training, ranges from "
-        f"{told('default')}; with the settings chosen from {search['trials']} trials and the default ones, "
+        f"With default settings, success averaged over training (the area under its curve) ranges from "
+        f"{told('default')}; with the best of {search['trials']} trials and the defaults, "
         f"from {told('chosen')}. Means are over {len(folder.manifest['scenarios'])} scenarios, with "
         f"{search['seeds']} fresh runs in each."
     )
@@ -89,22 +89,26 @@ def headline(folder: Folder) -> Finding:
 
 @item("best_of", "the expected area of the best of b trials")
 def best_of(data: Searches) -> Iterator[dict[str, Any]]:
-    """Tabulates `expected_best` of the trials without trial 0, with intervals over trials."""
+    """Tabulates `expected_best` of the trials without trial 0, with intervals over trials.
+
+    Beyond a third of the trials there are none: the bootstrap of a maximum has too narrow ones there.
+    """
     for each in data.learners:
         areas = each.searched[1:]
         samples = expected_best(areas, resample(len(areas), each.name), len(areas))
         low, high = interval(samples)
         per_trial = _budget(each) * areas[0].size
         for i, value in enumerate(samples[0]):
+            ends = (min(low[i], value), max(high[i], value)) if i < len(areas) // 3 else (math.nan, math.nan)
             yield _names(each) | {
                 "trials": i + 1,
                 "steps": (i + 1) * per_trial,
-                "expected": Estimate(value, min(low[i], value), max(high[i], value)),
+                "expected": Estimate(value, *ends),
             }
 
 
 @best_of.figure(
-    "What tuning buys: the expected area of the best of b trials, by learner; cross: default settings."
+    "What tuning buys: the expected area of the best of b trials, by learner. Crosses: the defaults."
 )
 def _(tables: Frames, data: Searches) -> Figure:
     figure = _panels(tables, data, "trials", dict.fromkeys((each.name for each in data.learners), 1.0))
@@ -130,14 +134,14 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
             (_, one), *_ = rows[rows["trials"] == b].iterrows()
             row[f"best of {b}"] = entry(one, "expected", "best_of")
         is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
-        row[f"trials to come within {_CLOSE} of the best of {n}"] = f"{rows.loc[is_close, 'trials'].iloc[0]}"
+        row[f"trials needed to come within {_CLOSE} of that"] = f"{rows.loc[is_close, 'trials'].iloc[0]}"
         shown.append(row)
     return pd.DataFrame(shown)
 
 
 @item(
     "cost",
-    "what the search took, except the runs around the chosen settings",
+    "what the search took, without the runs around the chosen settings",
     {
         **KEY,
         "trials": "",
@@ -156,7 +160,9 @@ def cost(data: Searches) -> Iterator[dict[str, Any]]:
         yield _names(each) | took | {"cpu_ms": 1000 * found.cpu_time_s / found.runs}
 
 
-@cost.figure("The expected area of the best of b trials against the CPU seconds that b trials take.")
+@cost.figure(
+    "The expected area of the best of b trials against the CPU seconds that they take. Crosses: the defaults."
+)
 def _(tables: Frames, data: Searches) -> Figure:
     rows = tables["cost"]
     seconds = {_name(row): row["cpu_ms"] / 1000 for _, row in rows.iterrows()}
@@ -289,7 +295,9 @@ def around(data: Searches) -> Iterator[dict[str, Any]]:
             }
 
 
-@around.figure("One setting at a time: larger dots are larger values; the line is the chosen settings.")
+@around.figure(
+    "One setting at a time. Dots grow with the value, or in the order declared; line: the chosen settings."
+)
 def _(tables: Frames, data: Searches) -> Figure:
     frame, learners = tables["around"], data.learners
     n_rows = math.ceil(len(learners) / _COLUMNS)
@@ -343,7 +351,7 @@ def scenes(_: Frames, data: Searches) -> Figure:
 
 def _range(axis: Span | Choice) -> str:
     if isinstance(axis, Choice):
-        return " or ".join(map(json.dumps, axis.values))
+        return listed(map(json.dumps, axis.values))
     return f"{axis.low:g} to {axis.high:g}{', logarithmic' * (axis.scale == 'log')}{', whole' * axis.whole}"
 
 

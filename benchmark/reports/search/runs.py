@@ -40,9 +40,13 @@ class Searches:
 
 
 def check(experiment: Experiment) -> None:
-    """Refuses, by an InputError, an experiment without a search."""
+    """Refuses, by an InputError, an experiment without a search, or with a planner in it."""
     if experiment.search is None:
         raise InputError(f"{experiment.argument}: it has no table [search], which this report needs.")
+    for name, declared in experiment.algorithms.items():
+        if load_algorithm(declared.algorithm).family == "planner":
+            where = f"{experiment.argument}: algorithms.{name}.algorithm = {declared.algorithm}"
+            raise InputError(f"{where}: it is a planner; accepted: what learns.")
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Searches:
@@ -75,7 +79,7 @@ def gain(x: Sequence[NDArray[np.float64]], y: Sequence[NDArray[np.float64]]) -> 
 
     Scenarios in which both sides are the same runs add nothing, to the width of the interval neither.
     """
-    apart = [pair for pair in zip(x, y, strict=True) if not np.array_equal(*pair)]
+    apart = [pair for pair in zip(x, y, strict=True) if pair[0] is not pair[1]]
     sides, weights = [each for pair in apart for each in pair], [1 / len(x), -1 / len(x)] * len(apart)
     means = [float(each.mean()) for each in sides]
     if not apart:
@@ -88,7 +92,7 @@ def expected_best(areas: NDArray[np.float64], weights: NDArray[Any], most: int) 
 
     Trials are drawn with replacement. The best of them is that with the largest mean over half of the runs of
     each scenario, and what counts is its mean over the other half, which removes the optimism of the maximum;
-    both ways are averaged. With fewer runs to choose by, this is less than what a search with all finds.
+    both ways are averaged.
 
     Args:
       areas: (trials, I, N) of all trials, N at least 2.

@@ -76,7 +76,7 @@ def search(tmp_path: Path) -> Experiment:
     """A search, and beside its file what it has chosen."""
     search = experiment_of(tmp_path / "search.toml", SEARCH)
     learners = {"q_learning, index": chosen(0.25), "q_learning, offset": chosen(0.75)}
-    text = json.dumps({"search": search.searched, "learners": learners})
+    text = json.dumps({"search": specification.digest_of_search(search), "learners": learners})
     (tmp_path / "search.chosen.json").write_text(text)
     return search
 
@@ -88,6 +88,12 @@ def tuned(tmp_path: Path, *changes: tuple[str, str]) -> Experiment:
         assert old in text
         text = text.replace(old, new)
     return experiment_of(tmp_path / "tuned.toml", text)
+
+
+def forget() -> None:
+    """Lets searches be read again, which a process does once."""
+    specification._read_search.cache_clear()
+    specification._digest_of_search.cache_clear()
 
 
 def test_trials_stay_the_same_when_a_search_is_lengthened() -> None:
@@ -126,8 +132,8 @@ def test_every_learner_of_a_variant_has_the_same_trials(search: Experiment) -> N
     assert len({run.digest for run in all_specifications(search)}) == 5 * 2 * 2
 
 
-def test_learners_take_what_was_chosen_for_their_observation(search: Experiment, tmp_path: Path) -> None:
-    assert search.search is not None
+@pytest.mark.usefixtures("search")
+def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> None:
     experiment = tuned(tmp_path)
     for variant in ("mine", "plain"):
         for observation, learning_rate in (("index", 0.25), ("offset", 0.75)):
@@ -136,6 +142,7 @@ def test_learners_take_what_was_chosen_for_their_observation(search: Experiment,
             assert found == {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
 
 
+@pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -157,19 +164,16 @@ def test_learners_take_what_was_chosen_for_their_observation(search: Experiment,
         (("PATH:q_learning", "q_learning"), 'accepted: "EXPERIMENT:VARIANT"'),
     ],
 )
-def test_what_the_search_has_seen_is_refused(
-    search: Experiment, tmp_path: Path, change: tuple[str, str], reason: str
-) -> None:
-    assert search.search is not None
+def test_what_the_search_has_seen_is_refused(tmp_path: Path, change: tuple[str, str], reason: str) -> None:
     old, new = change
     with pytest.raises(InputError, match=reason):
         tuned(tmp_path, (old.replace("PATH", str(tmp_path / "search.toml")), new))
 
 
+@pytest.mark.usefixtures("search")
 @pytest.mark.parametrize("change", [[], ["issuer.position = [3, 7]", "start = [9, 0]"], ["start = [0, 0]"]])
-def test_a_scene_under_another_name_is_refused(search: Experiment, tmp_path: Path, change: list[str]) -> None:
+def test_a_scene_under_another_name_is_refused(tmp_path: Path, change: list[str]) -> None:
     """Also its reflection, and one that a condition makes the same; but not one with another start."""
-    assert search.search is not None
     text = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
     text = re.sub("description.*", 'description = "Mine."', text)
     if len(change) == 2:  # reflected at the middle column
@@ -195,23 +199,26 @@ def test_no_scene_of_the_search_is_reported() -> None:
     assert [name for name in others if load_scenario(name).essence in seen] == []
 
 
-def test_a_changed_search_is_run_again(search: Experiment, tmp_path: Path) -> None:
-    assert search.search is not None
+@pytest.mark.usefixtures("search")
+def test_a_changed_search_is_run_again(tmp_path: Path) -> None:
     path = tmp_path / "search.toml"
     path.write_text(path.read_text().replace('why = "-"', 'why = "Another text."'))
-    specification._read_search.cache_clear()
+    forget()
     tuned(tmp_path)
-    path.write_text(path.read_text().replace("low = 0.03", "low = 0.05"))
-    specification._read_search.cache_clear()
-    with pytest.raises(InputError, match=r"was made by another version of the search"):
-        tuned(tmp_path)
+    for old, new in (("low = 0.03", "low = 0.05"), ("FarCorner", f"{tmp_path / 'FarCorner.toml'}")):
+        scene = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
+        (tmp_path / "FarCorner.toml").write_text(scene.replace("[9, 11]", "[9, 10]"))
+        path.write_text(SEARCH.replace(old, new))
+        forget()
+        with pytest.raises(InputError, match=r"was made by another version of the search"):
+            tuned(tmp_path)
 
 
+@pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
     "text", ["", "[]", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}']
 )
-def test_damaged_choices_are_refused(search: Experiment, tmp_path: Path, text: str) -> None:
-    assert search.search is not None
+def test_damaged_choices_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "search.chosen.json").write_text(text)
     with pytest.raises(
         InputError, match=r"search\.chosen\.json is damaged; run the search search with --report"
@@ -219,8 +226,8 @@ def test_damaged_choices_are_refused(search: Experiment, tmp_path: Path, text: s
         tuned(tmp_path)
 
 
-def test_choices_must_be_there(search: Experiment, tmp_path: Path) -> None:
-    assert search.search is not None
+@pytest.mark.usefixtures("search")
+def test_choices_must_be_there(tmp_path: Path) -> None:
     (tmp_path / "search.chosen.json").unlink()
     with pytest.raises(InputError, match=r"cannot be read .*: run the search search with --report first"):
         tuned(tmp_path)

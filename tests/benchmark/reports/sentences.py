@@ -47,10 +47,13 @@ def check_verdicts(document: Document) -> None:
     for finding in document.findings:
         if finding.verdict == "several":
             sides = re.match("`(.+)` against `(.+)`, in success: ", finding.text)
-            for verdict, n, places in re.findall(r"(\w[\w ]*) in \[(\d+)\]\([\w.]+#row=([\d;-]+)\)", finding.text):
+            for verdict, n, places in re.findall(
+                r"(\w[\w ]*) in \[(\d+)\]\([\w.]+#row=([\d;-]+)\)", finding.text
+            ):
                 rows = frame.iloc[rows_of(places)]
                 assert {*rows["success_verdict"]} == {verdict.removeprefix("and ")}
-                assert sides and {*zip(rows["x"], rows["y"], strict=True)} == {sides.groups()}
+                assert sides is not None
+                assert {*zip(rows["x"], rows["y"], strict=True)} == {sides.groups()}
                 told += int(n)
         elif finding.verdict:
             (places,) = {match[2] for match in LINK.findall(finding.text)}

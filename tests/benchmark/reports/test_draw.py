@@ -22,7 +22,6 @@ from benchmark.reports.document import Document
 from benchmark.reports.folder import SCORES
 from envs import InputError
 from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
-from tests.benchmark.reports.made import item
 from tests.benchmark.reports.sentences import check_links, check_verdicts
 from tests.support import ROOT, mistyped_columns
 
@@ -205,8 +204,9 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
         runs = load(experiment, store, None, False)
-    item("scores").write(runs, tmp_path)
-    summary, scores = item("summary").table(runs), pd.read_csv(tmp_path / SCORES)
+        tables = draw.tables_of(load_report("comparison").items[:2], runs)
+    results.scores.write(runs, tmp_path)
+    summary, scores = tables["summary"], pd.read_csv(tmp_path / SCORES)
     nets = summary[summary["algorithm"] == "net"]
     assert nets["diverged"].tolist() == [12, 12]
     assert nets["unbounded_score"].to_numpy() == pytest.approx(0, abs=1e-9)  # as the random policy

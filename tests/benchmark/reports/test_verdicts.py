@@ -13,7 +13,7 @@ from agents.policy import uniform_policy
 from benchmark.analysis.contrasts import Means, contrast, holm, runs_to_decide
 from benchmark.drawing.tables import plain
 from benchmark.reports.comparison.runs import Runs
-from benchmark.reports.comparison.verdicts import contrasts_of, outcome, standings
+from benchmark.reports.comparison.verdicts import contrasts_of, outcome, runs_needed, standings
 from benchmark.reports.document import Document
 from envs import InputError, compile_scenario, load_scenario
 from tests.benchmark.reports.made import Made, cell, compared, folder_of, item, runs_of
@@ -207,7 +207,7 @@ def test_scenarios_that_stand_apart_are_named(
     told = document.findings[0].text.partition("In score")[0]
     assert ("S3" in told) == ("S3" in apart)
     if verdict != "mixed":  # then the outcome itself says that results are mixed
-        assert bool(re.search(r"not shown by itself in S3", headline(document))) == bool(apart)
+        assert bool(re.search(r"of the mean: S3 alone cannot show it", headline(document))) == bool(apart)
 
 
 def test_a_stochastic_policy_that_beats_a_greedy_table_is_of_another_class(tmp_path: Path) -> None:
@@ -287,6 +287,34 @@ def test_undecided_scenarios_say_how_many_runs_would_decide(tmp_path: Path) -> N
     x = next(cell.final("success").mean() for cell in runs if cell.learner.algorithm == "net")
     n = runs_to_decide([x], [1.0], 0.1, 6)
     assert text.endswith(f"as they are: {n} in S1.")
+
+
+@pytest.mark.parametrize(
+    ("shares", "decided"),
+    [
+        ((0.94, 0.5), "does not earn"),  # to be better than one of two is not enough
+        ((0.75, 0.5), "does not earn"),
+        ((1.0, 0.9), "does not earn"),  # equivalent to the better one
+        ((0.9, 0.65), "earns"),
+    ],
+)
+def test_as_many_runs_do_decide_and_fewer_do_not(shares: tuple[float, float], decided: str) -> None:
+    def runs(n: int) -> Runs:
+        learners = {
+            "table": Made("tabular", 0.96 if decided != "earns" else 0.6, n=n, every_run=True),
+            "soft": Made("tabular", 0.5, n=n, policy="stochastic", every_run=True),
+            "net": Made("deep", shares[0], n=n, every_run=True),
+            "other": Made("deep", shares[1], n=n, every_run=True),
+        }
+        return compared(learners, baseline=["table", "soft"], scenarios=["S1"], pool="none", adjust="none")
+
+    few = runs(12)
+    table = item("contrasts").table(few)
+    assert table is not None
+    assert outcome_of(few) == "undecided"
+    n = runs_needed(few.declared, table, 1)
+    assert outcome_of(runs(n)) == decided
+    assert outcome_of(runs(n - 1)) == "undecided"
 
 
 @pytest.mark.parametrize(
