@@ -351,7 +351,7 @@ def scenes(_: Frames, data: Searches) -> Figure:
 
 def _range(axis: Span | Choice) -> str:
     if isinstance(axis, Choice):
-        return listed(map(json.dumps, axis.values))
+        return " or ".join(map(json.dumps, axis.values))
     return f"{axis.low:g} to {axis.high:g}{', logarithmic' * (axis.scale == 'log')}{', whole' * axis.whole}"
 
 

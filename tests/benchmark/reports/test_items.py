@@ -140,7 +140,7 @@ def test_effects_are_differences_of_scenarios_by_hand() -> None:
     assert x["wrong_pings_difference_high"] == pytest.approx(5 + np.hypot(half, half))
 
 
-def test_the_best_learner_of_each_class_is_that_of_the_search(tmp_path: Path) -> None:
+def test_the_best_learner_of_each_class_is_that_of_the_search() -> None:
     made = {  # family, policy, observation, share of runs that succeed, score in the search
         "q": ("tabular", "greedy", "index", 0.25, 0.6),
         "lucky": ("tabular", "greedy", "index", 1.0, 0.5),
@@ -175,13 +175,20 @@ def test_the_best_learner_of_each_class_is_that_of_the_search(tmp_path: Path) ->
         (scenario, *row) for scenario in ("S1", "Anywhere") for row in expected
         if scenario == "Anywhere" or row[2] == "cells"  # in S1 nobody sees the issuer
     ]  # fmt: skip
+    by_sight = sorted(expected, key=lambda row: row[2])  # cells first
     near = frame[frame["learner"] == "near, offset"].iloc[0]
     ends = stats.binomtest(15, 20).proportion_ci()
     assert (near["n"], near["success"]) == (20, 0.75)
     assert (near["success_low"], near["success_high"]) == pytest.approx((ends.low, ends.high))
-    (told,) = item("classes").findings(folder_of(tmp_path, runs, "classes").folder)
-    assert "in Anywhere of the learner of each class that the search found best" in told.text
-    assert "greedy table that sees the offset (`near, offset`) 0.75; " in plain(told.text)
+    shown = item("classes").display(frame).map(plain)
+    assert [*shown] == [
+        "scenario",
+        *(f"{policy} {kind}, {sees}: {of}" for kind, policy, sees, of in by_sight),
+    ]
+    s1, anywhere = shown.to_dict("records")
+    title = "greedy table, offset: near, offset"
+    assert (s1["scenario"], s1[title]) == ("S1", "-")
+    assert (anywhere["scenario"], anywhere[title]) == ("Anywhere", f"0.75 [{ends.low:.3g}, {ends.high:.3g}]")
     for gone in ({"soft", "ppo"}, {"near", "ppo"}):  # no stochastic policy, or nobody sees the offset
         left = {learner: each for learner, each in searches.items() if learner.algorithm not in gone}
         assert item("classes").table(replace(runs, searches=left)) is None

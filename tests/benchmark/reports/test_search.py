@@ -1,5 +1,6 @@
 """The report of a search: what the best of b trials is expected to reach, and what is published."""
 
+import json
 import re
 from itertools import product
 from pathlib import Path
@@ -45,6 +46,8 @@ def test_means_are_over_scenarios() -> None:
     assert mean(x).value == gain(x, y).value == 0.5
     assert mean(x).low < 0.5 < mean(x).high
     assert gain(x, y).low > 0
+    assert gain(x, x) == (0, 0, 0)  # the same runs
+    assert gain(y, [np.zeros(10), np.zeros(20)]).low < 0  # others that fail, too
 
 
 def test_the_setting_that_matters_is_found() -> None:
@@ -73,6 +76,8 @@ def test_everything_of_a_search_is_published(folder: Path) -> None:
     assert {
         path.name: mistyped_columns(path) for path in folder.glob("*.csv") if mistyped_columns(path)
     } == {}
+    is_open = tables["best_of"]["expected_high"].isna()
+    assert is_open.equals(tables["best_of"]["trials"] > 1)  # a third of three trials
     chosen = tables["chosen"].iloc[0]
     rows = tables["trials"]
     row = rows[(rows["observation"] == "index") & (rows["trial"] == chosen["trial"])].iloc[0]
@@ -87,8 +92,9 @@ def test_published_trials_are_the_declared_ones() -> None:
             rows = published[(published["algorithm"] == name) & (published["observation"] == observation)]
             assert len(rows) == 49
             for t, changes in enumerate(trials(name, declared.search, 48)[1:], start=1):
-                for value in changes.values():
-                    assert str(value).lower() in rows["settings"].iloc[t].lower()
+                settings = rows["settings"].iloc[t]
+                for key, value in changes.items():
+                    assert f"{key.split('.')[-1]} {json.dumps(value)}, " in f"{settings}, "
 
 
 def test_experiments_take_what_is_published() -> None:
