@@ -210,8 +210,8 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
                 f" In {where}, the mean success of `{x}` is lower than that of `{y}` by {margin:g} or more."
             )
         elif row["success_verdict"] != MIXED:
-            verdict = row["success_verdict"]
-            aside += f" The verdict on `{x}`{against}, {verdict}, holds for the mean; {where} alone cannot show it."
+            verdict = f"The verdict on `{x}`{against}, {row['success_verdict']}"
+            aside += f" {verdict}, holds for the mean; {where} alone cannot show it."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}

@@ -14,7 +14,8 @@ from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.experiments.specification import tuning_of
 from benchmark.reports.search.results import _shares, _values
-from benchmark.reports.search.runs import expected_best, gain, mean
+from benchmark.reports.search.runs import check, expected_best, gain, mean
+from envs import InputError
 from tests.support import ROOT, mistyped_columns
 
 PUBLISHED = ROOT / "results" / "tuning"
@@ -64,6 +65,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     results = tmp_path_factory.mktemp("results")
     assert main(["run", "tuning_smoke", "--results", str(results), "--report"]) == 0
     return results / "tuning_smoke"
+
+
+def test_what_does_not_learn_has_no_search() -> None:
+    planner = TUNING.algorithms["q_learning"].model_copy(update={"algorithm": "memoryless"})
+    with pytest.raises(
+        InputError, match=r"mine\.algorithm = memoryless: it is a planner; accepted: what learns"
+    ):
+        check(TUNING.model_copy(update={"algorithms": {"mine": planner}}))
+
+
+def test_a_policy_that_training_does_not_return_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, policy = tmp_path / "mine.toml", '"algorithms.q_learning.policy" = "stochastic"'
+    path.write_text(f'extends = "tuning_smoke"\ndescription = "-"\n[changes]\n{policy}\n')
+    assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 2
+    assert (
+        "policy = stochastic: its training returns no such policy; accepted: greedy"
+        in capsys.readouterr().err
+    )
 
 
 def test_everything_of_a_search_is_published(folder: Path) -> None:
