@@ -205,6 +205,7 @@ def test_divergence_is_shown(tmp_path: Path) -> None:
         trained(experiment, store)
         runs = load(experiment, store, None, False)
         tables = draw.tables_of(load_report("comparison").items[:2], runs)
+    assert results.scores.write is not None
     results.scores.write(runs, tmp_path)
     summary, scores = tables["summary"], pd.read_csv(tmp_path / SCORES)
     nets = summary[summary["algorithm"] == "net"]
