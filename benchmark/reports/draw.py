@@ -200,11 +200,12 @@ def _inputs(
 
 
 def _looks(path: Path, manifest: Mapping[str, Any]) -> list[int]:
-    """Returns how many seeds earlier reports in this folder had, if fewer than there are now."""
+    """Returns how many seeds earlier reports in this folder had, if fewer of the same than there are now."""
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
-        looks = {*before["looks"], before["seeds"]} if before["experiment"] == manifest["experiment"] else {}
-        return sorted(n for n in looks if n < manifest["seeds"])
+        if any(before[key] != manifest[key] for key in ("experiment", "first_seed")):
+            return []
+        return sorted(n for n in {*before["looks"], before["seeds"]} if n < manifest["seeds"])
     except (OSError, ValueError, LookupError, TypeError):
         return []
 
@@ -217,7 +218,8 @@ def _manifest(
     data: Data,
 ) -> dict[str, Any]:
     """Returns what was run, and from the records what ran it: drawing again gives the same."""
-    done = {run.digest for run in runs}
+    done, sizes = {run.digest for run in runs}, Counter(run.population for run in runs)
+    largest = max(sizes, key=lambda each: sizes[each])
     conditions = experiment.conditions
     condition = DEFAULT_CONDITION if DEFAULT_CONDITION in conditions else next(iter(conditions))
     populations = (
@@ -265,7 +267,8 @@ def _manifest(
             for name, reading in experiment.readings.items()
         },
         "runs": len(runs),
-        "seeds": max(Counter(run.population for run in runs).values()),
+        "seeds": sizes[largest],
+        "first_seed": min(run.seed for run in runs if run.population == largest),
         "digest": hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest(),
         "commits": every("commit"),
         "machines": every("machine"),

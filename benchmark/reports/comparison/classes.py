@@ -19,7 +19,7 @@ _SEEN: Final = ("cells", "offset")
 
 @item(
     "classes",
-    "exploratory: success of the learner of each class that did best in its search, which used other runs",
+    "exploratory: for each class, success of the learner that did best in the search",
 )
 def classes(runs: Runs) -> Iterator[dict[str, Any]]:
     """`search_area` is the mean area under the curve of success on fresh runs of the search.

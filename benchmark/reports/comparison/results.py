@@ -95,7 +95,7 @@ def _(table: pd.DataFrame, __: Folder) -> Iterator[Finding]:
             names = listed([words.case(row) for _, row in ended.iterrows()])
             count = link(f"{len(ended)}", "contrasts", ended)
             parts.append(f"{verdict} in {count}{f' ({names})' * (len(ended) <= figures.FEW)}")
-        yield Finding(f"`{x}` against `{y}`, in success: {listed(parts)}.", "several")
+        yield Finding(f"Success of `{x}` compared with `{y}`: {listed(parts)}.", "several")
 
 
 @contrasts.sentence
@@ -210,8 +210,8 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
                 f" In {where}, the mean success of `{x}` is lower than that of `{y}` by {margin:g} or more."
             )
         elif row["success_verdict"] != MIXED:
-            verdict = f"The verdict on `{x}`{against}, {row['success_verdict']}"
-            aside += f" {verdict}, holds for the mean; {where} alone cannot show it."
+            verdict = f"The verdict on `{x}`{against} ({row['success_verdict']})"
+            aside += f" {verdict} is for the mean; it is not shown separately in {where}."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}

@@ -34,7 +34,7 @@ def verdict(row: pd.Series) -> Finding:
     if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
         text += "; both succeed less often than that margin"
     if (apart := str(row.get("success_except", ""))) not in ("", "nan"):
-        contradicts = "contradicted in" if found == MIXED else "not shown by itself in"
+        contradicts = "contradicting the mean:" if found == MIXED else "not shown separately in"
         text += f"; {contradicts} {listed(apart.split(', '))}"
     text += f". In score: {row['score_verdict']}, {difference(row, 'score', 'contrasts')}."
     if "wrong_pings_x" in row:

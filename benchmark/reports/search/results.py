@@ -81,8 +81,8 @@ def headline(folder: Folder) -> Finding:
 
     return Finding(
         f"With default settings, success averaged over training (the area under its curve) ranges from "
-        f"{told('default')}; with the best of {search['trials']} trials and the defaults, "
-        f"from {told('chosen')}. Means are over {len(folder.manifest['scenarios'])} scenarios, with "
+        f"{told('default')}; with the chosen settings (the best of the defaults and {search['trials']} "
+        f"trials), from {told('chosen')}. Means are over {len(folder.manifest['scenarios'])} scenarios, with "
         f"{search['seeds']} fresh runs in each."
     )
 
@@ -134,14 +134,16 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
             (_, one), *_ = rows[rows["trials"] == b].iterrows()
             row[f"best of {b}"] = entry(one, "expected", "best_of")
         is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
-        row[f"trials needed to come within {_CLOSE} of that"] = f"{rows.loc[is_close, 'trials'].iloc[0]}"
+        row[f"trials needed to come within {_CLOSE} of the best of {n}"] = (
+            f"{rows.loc[is_close, 'trials'].iloc[0]}"
+        )
         shown.append(row)
     return pd.DataFrame(shown)
 
 
 @item(
     "cost",
-    "what the search took, without the runs around the chosen settings",
+    "cost of the search, excluding the runs that vary the chosen settings",
     {
         **KEY,
         "trials": "",
@@ -296,7 +298,7 @@ def around(data: Searches) -> Iterator[dict[str, Any]]:
 
 
 @around.figure(
-    "One setting at a time. Dots grow with the value, or in the order declared; line: the chosen settings."
+    "One setting changed at a time. Dots grow with the value, or in the order declared; line: none changed."
 )
 def _(tables: Frames, data: Searches) -> Figure:
     frame, learners = tables["around"], data.learners

@@ -46,7 +46,9 @@ def check(experiment: Experiment) -> None:
     for name, declared in experiment.algorithms.items():
         if load_algorithm(declared.algorithm).family == "planner":
             where = f"{experiment.argument}: algorithms.{name}.algorithm = {declared.algorithm}"
-            raise InputError(f"{where}: it is a planner; accepted: what learns.")
+            raise InputError(
+                f"{where}: it is a planner, which learns nothing; accepted: learning algorithms."
+            )
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Searches:

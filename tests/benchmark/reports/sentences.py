@@ -46,7 +46,7 @@ def check_verdicts(document: Document) -> None:
     frame, told = document.folder.frame("contrasts"), 0
     for finding in document.findings:
         if finding.verdict == "several":
-            sides = re.match("`(.+)` against `(.+)`, in success: ", finding.text)
+            sides = re.match("Success of `(.+)` compared with `(.+)`: ", finding.text)
             for verdict, n, places in re.findall(
                 r"(\w[\w ]*) in \[(\d+)\]\([\w.]+#row=([\d;-]+)\)", finding.text
             ):

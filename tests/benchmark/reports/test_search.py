@@ -70,7 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_does_not_learn_has_no_search() -> None:
     planner = TUNING.algorithms["q_learning"].model_copy(update={"algorithm": "memoryless"})
     with pytest.raises(
-        InputError, match=r"mine\.algorithm = memoryless: it is a planner; accepted: what learns"
+        InputError, match=r"mine\.algorithm = memoryless: it is a planner, which learns nothing; accepted"
     ):
         check(TUNING.model_copy(update={"algorithms": {"mine": planner}}))
 
