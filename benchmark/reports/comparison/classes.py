@@ -7,10 +7,11 @@ from typing import Any, Final
 import pandas as pd
 
 from benchmark.analysis.intervals import proportion
+from benchmark.drawing.tables import inert, link
 from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
-from benchmark.reports.item import entry, item
+from benchmark.reports.item import item, number
 
 _KINDS: Final = {"tabular": "table", "deep": "net"}  # by family
 _POLICIES: Final = ("greedy", "stochastic")
@@ -58,10 +59,15 @@ def classes(runs: Runs) -> Iterator[dict[str, Any]]:
 
 @classes.shown
 def _(table: pd.DataFrame) -> pd.DataFrame:
-    """Shows a row per place, and a column per class."""
-    shown: dict[str, dict[str, str]] = {}
+    """Shows two by two classes side by side: a row per place and what is seen, below the learners' names."""
+    shown: dict[tuple[str, str], dict[str, str]] = {}
     for _, row in table.iterrows():
-        title = f"{row['policy']} {row['kind']}, {row['sees']}: {row['learner']}"
-        at = shown.setdefault(words.place(row), dict.fromkeys(["scenario"], words.place(row)))
-        at[title] = entry(row, "success", "classes")
-    return pd.DataFrame([*shown.values()]).fillna("-")
+        for place, text in (("learner", inert(row["learner"])), (words.place(row), _linked(row))):
+            at = shown.setdefault((place, row["sees"]), {"scenario": place, "sees": row["sees"]})
+            at[f"{row['policy']} {row['kind']}"] = text
+    first = [at for (place, _), at in shown.items() if place == "learner"]
+    return pd.DataFrame([*first, *(at for at in shown.values() if at not in first)]).fillna("-")
+
+
+def _linked(row: pd.Series) -> str:
+    return link(number(row["success"]), "classes", row)

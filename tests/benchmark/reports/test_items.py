@@ -175,20 +175,17 @@ def test_the_best_learner_of_each_class_is_that_of_the_search() -> None:
         (scenario, *row) for scenario in ("S1", "Anywhere") for row in expected
         if scenario == "Anywhere" or row[2] == "cells"  # in S1 nobody sees the issuer
     ]  # fmt: skip
-    by_sight = sorted(expected, key=lambda row: row[2])  # cells first
     near = frame[frame["learner"] == "near, offset"].iloc[0]
     ends = stats.binomtest(15, 20).proportion_ci()
     assert (near["n"], near["success"]) == (20, 0.75)
     assert (near["success_low"], near["success_high"]) == pytest.approx((ends.low, ends.high))
-    shown = item("classes").display(frame).map(plain)
-    assert [*shown] == [
-        "scenario",
-        *(f"{policy} {kind}, {sees}: {of}" for kind, policy, sees, of in by_sight),
-    ]
-    s1, anywhere = shown.to_dict("records")
-    title = "greedy table, offset: near, offset"
-    assert (s1["scenario"], s1[title]) == ("S1", "-")
-    assert (anywhere["scenario"], anywhere[title]) == ("Anywhere", f"0.75 [{ends.low:.3g}, {ends.high:.3g}]")
+    shown = item("classes").display(frame).map(plain).set_index(["scenario", "sees"])
+    assert shown["greedy table"].to_dict() == {
+        ("learner", "cells"): "q, index", ("learner", "offset"): "near, offset",
+        ("S1", "cells"): "0.25", ("Anywhere", "cells"): "0.25", ("Anywhere", "offset"): "0.75",
+    }  # fmt: skip
+    stochastic = shown["stochastic net"].to_dict()
+    assert [stochastic["Anywhere", each] for each in ("cells", "offset")] == ["-", "1"]
     for gone in ({"soft", "ppo"}, {"near", "ppo"}):  # no stochastic policy, or nobody sees the offset
         left = {learner: each for learner, each in searches.items() if learner.algorithm not in gone}
         assert item("classes").table(replace(runs, searches=left)) is None
