@@ -141,12 +141,7 @@ def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) 
     )
     looks = []
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        for n, first in (
-            (3, 0),
-            (4, 1),
-            (4, 1),
-            (11, 1),
-        ):  # seeds of which the first has been seen are others
+        for n, first in ((3, 0), (4, 1), (4, 1), (11, 1)):  # others than the first are other seeds
             small = without(drawn.experiment, "ppo", "check", omit=omit)
             variants = {
                 name: variant.model_copy(update={"seeds": n, "first_seed": first})
@@ -154,7 +149,7 @@ def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) 
             }
             draw.draw(small.model_copy(update={"algorithms": variants}), store, tmp_path / "small")
             looks.append(json.loads((tmp_path / "small" / "manifest.json").read_text())["looks"])
-            said = "looked at before" in (tmp_path / "small" / "README.md").read_text()
+            said = "analysed before" in (tmp_path / "small" / "README.md").read_text()
             assert said == bool(looks[-1])
             (tmp_path / "small" / ".stamp").unlink()
     assert looks == [[], [], [], [4]]
