@@ -194,8 +194,8 @@ class Experiment(Table):
                 for name, each in self.algorithms.items()
             }
             for name, each in self.algorithms.items():
-                effort = efforts[name] == next(iter(efforts.values()))
-                require(effort, f"algorithms.{name}", "the seeds, schedule and budget of all others")
+                is_equal = efforts[name] == next(iter(efforts.values()))
+                require(is_equal, f"algorithms.{name}", "the seeds, schedule and budget of all others")
                 require(bool(each.search), f"algorithms.{name}", "a table search, as the experiment has one")
                 unit = (self.settings | each.settings).get("budget_unit", "steps")
                 require(unit == "steps", f"algorithms.{name}.settings.budget_unit = {unit}", "steps")

@@ -60,14 +60,11 @@ def classes(runs: Runs) -> Iterator[dict[str, Any]]:
 @classes.shown
 def _(table: pd.DataFrame) -> pd.DataFrame:
     """Shows two by two classes side by side: a row per place and what is seen, below the learners' names."""
+    learners: dict[str, dict[str, str]] = {}  # by what they see
     shown: dict[tuple[str, str], dict[str, str]] = {}
     for _, row in table.iterrows():
-        for place, text in (("learner", inert(row["learner"])), (words.place(row), _linked(row))):
-            at = shown.setdefault((place, row["sees"]), {"scenario": place, "sees": row["sees"]})
-            at[f"{row['policy']} {row['kind']}"] = text
-    first = [at for (place, _), at in shown.items() if place == "learner"]
-    return pd.DataFrame([*first, *(at for at in shown.values() if at not in first)]).fillna("-")
-
-
-def _linked(row: pd.Series) -> str:
-    return link(number(row["success"]), "classes", row)
+        place, sees, title = words.place(row), row["sees"], f"{row['policy']} {row['kind']}"
+        learners.setdefault(sees, {"scenario": "learner", "sees": sees})[title] = inert(row["learner"])
+        at = shown.setdefault((place, sees), {"scenario": place, "sees": sees})
+        at[title] = link(number(row["success"]), "classes", row)
+    return pd.DataFrame([*learners.values(), *shown.values()]).fillna("-")
