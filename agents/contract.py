@@ -4,7 +4,7 @@ Axis letters: N agents, T evaluation steps, V map steps, O observations, A actio
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -38,6 +38,9 @@ class Schedule:
     budget: int
     evaluation_steps: tuple[int, ...] = ()  # (T,) when policies are recorded: rising, from 0 to the budget
     map_steps: tuple[int, ...] = ()  # (V,) those of them when the values of all observations are, too
+    # Asked at every evaluation step, with its place and the table (O, A) there: whether training may end. An
+    # algorithm that takes long asks; what would follow is then as it is there.
+    may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
 
     def __post_init__(self) -> None:
         """Refuses, by a ValueError, steps that are not as described."""

@@ -86,6 +86,11 @@ def every_cell(model: Model) -> NDArray[np.float64]:
     return _uniform(model, model.fresh_state[~model.is_over[model.fresh_state]])
 
 
+def unseen_places(model: Model) -> NDArray[np.float64]:
+    """Returns the distribution over start states, (S,), of episodes with the issuer in an unseen place."""
+    return _uniform(model, model.unseen_starts)
+
+
 def _uniform(model: Model, states: NDArray[np.integer]) -> NDArray[np.float64]:
     """Returns the uniform distribution over some states, (S,)."""
     start = np.zeros(len(model.observation))

@@ -78,6 +78,7 @@ class Model:
 
     scenario: Scenario
     starts: NDArray[np.int32]  # (B,) the states in which an episode starts, all equally likely
+    unseen_starts: NDArray[np.int32]  # the same with the issuer in an unseen place
     next_state: NDArray[np.int32]  # (S, A, K); a PING that ends the episode stays in its state
     probability: NDArray[np.float64]  # (S, A, K) of each outcome
     grid_reward: NDArray[np.float64]  # (S, A)
@@ -284,8 +285,11 @@ def compile_scenario(scenario: Scenario) -> Model:
     grid_reward[over] = issuer_reward[over] = issuer_noise[over] = 0.0
     terminated[over] = True
 
-    j, first_tick, first_cell = scenario.starts.T
-    zero = np.zeros(len(j), dtype=np.int64)
+    def states(starts: NDArray[np.int_]) -> NDArray[np.int32]:
+        j, first_tick, first_cell = starts.T
+        zero = np.zeros(len(j), dtype=np.int64)
+        return np.ravel_multi_index((j, first_tick, zero, zero, first_cell), shape).astype(np.int32)
+
     components = _components(scenario, place, scenario.ticks[tick], pings, cell)
     observation, size = np.zeros(len(cell), dtype=np.int64), 1
     for component in components:
@@ -293,7 +297,8 @@ def compile_scenario(scenario: Scenario) -> Model:
         size *= component.size
     model = Model(
         scenario=scenario,
-        starts=np.ravel_multi_index((j, first_tick, zero, zero, first_cell), shape).astype(np.int32),
+        starts=states(scenario.starts),
+        unseen_starts=states(scenario.unseen_starts),
         next_state=next_state.astype(np.int32),
         probability=np.ascontiguousarray(np.broadcast_to(chances[tick][:, None], next_state.shape)),
         grid_reward=grid_reward,
@@ -322,13 +327,14 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Compo
     largest = np.maximum(farthest, 1)
     stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
     cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
+    shown = np.array(scenario.shown_cells)  # (I, 2)
     where = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
     n_phases, n_pings = len(scenario.stages), scenario.ping_limit
     offset = stands[place, phase] - grid.position[cell] + farthest  # (S, 2), from 0
     known = {
         "agent": (cell, grid.position / largest),
         "offset": (offset @ (2 * grid.columns - 1, 1), (grid.offset + farthest) / (2 * largest)),
-        "issuer": (where[place, phase], grid.position[cells] / largest),
+        "issuer": (where[place, phase], shown / largest),
         "phase": (phase, np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
         "wrong_pings": (pings, np.arange(n_pings)[:, None] / max(n_pings - 1, 1)),
     }
@@ -347,8 +353,9 @@ def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float
     stands = np.array([[[who.cell for who in people] for people in stages] for stages in scenario.people])
     shape = *stands.shape[:2], len(position)  # J, P, C
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    for j, stages in enumerate(scenario.people):
-        _, tick, cell = scenario.starts[scenario.starts[:, 0] == j].T
+    every_start = scenario.starts_by_place.values()
+    for j, (stages, starts_here) in enumerate(zip(scenario.people, every_start, strict=True)):
+        tick, cell = starts_here.T
         from_start = np.abs(position[cell][:, None] - stands[j, scenario.ticks[tick]]).sum(axis=2).max(axis=0)
         for p, people in enumerate(stages):
             far = np.abs(position - stands[j, p][:, None]).sum(axis=2)  # (people, C), L1 distances

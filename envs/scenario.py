@@ -4,9 +4,10 @@
 there say what each is about, and in S1 to S3 which term of the paper a value has.
 """
 
+import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -148,9 +149,15 @@ class Walk(Table):
 class Issuer(Table):
     """The person whose personal space matters, and the reward that this person adds to every PING."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"heading", "walk"})
+    later: ClassVar[frozenset[str]] = frozenset({"heading", "walk", "places", "unseen", "permuted"})
 
     position: Place
+    # How many of the cells of `position` it may stand in, drawn once, see `Scenario.draw`; all by default.
+    places: Annotated[int, Field(ge=1, le=MAX_STATES)] | None = None
+    # Further cells, drawn after these: part of the observations, but no episode starts with the issuer there.
+    unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
+    # The share of its cells whose coordinates are permuted: as coordinates, an agent observes another cell.
+    permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
     feedback: Feedback
     heading: Heading = "up"
     walk: Walk | None = None
@@ -222,7 +229,7 @@ class Scenario(Table):
     unless the scenario says otherwise.
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase"})
+    later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase", "draw"})
 
     name: Name
     description: str
@@ -236,6 +243,8 @@ class Scenario(Table):
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
     first_phase: Literal["first", "any"] = "first"  # in which an episode starts; "any": any tick of any phase
+    # Which places and which permutation are drawn, if any. The first n places are the same for every n.
+    draw: Annotated[int, Field(ge=0, le=10**9)] = 0
 
     # What the tables come to
 
@@ -279,8 +288,11 @@ class Scenario(Table):
 
     @cached_property
     def places(self) -> tuple[Cell, ...]:
-        """(J,) where the issuer may stand when an episode starts, and then stays unless a phase moves it."""
-        return tuple(self._starts_by_place)
+        """(J,) where the issuer may stand when an episode starts, and then stays unless a phase moves it.
+
+        Those of `issuer.unseen` are among them.
+        """
+        return tuple(self.starts_by_place)
 
     @cached_property
     def people(self) -> tuple[tuple[tuple[Someone, ...], ...], ...]:
@@ -293,6 +305,16 @@ class Scenario(Table):
         return tuple(sorted({people[0].cell for stages in self.people for people in stages}))
 
     @cached_property
+    def shown_cells(self) -> tuple[Cell, ...]:
+        """(I,) the cells whose coordinates stand for these: others where they are permuted.
+
+        Each of the permuted ones has the coordinates of the one that follows it in the order of the draw.
+        """
+        order = self.in_drawn_order(self.issuer_cells)[: round(self.issuer.permuted * len(self.issuer_cells))]
+        following = dict(zip(order, [*order[1:], *order[:1]], strict=True))
+        return tuple(following.get(cell, cell) for cell in self.issuer_cells)
+
+    @cached_property
     def zone(self) -> NDArray[np.int8]:
         """(J, P, C) index into `envs.regions.ZONES`: the zone of every cell in each place and phase."""
         return np.stack([self._zones_by_place[place] for place in self.places])
@@ -300,10 +322,43 @@ class Scenario(Table):
     @cached_property
     def starts(self) -> NDArray[np.int_]:
         """(B, 3) place, tick and cell of every start of an episode, all equally likely."""
-        by_place = self._starts_by_place.values()
-        return np.concatenate(
-            [np.column_stack([np.full(len(rest), j), rest]) for j, rest in enumerate(by_place)]
-        )
+        return self._starts(is_met=True)
+
+    @property
+    def unseen_starts(self) -> NDArray[np.int_]:
+        """(starts, 3) the same of episodes with the issuer in an unseen place, which are never trained."""
+        return self._starts(is_met=False)
+
+    def _starts(self, *, is_met: bool) -> NDArray[np.int_]:
+        n = self.issuer.places
+        met = self.places if n is None else self.in_drawn_order(self.places)[:n]
+        by_place = enumerate(self.starts_by_place.items())
+        rows = [
+            np.column_stack([np.full(len(rest), j), rest])
+            for j, (place, rest) in by_place
+            if (place in met) == is_met
+        ]
+        return np.concatenate([np.zeros((0, 3), dtype=int), *rows])
+
+    def in_drawn_order(self, cells: Iterable[Cell]) -> list[Cell]:
+        """Returns cells in an order that `draw` decides, the same for all rooms that have them."""
+
+        def digest(cell: Cell) -> bytes:
+            return hashlib.sha256(json.dumps([self.draw, *cell]).encode()).digest()
+
+        return sorted(cells, key=digest)
+
+    @property
+    def draws(self) -> bool:
+        """Whether `draw` makes a difference."""
+        return self.issuer.places is not None or self.issuer.permuted > 0
+
+    def drawn(self, draw: int) -> Self:
+        """Returns the scenario with another draw, of which nothing has to be checked again."""
+        other = self.model_copy(update={"draw": draw})
+        for name in {*other.__dict__} - {*type(self).model_fields, "_zones_by_place", "_free_places"}:
+            del other.__dict__[name]
+        return other
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -388,8 +443,15 @@ class Scenario(Table):
         return any(each.kind == "delayed" for each in feedback)
 
     @cached_property
-    def _starts_by_place(self) -> dict[Cell, NDArray[np.int_]]:
-        """The places of the issuer, each with (starts, 2) ticks and cells of the agent.
+    def starts_by_place(self) -> dict[Cell, NDArray[np.int_]]:
+        """The places of the issuer, each with (starts, 2) ticks and cells of the agent."""
+        free, n = self._free_places, self.issuer.places
+        drawn = {*free} if n is None else {*self.in_drawn_order(free)[: n + self.issuer.unseen]}
+        return {place: starts for place, starts in free.items() if place in drawn}
+
+    @cached_property
+    def _free_places(self) -> dict[Cell, NDArray[np.int_]]:
+        """The same of all cells of `issuer.position`.
 
         Places without a start, or without a target region that the agent can enter, are left out.
         """
@@ -519,13 +581,18 @@ class Scenario(Table):
         factors = {
             "cells (grid.rows x grid.columns)": self.grid.rows * self.grid.columns,
             "wrong PINGs (ping_limit)": self.ping_limit,
-            "cells for the issuer (issuer.position)": len(_cells(self.issuer.position, self.grid)),
+            "cells for the issuer (issuer.position)": self._n_cells_of_issuer,
             "ticks (phases, or issuer.walk)": sum(stage.steps or 1 for stage in self.stages),
             "cases, with and without pending feedback (issuer.feedback)": 1 + self.is_delayed,
         }
         n_states = math.prod(factors.values())
         product = " x ".join(f"{n} {name}" for name, n in factors.items() if n > 1)
         require(n_states <= MAX_STATES, f"{product} = {n_states} states", f"at most {MAX_STATES}")
+
+    @property
+    def _n_cells_of_issuer(self) -> int:
+        n, issuer = len(_cells(self.issuer.position, self.grid)), self.issuer
+        return n if issuer.places is None else min(n, issuer.places + issuer.unseen)
 
     def _check_starts(self) -> None:
         """Checks that episodes can start and succeed, in every cell that is listed for it."""
@@ -535,17 +602,22 @@ class Scenario(Table):
             where = f"regions: with the issuer at {json.dumps(place)}, the agent can enter no target region"
             accepted = "a target shape that reaches beyond the uncomfortable one"
             require(self._has_target(self._zones_by_place[place]), where, accepted)
-        starts = np.concatenate([np.zeros((0, 2), dtype=int), *self._starts_by_place.values()])
+        starts = np.concatenate([np.zeros((0, 2), dtype=int), *self._free_places.values()])
         used = {divmod(cell, self.grid.columns) for cell in starts[:, 1].tolist()}
         whose = f"the issuer at {json.dumps(position)}{' or another person' if self.others else ''}"
         for cell in _cells(start, self.grid) if start != "anywhere" else ():
             where = f"grid.start = {json.dumps(cell)} lies inside a region of {whose}"
             require(cell in used, where, "a cell outside every region")
-        unused = [place for place in listed if place not in self._starts_by_place]
+        unused = [place for place in listed if place not in self._free_places]
         where = f"issuer.position = {json.dumps(unused[0] if unused else position)}"
         accepted = "other cells, smaller regions, or another grid.start"
-        has_starts = bool(self._starts_by_place) and not unused
+        has_starts = bool(self._free_places) and not unused
         require(has_starts, f"{where} leaves no start outside every region", accepted)
+        n, unseen = self.issuer.places, self.issuer.unseen
+        require(n is not None or not unseen, f"issuer.unseen = {unseen}", "issuer.places beside it")
+        n_free = len(self._free_places)
+        where = f"issuer.places = {n}" + f" with issuer.unseen = {unseen}" * bool(unseen)
+        require((n or 0) + unseen <= n_free, where, f"at most {n_free} in all, the cells where it can stand")
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, Any]

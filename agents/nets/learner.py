@@ -124,7 +124,11 @@ class NetAlgorithm(SequentialAlgorithm):
                 agent.walk.counts[indices[0] :] = agent.walk.disagreements[0]
                 break
             tables[indices] = table if agent.is_value else table / table.sum(axis=1, keepdims=True)
-        if diverged_at < 0:
+            if schedule.may_end and any(schedule.may_end(i, tables[i]) for i in indices):
+                tables[indices[-1] :] = tables[indices[-1]]
+                agent.walk.counts[indices[0] :] = agent.walk.disagreements[0]
+                break
+        else:
             advance(schedule.budget)
         q = agent.table().astype(np.float64) if agent.is_value else np.empty((0, N_ACTIONS))
         weights = agent.weights()

@@ -81,19 +81,20 @@ class _Snapshots(BaseCallback):
     step from there to the next rollout.
     """
 
-    def __init__(
-        self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, points: Sequence[int]
-    ) -> None:
+    def __init__(self, env: SB3VecEnv, rollout: int, observations: torch.Tensor, schedule: Schedule) -> None:
         super().__init__()
         self._env = env
         self._rollout = rollout
         self._next_rollout = 0
         self._observations = observations  # (O, ...)
-        self._points = points  # (T,)
+        self._points = schedule.evaluation_steps  # (T,)
+        self._may_end = schedule.may_end
+        self.has_ended = False  # early
         self._n_policies = 0  # evaluation steps whose policy is kept
         self._n_counts = 0  # evaluation steps whose counts are kept
         self._reading_s = 0.0  # CPU seconds spent on reading policies, which is not training
         self._started_s = time.thread_time()
+        points = self._points
         self.tables = np.full((len(points), len(observations), len(ACTIONS)), np.nan)  # see `policy_table`
         self.disagreements = np.zeros(len(points), dtype=np.int64)
         self.cpu_time_s = np.zeros(len(points))
@@ -114,7 +115,7 @@ class _Snapshots(BaseCallback):
 
     def _on_step(self) -> bool:
         self.keep_counts(self.model.num_timesteps)
-        return True
+        return not self.has_ended
 
     def keep_policy(self, before: int) -> None:
         """Keeps the present policy for all evaluation steps before a step that have none yet."""
@@ -129,6 +130,9 @@ class _Snapshots(BaseCallback):
         if self._points[self._n_policies] == self.model.num_timesteps:  # its update is done
             self.cpu_time_s[self._n_policies] = started_s - self._started_s - self._reading_s
         self.tables[self._n_policies : self._n_policies + due] = table
+        if self._may_end is not None:
+            rows = range(self._n_policies, self._n_policies + due)
+            self.has_ended = any(self._may_end(i, self.tables[i]) for i in rows)
         self._n_policies += due
         self._reading_s += time.thread_time() - started_s
 
@@ -139,6 +143,11 @@ class _Snapshots(BaseCallback):
             self.disagreements[self._n_counts] = self._env.disagreements
             self.cpu_time_s[self._n_counts] = time.thread_time() - self._started_s - self._reading_s
             self._n_counts += 1
+
+    def fill(self) -> None:
+        """Lets what follows an early end be as it is there."""
+        self.tables[self._n_policies :] = self.tables[self._n_policies - 1 : self._n_policies]
+        self.keep_counts(2**62)
 
     def diverged(self) -> None:
         """Notes that there is no policy from here on; it counts as the uniform random one."""
@@ -167,18 +176,20 @@ def train_agent(
         # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
         agent.set_logger(configure(str(log), ["tensorboard"]) if log else Logger(None, []))
         agent.action_space.seed(action_seed)
-        kept = _Snapshots(env, settings.rollout, observations, schedule.evaluation_steps)
+        kept = _Snapshots(env, settings.rollout, observations, schedule)
         interval: Any = 1 if log else None  # from one line of the log to the next: episodes, or rollouts
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
             agent.learn(settings.budget, callback=kept, log_interval=interval)
-            if agent.num_timesteps != settings.budget:
+            if agent.num_timesteps != settings.budget and not kept.has_ended:
                 raise InputError(
                     f"{algorithm.path}: trained for {agent.num_timesteps} steps; accepted: the budget of "
                     f"{settings.budget}."
                 )
-            kept.keep_policy(before=settings.budget + 1)
+            if not kept.has_ended:
+                kept.keep_policy(before=settings.budget + 1)
+            kept.fill()
         except _DivergedError:
             pass
         except ValueError:  # torch refuses to draw from probabilities that are not finite

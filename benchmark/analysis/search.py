@@ -21,7 +21,6 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
-    all_specifications,
     evaluation_steps,
     specifications,
 )
@@ -173,24 +172,13 @@ def searched(experiment: Experiment, store: Store) -> list[Searched]:
     ]
 
 
-def stages(experiment: Experiment, store: Store, seeds: Sequence[int] | None = None) -> Iterator[Runs]:
-    """Yields the runs of one stage after the other, as long as those before are stored.
-
-    An experiment without a search has a single stage.
-    """
-    runs = all_specifications(experiment, seeds)
-    yield runs
+def later_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
+    """Yields the runs of the second and third stage, each as long as those before are stored."""
     learners = searched(experiment, store)
-    if learners and not driver.pending(runs, store):
-        runs = _distinct(run for each in learners for runs in each.fresh_runs.values() for run in runs)
-        yield runs
-        if not driver.pending(runs, store):
-            yield _distinct(run for each in learners for runs in each.around.values() for run in runs)
-
-
-def known_runs(experiment: Experiment, store: Store, seeds: Sequence[int] | None = None) -> Runs:
-    """Lists the runs of all stages that can be known yet."""
-    return [run for runs in stages(experiment, store, seeds) for run in runs]
+    runs = _distinct(run for each in learners for runs in each.fresh_runs.values() for run in runs)
+    yield runs
+    if not driver.pending(runs, store):
+        yield _distinct(run for each in learners for runs in each.around.values() for run in runs)
 
 
 def _distinct(runs: Iterable[RunSpecification]) -> Runs:

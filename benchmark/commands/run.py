@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
-from benchmark.analysis.search import stages
+from benchmark.analysis.stages import stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.executors import ExecutorFactory, load_executor

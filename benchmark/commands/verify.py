@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.analysis.search import known_runs
+from benchmark.analysis.stages import known_runs
 from benchmark.commands import parse_jobs
 from benchmark.commands.report import folder_name
 from benchmark.execution import driver

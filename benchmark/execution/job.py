@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents import check_training, load_algorithm
-from agents.dynamic_programming import Evaluation, evaluate, every_cell
-from agents.policy import mask_policy
+from agents.dynamic_programming import Evaluation, evaluate, every_cell, unseen_places
+from agents.policy import mask_policy, uniform_policy
+from benchmark.analysis.solving import solved
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.execution.store import VALUE_DECIMALS, Record, evaluated
+from benchmark.experiments import RunSpecification
 from envs import InputError
 from envs.observations import compile_seen
 
@@ -50,6 +52,8 @@ def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
 
 def recorded(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Returns what records hold of the arrays of N runs, (N, ...), see `Record`."""
+    if "values" not in columns:  # curves alone
+        return {**columns}
     return {
         **columns,
         "values": np.round(columns["values"].astype(np.float64), VALUE_DECIMALS).astype(np.float32),
@@ -76,6 +80,9 @@ def _times(job: Job, started: float) -> dict[str, Any]:
 def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
     """Returns the arrays of all runs by name, each (N, ...)."""
     first = job[0]
+    if first.solved is not None:
+        each = [_train_until_solved(run, logs) for run in job]
+        return {name: np.concatenate([columns[name] for columns in each]) for name in each[0]}
     model = compile_seen(first.scenario, first.observation)
     training = load_algorithm(first.algorithm).train(
         model,
@@ -99,3 +106,51 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
             columns[evaluated(name, "greedy", start)] = values.reshape(*shape, *values.shape[1:])
             columns[evaluated(name, "stochastic", start)] = getattr(stochastic, name)
     return columns
+
+
+def _train_until_solved(run: RunSpecification, logs: Path | None) -> dict[str, NDArray[Any]]:
+    """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
+
+    What follows the end of a curve is as its last point. Success in unseen places is that of the last policy,
+    and NaN without such places.
+    """
+    assert run.solved is not None
+    model, is_greedy = compile_seen(run.drawn_scenario, run.observation), run.solved["policy"] == "greedy"
+    schedule = run.schedule
+    n_steps = len(schedule.evaluation_steps)
+    success: list[float] = []
+    policy = uniform_policy(model)
+
+    def may_end(i: int, table: NDArray[np.float64]) -> bool:
+        nonlocal policy
+        policy = mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table
+        return measured()
+
+    def measured() -> bool:
+        success.append(float(evaluate(model, policy, run.horizon).success))
+        return solved(success, schedule.evaluation_steps, run.solved["success"]).is_certain
+
+    training = load_algorithm(run.algorithm).train(
+        model,
+        run.settings,
+        run.observation,
+        [run.seed_sequence],
+        replace(schedule, may_end=may_end),
+        [] if logs is None else [logs / run.folder],
+    )
+    check_training(training, model, 1, schedule)
+    if not is_greedy and not training.stochastic.shape[1]:
+        raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
+    is_over = len(success) > 0 and len(success) < n_steps and training.diverged_at[0] < 0
+    while not is_over and (i := len(success)) < n_steps:
+        policy = mask_policy(training.greedy[0, i]) if is_greedy else training.stochastic[0, i]
+        is_over = measured()
+    success += [success[-1]] * (n_steps - len(success))
+    unseen = (
+        [evaluate(model, policy, run.horizon, unseen_places(model)).success]
+        if len(model.unseen_starts)
+        else []
+    )
+    columns = {"success": np.array([success]), "unseen_success": np.array([unseen]).reshape(1, -1)}
+    names = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
+    return columns | {name: getattr(training, name) for name in names}

@@ -100,11 +100,68 @@ class Reading(Condition):
     seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
 
 
+Value = Annotated[str, Field(pattern=r"^\d+(\.\d+)?(x\d+)?$")]  # of an axis: a number, or two joined by "x"
+
+
+class Grid(Table):
+    """Conditions of a map: the product of its axes, in scenarios that are drawn anew for every run."""
+
+    question: Annotated[Line, Field(min_length=1)]
+    learners: tuple[
+        str, ...
+    ] = ()  # names of learners, or of variants with all their observations; all by default
+    scenario: dict[str, Any] = Field(default_factory=dict)  # changes at all its points, as dotted keys
+    settings: dict[str, Any] = Field(default_factory=dict)
+    # axis to value to changes of the scenario
+    axes: Annotated[dict[Name, dict[Value, dict[str, Any]]], Field(min_length=1)]
+    without: tuple[str, ...] = ()  # points that are left out, as "AXIS=VALUE/AXIS=VALUE"
+
+    @property
+    def points(self) -> list[dict[str, str]]:
+        """The value of each axis, at every point."""
+        every = [dict(zip(self.axes, values, strict=True)) for values in product(*self.axes.values())]
+        return [point for point in every if point_name(point) not in self.without]
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        for axis, values in self.axes.items():
+            require(bool(values), f"axes.{axis}", "a table with at least one value")
+        names = [
+            point_name(dict(zip(self.axes, values, strict=True))) for values in product(*self.axes.values())
+        ]
+        for name in self.without:
+            require(name in names, f"without: {name}", f"points such as {names[0]}")
+        require(len(self.without) < len(names), "without", "at least one point that is left")
+        return self
+
+
+class Solved(Table):
+    """When a run has solved its scenario.
+
+    It has at the first evaluation from which exact success stays at or above a level until twice as many
+    steps, or to the end of the budget. A run ends once that is certain if its algorithm can end early, and
+    only curves are recorded.
+    """
+
+    success: Annotated[float, Field(gt=0, le=1)] = 0.9
+    growth: Annotated[float, Field(gt=1, le=2)] = 1.15  # of evaluation steps, from one to the next, about
+
+
 class Margins(Table):
     """Differences that are too small to matter."""
 
     success: Annotated[float, Field(gt=0, lt=1)] = 0.1
     score: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    faster: Annotated[float, Field(gt=0, lt=0.5)] = 0.15  # from a probability of 1/2 of being faster
+
+
+def point_name(point: Mapping[str, str]) -> str:
+    """Returns the name of a point of a grid.
+
+    >>> point_name({"room": "5x6", "places": "4"})
+    'room=5x6/places=4'
+    """
+    return "/".join(f"{axis}={value}" for axis, value in point.items())
 
 
 def _as_tuple(value: Any) -> Any:
@@ -131,6 +188,8 @@ class Reporting(Table):
     margins: Margins = Margins()
     fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
     contrasts: tuple[tuple[str, str], ...] = ()  # x against y, with verdicts
+    # Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs.
+    looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
     # x minus y, and what differs: exploratory, without verdicts
     effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
 
@@ -159,6 +218,8 @@ class Experiment(Table):
         }
     )
     sweep: dict[Name, dict[Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
+    grids: dict[Name, Grid] = Field(default_factory=dict)  # instead of a sweep
+    solved: Solved | None = None  # runs are measured until then
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
@@ -211,7 +272,16 @@ class Experiment(Table):
                 require(
                     not overlap(seeds, later), f"algorithms.{name}.first_seed = {each.first_seed}", accepted
                 )
+        if self.grids:
+            is_alone = not self.sweep and self.search is None and len(self.readings) == 1
+            require(is_alone, "grids", "neither a sweep nor a search nor readings beside it")
+            learners = {*self.algorithms, *(", ".join(each[1:]) for each in self.populations)}
+            for name, grid in self.grids.items():
+                for learner in grid.learners:
+                    where, accepted = f"grids.{name}.learners: {learner}", ", ".join(sorted(learners))
+                    require(learner in learners, where, accepted)
         n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
+        n_conditions *= sum(len(grid.points) for grid in self.grids.values()) or 1
         n_conditions *= 1 if self.search is None else self.search.trials + 1
         accepted = f"at most {MOST_CONDITIONS:,} conditions"
         require(n_conditions <= MOST_CONDITIONS, "readings with sweep", accepted)
@@ -245,6 +315,15 @@ class Experiment(Table):
             for observation in variant.observations
         ]
 
+    def populations_of(self, condition: str) -> list[tuple[str, str, str]]:
+        """Returns the populations of a condition: those of a grid may be of some learners only."""
+        chosen = self.grids[condition.split("/")[1]].learners if self.grids else ()
+        return [
+            (scenario, name, observation)
+            for scenario, name, observation in self.populations
+            if not chosen or name in chosen or f"{name}, {observation}" in chosen
+        ]
+
     def schedule(self, variant: str) -> tuple[int, int]:
         """Returns after how many steps a variant is evaluated, and its values are mapped."""
         declared = self.algorithms[variant]
@@ -273,8 +352,23 @@ class Experiment(Table):
         """The changes of every condition, by its name.
 
         A condition is a reading together with a point of the sweep. Its name is that of the reading, followed
-        by /AXIS=NAME for each axis. Its changes are named by their tables, and made in this order.
+        by /AXIS=NAME for each axis; at a point of a grid by /GRID before these. Its changes are named by their
+        tables, and made in this order.
         """
+        if self.grids:
+            ((reading, first),) = self.readings.items()
+            return {
+                f"{reading}/{name}/{point_name(point)}": {
+                    f"readings.{reading}": first,
+                    f"grids.{name}": Condition(scenario=grid.scenario, settings=grid.settings),
+                    **{
+                        f"grids.{name}.axes.{axis}.{value}": Condition(scenario=grid.axes[axis][value])
+                        for axis, value in point.items()
+                    },
+                }
+                for name, grid in self.grids.items()
+                for point in grid.points
+            }
         axes = [
             [(f"{axis}={name}", f"sweep.{axis}.{name}", change) for name, change in changes.items()]
             for axis, changes in self.sweep.items()

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -41,6 +42,8 @@ class RunSpecification:
     map_every: int
     evaluated_from: tuple[str, ...]
     seed: int
+    # Of a run that is measured until it has solved its scenario: `Solved`, and the policy that counts.
+    solved: Mapping[str, Any] | None = None
 
     @cached_property
     def population(self) -> str:
@@ -59,6 +62,7 @@ class RunSpecification:
             "evaluation_every": self.evaluation_every,
             "map_every": self.map_every,
             "evaluated_from": list(self.evaluated_from),
+            **({} if self.solved is None else {"solved": dict(self.solved)}),
         }
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
 
@@ -90,6 +94,8 @@ class RunSpecification:
     def record_size(self) -> int:
         """About how many bytes are recorded before compression: greedy actions, and values of all actions."""
         budget = self.settings.budget
+        if self.solved is not None:
+            return 24 * len(self.schedule.evaluation_steps)
         n_evaluations, n_maps = (-(-budget // every) + 1 for every in (self.evaluation_every, self.map_every))
         seen = seen_as(self.scenario, self.observation)
         return seen.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
@@ -98,8 +104,17 @@ class RunSpecification:
     def schedule(self) -> Schedule:
         """When the learner's policy and values are kept."""
         budget = self.settings.budget
+        if self.solved is not None:
+            return Schedule(
+                budget, tuple(evaluation_steps(budget, self.evaluation_every, self.solved["growth"]))
+            )
         steps = (evaluation_steps(budget, every) for every in (self.evaluation_every, self.map_every))
         return Schedule(budget, *map(tuple, steps))
+
+    @property
+    def drawn_scenario(self) -> Scenario:
+        """The scenario of this run alone: what a scenario draws is drawn anew for every seed."""
+        return self.scenario.drawn(self.seed) if self.scenario.draws else self.scenario
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
@@ -117,13 +132,21 @@ def population_of(content: str) -> str:
     return content[: content.rindex(',"seed":')] + "}"
 
 
-def evaluation_steps(budget: int, every: int) -> list[int]:
+def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
     """Lists when policies are evaluated: from 0 to the budget, the end always included.
 
-    >>> evaluation_steps(600, 250)
-    [0, 250, 500, 600]
+    All others are multiples of `every`. With a growth, they are about so many times as late as the one before.
+
+    >>> evaluation_steps(600, 250), evaluation_steps(1600, 100, 1.5)
+    ([0, 250, 500, 600], [0, 100, 200, 300, 500, 800, 1200, 1600])
     """
-    return [*range(0, budget, every), budget]
+    if growth == 1:
+        return [*range(0, budget, every), budget]
+    steps = [0]
+    while steps[-1] < budget:
+        later = max(steps[-1] + every, math.ceil(steps[-1] * growth / every) * every)
+        steps.append(min(later, budget))
+    return steps
 
 
 def load_experiment(experiment: str | Path) -> Experiment:
@@ -177,8 +200,8 @@ def load_experiment(experiment: str | Path) -> Experiment:
         for declared in loaded.scenarios:
             with _refused_in(f"{path}: {' with '.join(tables)}"):
                 scenario = _scenario(loaded, condition, declared)
-            for name, variant in loaded.algorithms.items():
-                for observation in variant.observations:
+            for of_scenario, name, observation in loaded.populations_of(condition):
+                if of_scenario == declared:
                     with _refused_in(f"{path}: algorithms.{name}"):
                         _check_size(_run(loaded, condition, scenario, name, observation))
     return loaded
@@ -203,7 +226,7 @@ def _check_size(run: RunSpecification) -> None:
     every = f"evaluation_every = {run.evaluation_every}"
     if ENCODINGS[run.observation] == "one_hot":
         check_one_hot(scenario.n_observations, scenario.n_features)
-    n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1
+    n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1 if run.solved is None else 0
     if n_evaluations > MOST_EVALUATIONS:
         raise InputError(
             f"{every} with budget = {run.settings.budget}: {n_evaluations:,} evaluations; "
@@ -237,6 +260,7 @@ def _run(
     """Returns the first run of a population, in a scenario as it is under the condition."""
     declared = experiment.algorithms[variant]
     evaluation_every, map_every = experiment.schedule(variant)
+    solved = experiment.solved
     return RunSpecification(
         stream=experiment.stream or experiment.name,
         condition=condition,
@@ -255,6 +279,7 @@ def _run(
         map_every=map_every,
         evaluated_from=experiment.evaluated_from,
         seed=experiment.declared_seeds(variant, condition)[0],
+        solved=solved and {**solved.model_dump(mode="json"), "policy": declared.policy},
     )
 
 
@@ -268,7 +293,9 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
       InputError: There are too many.
     """
     conditions = sorted(experiment.conditions, key=lambda name: name.split("/")[0] != DEFAULT_CONDITION)
-    populations = [(condition, *each) for condition in conditions for each in experiment.populations]
+    populations = [
+        (condition, *each) for condition in conditions for each in experiment.populations_of(condition)
+    ]
     n_runs = sum(
         len(experiment.declared_seeds(variant, condition) if seeds is None else seeds)
         for condition, _, variant, _ in populations
@@ -327,7 +354,7 @@ def _digest_of_search(name: str) -> str:
 
 def digest_of_search(search: Experiment) -> str:
     """Returns a digest of what a search depends on: what its file declares but texts, scenarios, versions."""
-    content = search.model_dump(mode="json", exclude={"description", "note", "report"})
+    content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
     for each in content["algorithms"].values():
         for axis in each["search"].values():
             del axis["why"]

@@ -17,7 +17,7 @@ from matplotlib import pyplot as plt
 
 from agents import load_algorithm
 from benchmark.analysis.population import check_scores
-from benchmark.analysis.search import known_runs
+from benchmark.analysis.stages import known_runs
 from benchmark.drawing import tables
 from benchmark.drawing.style import save_figure
 from benchmark.execution.provenance import digest_of_source

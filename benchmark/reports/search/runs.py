@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from agents import load_algorithm
 from benchmark.analysis.intervals import Estimate, combined
-from benchmark.analysis.search import Searched, searched, stages
+from benchmark.analysis.search import Searched, searched
+from benchmark.analysis.stages import stages
 from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment

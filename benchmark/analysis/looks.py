@@ -1,0 +1,201 @@
+"""Contrasts that are looked at again and again, and end as soon as they are decided.
+
+The endpoint of a run is after how many steps it has solved its scenario. Two learners are compared by the
+probability that the first is faster, with ties counted as a half, over pairs of runs of the same seed, which
+have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
+the interval of a proportion, and what a scenario draws is part of its width.
+
+At each of the declared looks, every contrast has intervals of such a level that the probability of any wrong
+verdict, in all contrasts at all looks, is at most 5 % (repeated confidence intervals: Jennison and Turnbull
+1989, Journal of the Royal Statistical Society B 51:305-361; here with Bonferroni's correction). So it does
+not matter why a contrast gets more runs.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise, takewhile
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
+from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
+from benchmark.analysis.solving import solved
+from benchmark.execution import driver
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment, RunSpecification, specifications
+
+NEITHER: Final = "neither"  # most runs of neither learner solve the scenario
+_ENDS: Final = 3  # of intervals of which one is wrong if a verdict is: two of a difference, one of a share
+
+Runs = list[RunSpecification]
+
+
+class Decision(NamedTuple):
+    """What a look at a contrast says."""
+
+    n: int  # pairs of runs
+    verdict: str
+    faster: Estimate  # the probability that x is faster, with the interval of this look
+
+
+def tail_of(n_contrasts: int, n_looks: int) -> float:
+    """Returns the probability that one end of an interval may leave out.
+
+    >>> round(tail_of(10, 5), 6)
+    0.000333
+    """
+    return (1 - LEVEL) / (_ENDS * n_contrasts * n_looks)
+
+
+def decide(x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float) -> Decision:
+    """Compares the steps, (N,) each, after which runs of the same seeds have solved; infinite if never."""
+    n = len(x)
+    wins = np.where(x == y, 0.5, x < y)
+    mean = float(wins.mean())
+    low, high = (float(end) for end in proportion_interval(mean, n, tail))
+    never = min(float(proportion_interval(np.isinf(each).mean(), n, tail)[0]) for each in (x, y))
+    if never > 0.5:
+        verdict = NEITHER
+    elif 0.5 - margin < low <= high < 0.5 + margin:
+        verdict = EQUIVALENT
+    else:
+        verdict = BETTER if low > 0.5 else WORSE if high < 0.5 else UNDECIDED
+    return Decision(n, verdict, Estimate(mean, low, high))
+
+
+class Cell(NamedTuple):
+    """A population: a point of a grid in a scenario, and a learner."""
+
+    condition: str
+    scenario: str
+    variant: str
+    observation: str
+
+    @property
+    def learner(self) -> str:
+        """The learner's name."""
+        return f"{self.variant}, {self.observation}"
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Condition and scenario."""
+        return self[:2]
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """What N runs of a population, of successive seeds, took until they had solved; infinite if never."""
+
+    steps: NDArray[np.float64]  # (N,) environment steps
+    disagreements: NDArray[np.float64]  # (N,) of the issuer
+    cpu_time_s: NDArray[np.float64]  # (N,)
+    spent: NDArray[np.float64]  # (3, N) the same three at the end, of runs that have not solved, too
+    unseen: NDArray[np.float64]  # (N,) success in unseen places then; NaN without any
+    budget: int
+
+    @property
+    def n(self) -> int:
+        """How many runs there are."""
+        return len(self.steps)
+
+
+def cells(experiment: Experiment) -> list[Cell]:
+    """Lists the populations of all grids."""
+    return [
+        Cell(condition, *population)
+        for condition in experiment.conditions
+        for population in experiment.populations_of(condition)
+    ]
+
+
+def pairs(experiment: Experiment) -> list[tuple[Cell, Cell]]:
+    """Lists the cells of every contrast: a contrast of learners at each point where there are both."""
+    assert experiment.report is not None
+    found = {(each.place, each.learner): each for each in cells(experiment)}
+    return [
+        (found[place, x], found[place, y])
+        for place in dict.fromkeys(place for place, _ in found)
+        for x, y in experiment.report.contrasts
+        if (place, x) in found and (place, y) in found
+    ]
+
+
+def runs_of(experiment: Experiment, cell: Cell, seeds: range) -> Runs:
+    """Lists a cell's runs, of seeds that count from its first one."""
+    first = specifications(experiment, *cell)[0]
+    return [first.with_seed(first.seed + seed) for seed in seeds]
+
+
+def read(experiment: Experiment, store: Store) -> dict[Cell, Ends]:
+    """Reads the stored runs of every cell, up to the first that is missing."""
+    ended = store.ended()
+    compared = {cell for pair in pairs(experiment) for cell in pair}
+    found = {}
+    for cell in cells(experiment):
+        n_first = experiment.algorithms[cell.variant].seeds
+        most = max(n_first, *_looks(experiment)) if cell in compared else n_first
+        runs = [*takewhile(lambda run: run.digest in ended, runs_of(experiment, cell, range(most)))]
+        if runs:
+            found[cell] = _ends(runs, store)
+    return found
+
+
+def _ends(runs: Runs, store: Store) -> Ends:
+    specification = runs[0]
+    assert specification.solved is not None
+    steps, enough = specification.schedule.evaluation_steps, specification.solved["success"]
+    rows, spent, unseen = [], [], []
+    for record in store.get([run.digest for run in runs]):
+        curve = record.arrays["success"].tolist()
+        paths = steps, record.arrays["disagreements"].tolist(), record.provenance["cpu_time_s"]
+        place = solved(curve, steps, enough).place
+        rows.append([path[place] if place < len(path) else math.inf for path in paths])
+        spent.append([path[-1] for path in paths])
+        unseen.append([*record.arrays["unseen_success"].tolist(), math.nan][0])
+    n_steps, n_disagreements, seconds = np.array(rows, dtype=float).T
+    budget = specification.settings.budget
+    return Ends(n_steps, n_disagreements, seconds, np.array(spent, dtype=float).T, np.array(unseen), budget)
+
+
+def _looks(experiment: Experiment) -> tuple[int, ...]:
+    return () if experiment.report is None else experiment.report.looks
+
+
+def decisions(experiment: Experiment, ends: Mapping[Cell, Ends]) -> dict[tuple[Cell, Cell], Decision]:
+    """Returns for every contrast the first look that decides it, or the last one that its runs allow.
+
+    Runs count up to the smaller budget of the two. A contrast without enough runs for the first look is left
+    out.
+    """
+    assert experiment.report is not None
+    compared, looks = pairs(experiment), _looks(experiment)
+    tail = tail_of(len(compared), len(looks))
+    found = {}
+    for x, y in compared:
+        if x not in ends or y not in ends:
+            continue
+        budget = min(ends[x].budget, ends[y].budget)
+        both = [np.where(each.steps > budget, np.inf, each.steps) for each in (ends[x], ends[y])]
+        for n in looks:
+            if min(map(len, both)) >= n:
+                found[x, y] = decide(both[0][:n], both[1][:n], experiment.report.margins.faster, tail)
+                if found[x, y].verdict != UNDECIDED:
+                    break
+    return found
+
+
+def later_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
+    """Yields the further runs of every look, as long as those before are stored: of undecided contrasts."""
+    for before, n in pairwise(_looks(experiment)):
+        decided = decisions(experiment, read(experiment, store))
+        open_ones = [pair for pair, each in decided.items() if each.verdict == UNDECIDED]
+        more = {cell: None for pair in open_ones for cell in pair}
+        runs = {run.digest: run for cell in more for run in runs_of(experiment, cell, range(before, n))}
+        if not runs:
+            return
+        yield [*runs.values()]
+        if driver.pending([*runs.values()], store):
+            return

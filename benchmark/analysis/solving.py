@@ -1,0 +1,32 @@
+"""The endpoint of a map: after how many steps a run has solved its scenario."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+
+class Solved(NamedTuple):
+    """When a run has solved its scenario, by its curve so far."""
+
+    place: int  # of the first evaluation from which success stays; that after the last if there is none
+    is_certain: bool  # it has stayed until twice as many steps: nothing that follows counts
+
+
+def solved(success: Sequence[float], steps: Sequence[int], enough: float) -> Solved:
+    """Returns when success stays at or above a level until twice as many steps, or to the end of the curve.
+
+    Args:
+      success: At the first evaluations.
+      steps: Environment steps of all evaluations, rising.
+      enough: The level.
+
+    >>> steps = [0, 100, 200, 300, 400, 500]
+    >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)
+    (Solved(place=3, is_certain=False), Solved(place=1, is_certain=True))
+    """
+    first = 0
+    for i, value in enumerate(success):
+        if value < enough:
+            first = i + 1
+        elif steps[i] >= 2 * steps[first]:
+            return Solved(first, True)
+    return Solved(first, False)
