@@ -93,6 +93,7 @@ class Ends:
     disagreements: NDArray[np.float64]  # (N,) of the issuer
     cpu_time_s: NDArray[np.float64]  # (N,)
     spent: NDArray[np.float64]  # (3, N) the same three at the end, of runs that have not solved, too
+    success: NDArray[np.float64]  # (N,) at the end
     unseen: NDArray[np.float64]  # (N,) success in unseen places then; NaN without any
     budget: int
 
@@ -147,17 +148,19 @@ def _ends(runs: Runs, store: Store) -> Ends:
     specification = runs[0]
     assert specification.solved is not None
     steps, enough = specification.schedule.evaluation_steps, specification.solved["success"]
-    rows, spent, unseen = [], [], []
+    rows, spent, success, unseen = [], [], [], []
     for record in store.get([run.digest for run in runs]):
         curve = record.arrays["success"].tolist()
         paths = steps, record.arrays["disagreements"].tolist(), record.provenance["cpu_time_s"]
         place = solved(curve, steps, enough).place
         rows.append([path[place] if place < len(path) else math.inf for path in paths])
         spent.append([path[-1] for path in paths])
+        success.append(curve[-1])
         unseen.append([*record.arrays["unseen_success"].tolist(), math.nan][0])
     n_steps, n_disagreements, seconds = np.array(rows, dtype=float).T
     budget = specification.settings.budget
-    return Ends(n_steps, n_disagreements, seconds, np.array(spent, dtype=float).T, np.array(unseen), budget)
+    last = np.array(spent, dtype=float).T
+    return Ends(n_steps, n_disagreements, seconds, last, np.array(success), np.array(unseen), budget)
 
 
 def _looks(experiment: Experiment) -> tuple[int, ...]:

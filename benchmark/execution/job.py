@@ -115,20 +115,21 @@ def _train_until_solved(run: RunSpecification, logs: Path | None) -> dict[str, N
     and NaN without such places.
     """
     assert run.solved is not None
-    model, is_greedy = compile_seen(run.drawn_scenario, run.observation), run.solved["policy"] == "greedy"
+    enough, is_greedy = run.solved["success"], run.solved["policy"] == "greedy"
+    model = compile_seen(run.drawn_scenario, run.observation)
     schedule = run.schedule
     n_steps = len(schedule.evaluation_steps)
     success: list[float] = []
     policy = uniform_policy(model)
 
-    def may_end(i: int, table: NDArray[np.float64]) -> bool:
+    def may_end(_: int, table: NDArray[np.float64]) -> bool:
         nonlocal policy
         policy = mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table
         return measured()
 
     def measured() -> bool:
         success.append(float(evaluate(model, policy, run.horizon).success))
-        return solved(success, schedule.evaluation_steps, run.solved["success"]).is_certain
+        return solved(success, schedule.evaluation_steps, enough).is_certain
 
     training = load_algorithm(run.algorithm).train(
         model,

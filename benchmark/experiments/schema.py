@@ -352,7 +352,7 @@ class Experiment(Table):
         """The changes of every condition, by its name.
 
         A condition is a reading together with a point of the sweep. Its name is that of the reading, followed
-        by /AXIS=NAME for each axis; at a point of a grid by /GRID before these. Its changes are named by their
+        by /AXIS=NAME for each axis; of a grid, /GRID comes before these. Its changes are named by their
         tables, and made in this order.
         """
         if self.grids:

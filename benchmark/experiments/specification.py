@@ -105,11 +105,12 @@ class RunSpecification:
         """When the learner's policy and values are kept."""
         budget = self.settings.budget
         if self.solved is not None:
-            return Schedule(
-                budget, tuple(evaluation_steps(budget, self.evaluation_every, self.solved["growth"]))
-            )
-        steps = (evaluation_steps(budget, every) for every in (self.evaluation_every, self.map_every))
-        return Schedule(budget, *map(tuple, steps))
+            steps = evaluation_steps(budget, self.evaluation_every, self.solved["growth"])
+            return Schedule(budget, tuple(steps))
+        steps, map_steps = (
+            evaluation_steps(budget, every) for every in (self.evaluation_every, self.map_every)
+        )
+        return Schedule(budget, tuple(steps), tuple(map_steps))
 
     @property
     def drawn_scenario(self) -> Scenario:
@@ -135,7 +136,7 @@ def population_of(content: str) -> str:
 def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
     """Lists when policies are evaluated: from 0 to the budget, the end always included.
 
-    All others are multiples of `every`. With a growth, they are about so many times as late as the one before.
+    All others are multiples of `every`. With a growth, each is about so many times as late as the one before.
 
     >>> evaluation_steps(600, 250), evaluation_steps(1600, 100, 1.5)
     ([0, 250, 500, 600], [0, 100, 200, 300, 500, 800, 1200, 1600])
@@ -279,7 +280,7 @@ def _run(
         map_every=map_every,
         evaluated_from=experiment.evaluated_from,
         seed=experiment.declared_seeds(variant, condition)[0],
-        solved=solved and {**solved.model_dump(mode="json"), "policy": declared.policy},
+        solved=None if solved is None else {**solved.model_dump(mode="json"), "policy": declared.policy},
     )
 
 

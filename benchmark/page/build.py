@@ -32,8 +32,9 @@ from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
 # The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
-PUBLISHED: Final = ("compare_deep", "beyond", "ablation", "equivalence", "reproduce")
+PUBLISHED: Final = ("when", "compare_deep", "beyond", "reproduce")
 _SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
+_MAP: Final = ("cells", "contrasts", "cpu", "runs")  # tables that the script of a map reads
 _CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks up mean scores
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
@@ -165,6 +166,7 @@ class _Part:
             "id": self.name,
             "question": document.question,
             "headline": [self.inline(text) for text in headline.text.split("\n\n")] if headline else [],
+            "map": self._map(),
             "lead": self._figure(lead) if lead is not None and has_lead else None,
             "description": self.inline(inert(self.folder.manifest["description"])),
             "note": self.inline(inert(self.folder.manifest.get("note", ""))),
@@ -175,6 +177,12 @@ class _Part:
             "manifest": self.link(MANIFEST),
             "made": self.folder.manifest,
         }
+
+    def _map(self) -> dict[str, Any] | None:
+        """Returns what the page's map needs but for its tables; None if this is no map."""
+        if self.folder.manifest["report"]["kind"] != "map":
+            return None
+        return {"folder": self.prefix, "level": self.folder.manifest["facts"]["solved"]["success"]}
 
     def link(self, file: str) -> str:
         """Returns where a file of the folder is, seen from the page."""
@@ -286,6 +294,12 @@ def _render(parts: Sequence[_Part]) -> str:
     template = templates.get_template("page.html")
     linked = {*_LINKED.findall(template.render(**content, data=""))}
     linked |= {part.link(name) for part in explored for name in _CURVES}
+    linked |= {
+        part.link(f"{name}.csv")
+        for part, each in zip(parts, reports, strict=True)
+        if each["map"]
+        for name in _MAP
+    }
     texts = {
         part.link(path.name): path.read_text(encoding="utf-8")
         for part in parts

@@ -14,6 +14,7 @@ __all__ = ["REPORTS", "Item", "Report", "load_items", "load_report"]
 
 REPORTS: Final = {
     "comparison": "benchmark.reports.comparison:REPORT",
+    "map": "benchmark.reports.map:REPORT",
     "replication": "benchmark.reports.replication:REPORT",
     "search": "benchmark.reports.search:REPORT",
 }

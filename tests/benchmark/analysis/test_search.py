@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmark.analysis.search import Searched, area, known_runs, searched, stages
+from benchmark.analysis.search import Searched, area, searched
+from benchmark.analysis.stages import known_runs, stages
 from benchmark.execution import driver
 from benchmark.execution.executors.threads import Threads
 from benchmark.execution.store import Store

@@ -3,6 +3,7 @@ import "./document.js";
 import "./tables.js";
 import { byId } from "./elements.js";
 import "./sources.js";
+import "./map.js";
 import { explorer } from "./data.js";
 import { asked } from "./address.js";
 import { start } from "./controls.js";

@@ -1,0 +1,166 @@
+// The map: lines of what learners take against places, and a sentence on the cell and the budget that are chosen.
+import { byId, drawn, element, grouped, sourced } from "./elements.js";
+import { holds, rowsOf } from "./csv.js";
+
+const box = byId("map");
+
+if (box) {
+  const [WIDE, HIGH, LEFT, BOTTOM] = [760, 300, 70, 42];
+  const [PLOT, TOP] = [560, 12]; // right of it are the names
+  const BUDGETS = [1000, 2000, 5000, 10000, 20000, 50000, 100000, 200000, 500000, 1000000];
+  const UNITS = { steps: "steps", disagreements: "disagreements", cpu_time_s: "seconds of computing time" };
+  const INK = ["var(--soft)", "var(--ink)", "var(--good)", "var(--accent)", "var(--link)", "var(--bad)"];
+  const DASHES = ["", "6 3", "2 3", "", "6 3", "2 3"];
+
+  // The rows of a table as objects, each with its line in the file.
+  function table(name) {
+    const file = `${box.dataset.folder}${name}.csv`;
+    if (!holds(file)) return [];
+    const [keys, ...rows] = rowsOf(file);
+    return rows.map((row, i) => ({ ...Object.fromEntries(keys.map((key, k) => [key, row[k]])), file, line: i + 2 }));
+  }
+
+  const learner = (row) => `${row.algorithm}, ${row.observation}`;
+  const room = (row) => `${row.rows} × ${row.columns}`;
+  const numbers = (texts) => [...new Set(texts)].map(Number).sort((a, b) => a - b);
+  const isPlain = (row) => Number(row.noise) === 0 && Number(row.unseen) === 0 && row.grid !== "noise" && row.grid !== "reference";
+
+  // Two digits are enough.
+  function short(value) {
+    if (!Number.isFinite(value)) return "never";
+    return value < 10 ? String(Number(value.toPrecision(2))) : grouped(Number(value.toPrecision(3)));
+  }
+
+  function begin() {
+    const cells = table("cells").filter(isPlain);
+    const seconds = new Map(table("cpu").map((row) => [`${row.grid}/${row.point}/${learner(row)}`, row]));
+    const runs = new Map();
+    for (const run of table("runs")) {
+      const key = `${run.grid}/${run.point}/${run.learner}`;
+      runs.set(key, [...(runs.get(key) ?? []), run.steps === "" ? Infinity : Number(run.steps)]);
+    }
+    const contrasts = table("contrasts");
+    const names = [...new Set(cells.map(learner))];
+    const choices = {
+      places: numbers(cells.map((row) => row.places)),
+      room: [...new Set(cells.map(room))].sort((a, b) => parseFloat(a) - parseFloat(b)),
+      permuted: numbers(cells.map((row) => row.permuted)),
+      budget: BUDGETS,
+    };
+    const usual = room(cells[0]);
+    const chosen = { places: 16, room: usual, permuted: 0, budget: 50000 };
+    const sliders = Object.keys(choices).map((name) => [name, byId(`map-${name}`)]);
+    const currency = () => box.querySelector("input[name=currency]:checked").value;
+    const value = (row, kind) => {
+      const from = kind === "cpu_time_s" ? seconds.get(`${row.grid}/${row.point}/${learner(row)}`) : row;
+      return from ? Number(from[kind] === "inf" ? Infinity : from[kind]) : NaN;
+    };
+    const here = (row) => room(row) === chosen.room && Number(row.permuted) === chosen.permuted;
+
+    // Where nothing was trained, the other sliders move to the nearest cell that was.
+    function settle(moved) {
+      const distance = (row) =>
+        1e6 * (moved === "places" ? Number(row.places) !== chosen.places : moved === "room" ? room(row) !== chosen.room : Number(row.permuted) !== chosen.permuted)
+        + 1e3 * (room(row) !== chosen.room) + 1e3 * 10 * Math.abs(Number(row.permuted) - chosen.permuted)
+        + Math.abs(Math.log(Number(row.places) / chosen.places));
+      const nearest = cells.reduce((best, row) => (distance(row) < distance(best) ? row : best));
+      Object.assign(chosen, { places: Number(nearest.places), room: room(nearest), permuted: Number(nearest.permuted) });
+    }
+
+    function show() {
+      for (const [name, slider] of sliders) {
+        slider.max = choices[name].length - 1;
+        slider.value = choices[name].indexOf(chosen[name]);
+        const shown = { room: chosen.room, permuted: `${100 * chosen.permuted} %`, budget: `${grouped(chosen.budget)} steps` };
+        const text = shown[name] ?? String(chosen[name]);
+        slider.nextElementSibling.textContent = text;
+        slider.setAttribute("aria-valuetext", text);
+      }
+      box.querySelector(".chart").replaceChildren(chart(cells.filter(here), names, value, currency(), chosen.places));
+      byId("map-sentence").replaceChildren(...sentence());
+    }
+
+    // Runs of a grid that has this cell; those of a contrast may be more than of others.
+    function sentence() {
+      const rows = new Map();
+      for (const row of cells.filter((each) => here(each) && Number(each.places) === chosen.places)) {
+        if (!rows.has(learner(row))) rows.set(learner(row), row);
+      }
+      const parts = [];
+      for (const [name, row] of rows) {
+        const steps = runs.get(`${row.grid}/${row.point}/${name}`) ?? [];
+        const budget = Math.min(chosen.budget, Number(row.budget));
+        const solved = steps.filter((each) => each <= budget).length;
+        const limit = budget < chosen.budget ? ` (its budget was ${grouped(budget)})` : "";
+        const took = value(row, currency());
+        parts.push([solved / steps.length, `${name} `, sourced(row.file, row.line, `${solved} of ${steps.length}`),
+          `${limit}, median ${short(took)}${Number.isFinite(took) ? ` ${UNITS[currency()]}` : ""}`]);
+      }
+      parts.sort((a, b) => b[0] - a[0]);
+      const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room}`;
+      const code = chosen.permuted ? `, ${100 * chosen.permuted} % of the codes permuted` : "";
+      const text = [`With ${where}${code}: runs that have learned within ${grouped(chosen.budget)} steps: `];
+      parts.forEach(([, ...part], i) => text.push(...(i ? ["; "] : []), ...part));
+      text.push(". ");
+      for (const row of contrasts.filter((each) => isPlain(each) && here(each) && Number(each.places) === chosen.places).slice(0, 1)) {
+        const { x, y, verdict } = row;
+        const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
+          "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
+          undecided: `whether ${x} or ${y} needs fewer steps is undecided` };
+        const said = words[verdict];
+        text.push(`${said[0].toUpperCase()}${said.slice(1)}, by `, sourced(row.file, row.line, row.n), " pairs of runs.");
+      }
+      return text;
+    }
+
+    for (const [name, slider] of sliders) {
+      slider.addEventListener("input", () => {
+        chosen[name] = choices[name][slider.value];
+        if (name !== "budget") settle(name);
+        show();
+      });
+    }
+    for (const button of box.querySelectorAll("input[name=currency]")) button.addEventListener("change", show);
+    show();
+  }
+
+  // Lines of medians against places on logarithmic axes; a hollow mark is a learner most of whose runs never learn.
+  function chart(rows, names, value, kind, marked) {
+    const places = numbers(rows.map((row) => row.places));
+    const known = rows.map((row) => value(row, kind)).filter((each) => Number.isFinite(each) && each > 0);
+    const [low, high] = [Math.floor(Math.log10(Math.min(...known))), Math.ceil(Math.log10(Math.max(...known)) + 0.01)];
+    const x = (n) => LEFT + (places.length > 1 ? (PLOT - LEFT) * Math.log(n / places[0]) / Math.log(places.at(-1) / places[0]) : 0);
+    const y = (v) => TOP + (HIGH - TOP - BOTTOM) * (1 - (Math.log10(v) - low) / (high - low));
+    const title = `Median ${UNITS[kind]} until a run has learned, against places, by learner. Less is better.`;
+    const image = drawn("svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, role: "img", "aria-label": title });
+    for (let power = low; power <= high; power += 1) {
+      image.append(drawn("line", { class: "anchor", x1: LEFT, x2: PLOT, y1: y(10 ** power), y2: y(10 ** power) }));
+      image.append(drawn("text", { x: LEFT - 6, y: y(10 ** power) + 4, "text-anchor": "end" }, short(10 ** power)));
+    }
+    for (const n of places) image.append(drawn("text", { x: x(n), y: HIGH - BOTTOM + 16, "text-anchor": "middle" }, String(n)));
+    image.append(drawn("text", { x: (LEFT + PLOT) / 2, y: HIGH - 6, "text-anchor": "middle" }, "places in which the person may stand"));
+    image.append(drawn("line", { class: "now", x1: x(marked), x2: x(marked), y1: TOP, y2: HIGH - BOTTOM }));
+    const ends = [];
+    names.forEach((name, i) => {
+      const own = new Map(rows.filter((row) => learner(row) === name).map((row) => [Number(row.places), value(row, kind)]));
+      const points = [...own].sort(([a], [b]) => a - b).filter(([, v]) => !Number.isNaN(v))
+        .map(([n, v]) => [x(n), Number.isFinite(v) ? y(Math.max(v, 10 ** low)) : TOP, Number.isFinite(v)]);
+      if (!points.length) return;
+      const colour = INK[i % INK.length];
+      image.append(drawn("polyline", { points: points.map(([a, b]) => `${a},${b}`).join(" "), fill: "none",
+        style: `stroke: ${colour}`, "stroke-width": 2, "stroke-dasharray": DASHES[i % DASHES.length] }));
+      for (const [a, b, isKnown] of points) {
+        image.append(drawn("circle", { cx: a, cy: b, r: 4, style: `stroke: ${colour}; fill: ${isKnown ? colour : "var(--paper)"}`, "stroke-width": 1.5 }));
+      }
+      ends.push({ name, colour, y: points.at(-1)[1] });
+    });
+    let last = -Infinity;
+    for (const end of ends.sort((a, b) => a.y - b.y)) {
+      last = Math.max(end.y, last + 15);
+      image.append(drawn("text", { x: PLOT + 10, y: last + 4, style: `fill: ${end.colour}` }, end.name));
+    }
+    return element("figure", {}, image, element("figcaption", {}, `${title} Hollow, at the top: most runs never learn within their budget.`));
+  }
+
+  begin();
+}

@@ -1,0 +1,234 @@
+"""Figures of a map."""
+
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, WORSE
+from benchmark.analysis.looks import NEITHER, Cell, Decision
+from benchmark.drawing.style import COLOURS, figure_of
+from benchmark.drawing.tables import two_digits
+from benchmark.reports.item import Frames, drawing
+from benchmark.reports.map.data import Maps, number
+
+_TABLES: Final = ((("0.55", "s")), ("black", "o"), (COLOURS[2], "*"), ("0.3", "P"))
+_NETS: Final = ((COLOURS[1], "D"), (COLOURS[0], "^"), (COLOURS[9], "v"), (COLOURS[4], "X"), (COLOURS[3], "h"))
+_COLOUR_MAP: Final = "PuOr_r"  # purple: the table, orange: the net; to be told apart in grey by the numbers
+_LOWEST: Final = 100  # steps that are drawn
+_DARK: Final = 0.62  # share of the scale from which on ink is white
+_FARTHEST: Final = 16.0  # ratio from which on colours do not differ
+_POINTS, _LINE = 62.0, 11.0  # points of a power of ten on the axis, and of a line of text
+_LABELS: Final = {
+    "places": "places in which the person may stand",
+    "room": "cells of the room",
+    "noise": "noise of feedback",
+}
+
+
+def styles(data: Maps) -> dict[str, dict[str, Any]]:
+    """Returns colour and marker of every learner, tables and nets apart."""
+    found: dict[str, dict[str, Any]] = {}
+    left = {"tabular": [*_TABLES], "deep": [*_NETS]}
+    compared = dict.fromkeys(cell.learner for pair in data.decided for cell in pair[::-1])
+    every = {cell.learner: data.family(cell) for cell in data.ends if not data.is_reference(cell)}
+    for name in [*compared, *every]:
+        if name not in found and name in every:
+            colour, marker = left[every[name]].pop(0) if left[every[name]] else ("0.7", "d")
+            found[name] = {"color": colour, "marker": marker}
+    return found
+
+
+def _curves(
+    axis: Axes, data: Maps, rows: pd.DataFrame, lines: Any, column: str, *, is_labelled: bool
+) -> None:
+    """Draws the medians of every learner, hollow and at the budget where most runs never solve."""
+    style, texts = styles(data), list[Any]()
+    for name, line in lines.items():
+        if name in style:
+            look, table = style[name], pd.DataFrame([_row_of(rows, data, cell) for _, cell in sorted(line)])
+            values = [value for value, _ in sorted(line)]
+            shown, low, high = (
+                table[f"{column}{end}"].where(np.isfinite(table[f"{column}{end}"]), table["budget"])
+                for end in ("", "_low", "_high")
+            )
+            axis.plot(values, shown, color=look["color"], lw=1.6)
+            axis.fill_between(values, low.clip(lower=_LOWEST), high, color=look["color"], alpha=0.15, lw=0)
+            is_known = np.isfinite(table[column])
+            for chosen, filling in ((is_known, look["color"]), (~is_known, "white")):
+                where = np.array(values)[chosen.to_numpy()]
+                axis.plot(where, shown[chosen], look["marker"], ms=6, mec=look["color"], mfc=filling)
+            if is_labelled:
+                end = values[-1], shown.iloc[-1]
+                texts.append(
+                    axis.annotate(
+                        name,
+                        end,
+                        (8, 0),
+                        textcoords="offset points",
+                        va="center",
+                        fontsize="small",
+                        color=look["color"],
+                    )
+                )
+    _apart(texts)
+
+
+def _apart(texts: list[Any]) -> None:
+    """Moves labels up so that none is over another, given that their axis is logarithmic."""
+    lowest = -np.inf
+    for text in sorted(texts, key=lambda each: each.xy[1]):
+        place = max(np.log10(text.xy[1]), lowest)
+        text.set_position((8, (place - np.log10(text.xy[1])) * _POINTS))
+        lowest = place + _LINE / _POINTS
+
+
+def _row_of(rows: pd.DataFrame, data: Maps, cell: Cell) -> pd.Series:
+    key = data.key(cell)
+    is_here = (rows["grid"] == key["grid"]) & (rows["point"] == key["point"])
+    is_ours = (rows["algorithm"] == cell.variant) & (rows["observation"] == cell.observation)
+    return next(row for _, row in rows[is_here & is_ours].iterrows())
+
+
+def _log_axis(axis: Axes, values: list[float], texts: list[str], label: str) -> None:
+    axis.set_xscale("log" if min(values) > 0 else "symlog", **({} if min(values) > 0 else {"linthresh": 0.5}))
+    axis.set_xticks(values, texts)
+    axis.minorticks_off()
+    axis.set_xlabel(label)
+
+
+def _values(data: Maps, grid: str) -> tuple[list[float], list[str]]:
+    (axis,) = data.experiment.grids[grid].axes
+    names = [*data.experiment.grids[grid].axes[axis]]
+    return [number(name) for name in names], [name.replace("x", "×") for name in names]
+
+
+def _label(data: Maps, grid: str) -> str:
+    (axis,) = data.experiment.grids[grid].axes
+    return _LABELS.get(axis, axis)
+
+
+@drawing(
+    "map",
+    "the map: steps against places, who needs fewer in rooms and places, and the control",
+    "Left: median steps until success stays at or above 0.9, with 95 % intervals; hollow: most runs never "
+    "get there within their budget, at which they are drawn. Middle: how many times as many steps the other "
+    "one needs; ≥: a bound; ?: undecided. Right: codes of the person's cells permuted at random.",
+)
+def picture(tables: Frames, data: Maps) -> Figure | None:
+    """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""
+    axes_of = {name: [*grid.axes] for name, grid in data.experiment.grids.items()}
+    chosen = [
+        (6.4, _draw_lines, next((each for each in data.lines if axes_of[each] != ["permuted"]), None)),
+        (
+            4.6,
+            _draw_square,
+            next((each for each in axes_of if len(axes_of[each]) == 2 and _compared(data, each)), None),
+        ),
+        (2.9, _draw_control, next((each for each in data.lines if axes_of[each] == ["permuted"]), None)),
+    ]
+    panels = [(width, draw, grid) for width, draw, grid in chosen if grid is not None]
+    if not panels:
+        return None
+    with figure_of(1, len(panels), (sum(width for width, *_ in panels), 4.6)) as (figure, axes):
+        axes[0, 0].get_gridspec().set_width_ratios([width for width, *_ in panels])
+        for axis, (_, draw, grid) in zip(axes[0], panels, strict=True):
+            draw(axis, tables, data, grid)
+    return figure
+
+
+def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
+    """Draws steps against the values of an axis, and where the net of the first contrast takes over."""
+    values, texts = _values(data, grid)
+    axis.set_yscale("log")
+    _curves(axis, data, tables["cells"], data.lines[grid], "steps", is_labelled=True)
+    _log_axis(axis, values, texts, _label(data, grid))
+    axis.set_xlim(values[0] / 1.15, values[-1] * 9)
+    assert data.experiment.solved is not None
+    assert data.experiment.report is not None
+    axis.set_ylabel(f"steps until success stays at or above {data.experiment.solved.success:g}")
+    axis.set_title("Fewer steps are better", loc="left")
+    found, (x, y) = tables["crossings"], data.experiment.report.contrasts[0]
+    steps = {value: data.medians(cell, "steps")[0] for value, cell in data.lines[grid].get(y, [])}
+    if values[-1] in steps and np.isfinite(last := steps[values[-1]]):
+        proportional = last * np.array(values) / values[-1]
+        axis.plot(values, proportional, color="0.4", lw=1, ls=":")
+        axis.annotate(
+            "in proportion",
+            (values[0], proportional[0]),
+            (4, -9),
+            textcoords="offset points",
+            fontsize="x-small",
+        )
+    is_it = (found["grid"] == grid) & (found["currency"] == "steps") & (found["x"] == x) & (found["y"] == y)
+    for _, row in found[is_it & np.isfinite(found["crossing"])].iterrows():
+        high = min(row["crossing_high"], values[-1])
+        axis.axvspan(row["crossing_low"], high, color=COLOURS[1], alpha=0.18, lw=0)
+        axis.axvline(row["crossing"], color=COLOURS[1], lw=1, ls=":")
+        ends = f"[{two_digits(row['crossing_low'])}, {two_digits(high)}]"
+        text = f"the net from\n{two_digits(row['crossing'])} {ends} on"
+        transform = axis.get_xaxis_transform()
+        axis.text(
+            row["crossing"], 0.02, text, transform=transform, ha="center", va="bottom", fontsize="small"
+        )
+
+
+def _compared(data: Maps, grid: str) -> dict[tuple[str, ...], tuple[Cell, Cell, Decision]]:
+    """Returns the first contrast at every point of a grid, by the values of its axes."""
+    found: dict[tuple[str, ...], tuple[Cell, Cell, Decision]] = {}
+    for (x, y), decision in data.decided.items():
+        _, name, *point = x.condition.split("/")
+        if name == grid:
+            found.setdefault(tuple(each.split("=")[1] for each in point), (x, y, decision))
+    return found
+
+
+def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
+    """Colours who needs fewer steps at every point of two axes; white where that is not decided."""
+    declared = data.experiment.grids[grid]
+    first, second = declared.axes
+    rows, columns = [*declared.axes[first]], [*declared.axes[second]]
+    most = np.log(_FARTHEST)
+    colours = np.full((len(rows), len(columns)), np.nan)
+    for (row, column), (x, y, decision) in _compared(data, grid).items():
+        at, ratio = (rows.index(row), columns.index(column)), data.ratio(x, y, "steps")
+        text = {EQUIVALENT: "=", NEITHER: "neither"}.get(decision.verdict, "?")
+        if decision.verdict in (BETTER, WORSE) and not np.isnan(ratio.value):
+            colours[at] = np.clip(np.log(ratio.value), -most, most)
+            is_bound = np.isinf(data.medians(x, "steps")[0]) or np.isinf(data.medians(y, "steps")[0])
+            text = "≥" * is_bound + two_digits(max(ratio.value, 1 / ratio.value))
+        ink = "white" if abs(np.nan_to_num(colours[at])) > _DARK * most else "black"
+        axis.text(at[1], at[0], text, ha="center", va="center", color=ink, fontsize="small")
+    norm = Normalize(-most, most)
+    image = axis.imshow(colours, cmap=_COLOUR_MAP, norm=norm, aspect="auto", origin="lower")
+    axis.set_xticks(range(len(columns)), columns)
+    axis.set_yticks(range(len(rows)), [row.replace("x", "×") for row in rows])
+    axis.set(xlabel=_LABELS.get(second, second), ylabel=_LABELS.get(first, first))
+    axis.set_title("How many times fewer", loc="left")
+    axis.spines[:].set_visible(False)
+    axis.tick_params(length=0)
+    bar = axis.figure.colorbar(image, ax=axis, location="bottom", aspect=30, pad=0.02)
+    bar.set_ticks([-most, 0, most], labels=["the table needs fewer", "", "the net needs fewer"])
+    bar.ax.tick_params(length=0)
+    left, _, right = bar.ax.get_xticklabels()
+    left.set_horizontalalignment("left")
+    right.set_horizontalalignment("right")
+    bar.outline.set_visible(False)
+
+
+def _draw_control(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
+    """Draws the success at the end of training against the share of codes that are permuted."""
+    style = styles(data)
+    _, texts = _values(data, grid)
+    for name, line in data.lines[grid].items():
+        if name in style:
+            points = pd.DataFrame([_row_of(tables["cells"], data, cell) for _, cell in sorted(line)])
+            success = points["success"]
+            ends = [success - points["success_low"], points["success_high"] - success]
+            axis.errorbar(range(len(points)), success, ends, lw=1.6, elinewidth=0.8, ms=6, **style[name])
+    axis.set_xticks(range(len(texts)), texts)
+    axis.set(ylim=(-0.04, 1.04), xlabel="% of the codes permuted", ylabel="success at the end of training")
+    axis.set_title("The control", loc="left")

@@ -1,0 +1,267 @@
+"""Items of the report on a map: what every cell took, who needs less, from where on, and how sure that is."""
+
+import math
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
+from benchmark.analysis.intervals import Estimate, proportion
+from benchmark.analysis.looks import NEITHER, Cell
+from benchmark.drawing.tables import link
+from benchmark.reports.folder import Folder
+from benchmark.reports.item import Finding, item, no_rows
+from benchmark.reports.map.data import Maps, median
+from envs.words import counted, listed
+
+POINT: Final = {"grid": "", "point": ""}
+LEARNER: Final = {"algorithm": "", "observation": ""}
+_SPENT: Final = {"steps": "steps", "disagreements": "disagreements", "cpu_time_s": "CPU seconds"}
+_IN_WORDS: Final = {
+    BETTER: "faster",
+    WORSE: "slower",
+    EQUIVALENT: "equally fast",
+    NEITHER: "neither learns",
+    UNDECIDED: "undecided",
+}
+
+
+@item(
+    "cells",
+    "every cell: the share of runs that solve it, and medians of what they take",
+    {
+        **POINT,
+        **LEARNER,
+        "n": "runs",
+        "solved": "share that solves it",
+        "success": "success at the end",
+        "steps": "median steps",
+        "disagreements": "median disagreements",
+        "unseen_success": "success in unseen places",
+    },
+)
+def cells(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates all populations. A run that never solves its scenario takes infinitely many steps."""
+    for cell, ends in data.ends.items():
+        yield {
+            **data.key(cell),
+            **_learner(cell),
+            "n": ends.n,
+            "budget": ends.budget,
+            "solved": proportion(np.isfinite(ends.steps)),
+            "success": proportion(ends.success),
+            "steps": median(ends.steps),
+            "disagreements": median(ends.disagreements),
+            "unseen_success": Estimate(np.nan, np.nan, np.nan)
+            if np.isnan(ends.unseen).any()
+            else proportion(ends.unseen),
+        }
+
+
+@item(
+    "cpu",
+    "measured: median CPU seconds of training until a run has solved its scenario",
+    {**POINT, **LEARNER, "n": "runs", "cpu_time_s": "CPU seconds"},
+    is_measured=True,
+    where=no_rows,
+)
+def cpu(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates the time of training alone: no evaluation counts."""
+    for cell, ends in data.ends.items():
+        took = median(ends.cpu_time_s)
+        yield {**data.key(cell), **_learner(cell), "n": ends.n, "cpu_time_s": took}
+
+
+@item(
+    "contrasts",
+    "who needs fewer steps, by the first look that decides it",
+    {
+        **POINT,
+        "x": "",
+        "y": "",
+        "n": "pairs of runs",
+        "verdict": "x against y",
+        "faster": "probability that x is faster",
+        "ratio": "steps of y to x",
+    },
+)
+def contrasts(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates the declared contrasts. Intervals of `faster` hold for all contrasts and looks at once.
+
+    `ratio` is of medians, with a 95 % interval by resampling runs and what they draw, not adjusted; where one
+    of the two never solves, its budget counts in its place, and the ratio is a bound.
+    """
+    for (x, y), decision in data.decided.items():
+        ends = data.ends[x], data.ends[y]
+        yield {
+            **data.key(x),
+            "x": x.learner,
+            "y": y.learner,
+            "n": decision.n,
+            "budget": min(each.budget for each in ends),
+            "verdict": _IN_WORDS[decision.verdict],
+            "faster": decision.faster,
+            "ratio": data.ratio(x, y, "steps"),
+            "ratio_disagreements": data.ratio(x, y, "disagreements"),
+        }
+
+
+@contrasts.sentence
+def _(table: pd.DataFrame, folder: Folder) -> Iterator[Finding]:
+    """Counts the verdicts of each contrast in each grid."""
+    level = folder.manifest["facts"]["solved"]["success"]
+    for (x, y, budget), rows in table.groupby(["x", "y", "budget"], sort=False):
+        parts = [f"{name}: {_counted(here)}" for name, here in rows.groupby("grid", sort=False)]
+        yield Finding(
+            f"`{x}` against `{y}`, by steps until success stays at or above {level:g}, within {budget:,} "
+            f"steps. {'; '.join(parts)}.",
+            "several",
+        )
+
+
+def _counted(rows: pd.DataFrame) -> str:
+    found = {name: rows[rows["verdict"] == name] for name in _IN_WORDS.values()}
+    return listed(
+        f"{name} in {link(str(len(here)), 'contrasts', here)}" for name, here in found.items() if len(here)
+    )
+
+
+@item(
+    "looks",
+    "how many pairs of runs the contrasts took, and how they ended",
+    {"n": "pairs of runs", **dict.fromkeys(_IN_WORDS.values(), "")},
+)
+def looks(data: Maps) -> Iterator[dict[str, Any]]:
+    """Counts contrasts by the look that decided them; those that are undecided are at the last one."""
+    report = data.experiment.report
+    assert report is not None
+    for n in report.looks:
+        ended = [_IN_WORDS[each.verdict] for each in data.decided.values() if each.n == n]
+        yield {"n": n, **{name: ended.count(name) for name in _IN_WORDS.values()}}
+
+
+@looks.sentence
+def _(table: pd.DataFrame, folder: Folder) -> str:
+    """Says how sure verdicts are, and what that took."""
+    facts, names = folder.manifest["facts"], [*_IN_WORDS.values()]
+    n, undecided = int(table[names].sum().sum()), int(table["undecided"].sum())
+    parts = [
+        f"{link(str(int(row[names].sum())), 'looks', row)} after {int(row['n'])}"
+        for _, row in table.iterrows()
+        if row[names].sum()
+    ]
+    return (
+        f"Of {counted(n, 'contrast')}, {undecided} are undecided. Pairs of runs when they ended: "
+        f"{listed(parts)}. The probability of any wrong verdict among all of them is at most 5 %. *Equally "
+        f"fast* means that the probability of being faster differs from a half by less than {facts['margin']:g}."
+    )
+
+
+@item(
+    "crossings",
+    "from which value of an axis on x takes less than y, by medians",
+    {"grid": "", "x": "", "y": "", "currency": "counted in", "crossing": "from"},
+)
+def crossings(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates crossings in steps and disagreements, for all pairs of a net and a table along an axis."""
+    yield from _crossings(data, ("steps", "disagreements"))
+
+
+@item(
+    "crossings_cpu",
+    "measured: the same in CPU seconds",
+    {"grid": "", "x": "", "y": "", "currency": "counted in", "crossing": "from"},
+    is_measured=True,
+)
+def crossings_cpu(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates crossings in CPU time."""
+    yield from _crossings(data, ("cpu_time_s",))
+
+
+def _crossings(data: Maps, currencies: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+    for grid, lines in data.lines.items():
+        if any(value == 0 for line in lines.values() for value, _ in line):
+            continue  # not on a logarithmic axis
+        own = {name: line for name, line in lines.items() if not data.is_reference(line[0][1])}
+        families = {name: data.family(line[0][1]) for name, line in own.items()}
+        for x, y in ((x, y) for x in own for y in own if (families[x], families[y]) == ("deep", "tabular")):
+            if len({value for value, _ in own[x]} & {value for value, _ in own[y]}) > 1:
+                for currency in currencies:
+                    yield {
+                        "grid": grid,
+                        "x": x,
+                        "y": y,
+                        "currency": _SPENT[currency],
+                        "crossing": data.crossing(sorted(own[x]), sorted(own[y]), currency),
+                    }
+
+
+@item(
+    "exponents",
+    "exponents of median steps along an axis",
+    {"grid": "", **LEARNER, "n": "values", "exponent": ""},
+    where=lambda frame: frame[frame["exponent"].notna()],
+)
+def exponents(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates slopes of straight lines through the logarithms of medians, with intervals over runs."""
+    for grid, lines in data.lines.items():
+        for line in lines.values():
+            if any(value == 0 for value, _ in line):
+                continue
+            n, exponent = data.exponent(sorted(line))
+            yield {"grid": grid, **_learner(line[0][1]), "n": n, "exponent": exponent}
+
+
+@item(
+    "reference",
+    "exploratory: learners of Stable-Baselines3 beside ours",
+    {
+        **POINT,
+        "x": "",
+        "y": "reference",
+        "n": "runs of x",
+        "n_reference": "runs of the reference",
+        "steps": "median steps of x",
+        "steps_reference": "of the reference",
+        "faster": "probability that x is faster",
+    },
+)
+def reference(data: Maps) -> Iterator[dict[str, Any]]:
+    """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
+    for cell, ends in data.ends.items():
+        of = data.experiment.algorithms[cell.variant].reference_for
+        ours = cell._replace(variant=of)
+        if of and ours in data.ends:
+            x, y = data.ends[ours].steps[:, None], ends.steps[None]
+            yield {
+                **data.key(cell),
+                "x": ours.learner,
+                "y": cell.learner,
+                "n": len(x),
+                "n_reference": ends.n,
+                "steps": median(data.ends[ours].steps),
+                "steps_reference": median(ends.steps),
+                "faster": float(np.where(x == y, 0.5, x < y).mean()),
+            }
+
+
+@item("runs", "every run: what it took until it had solved its scenario", where=no_rows)
+def runs(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
+    for cell, ends in data.ends.items():
+        key = data.key(cell)
+        for i, (n_steps, n_disagreements) in enumerate(zip(ends.steps, ends.disagreements, strict=True)):
+            yield {
+                "grid": key["grid"],
+                "point": key["point"],
+                "learner": cell.learner,
+                "run": i,
+                "steps": n_steps if math.isfinite(n_steps) else np.nan,
+                "disagreements": n_disagreements if math.isfinite(n_disagreements) else np.nan,
+            }
+
+
+def _learner(cell: Cell) -> dict[str, Any]:
+    return {"algorithm": cell.variant, "observation": cell.observation}
