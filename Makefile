@@ -23,7 +23,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce tune compare-deep beyond report test check speed growth chaos fuzz clean
+.PHONY: help reproduce tune compare-deep beyond when report test check speed growth chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -39,6 +39,9 @@ compare-deep: $(DEEP) ## tables against DQN and PPO, in results/compare_deep/ (S
 
 beyond: $(DEEP) ## scenarios beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
+
+when: $(DEEP) ## the map: in which rooms and with how many places a net needs fewer steps, in results/when/
+	$(RUN) $(or $(EXPERIMENT),when)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)

@@ -143,6 +143,9 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
     for package in report.packages:
         if is_drawn and find_spec(package) is None:
             raise missing_package(f"{experiment.name}: its report", package)
+    if experiment.solved is not None and not report.reads_curves:
+        reason = "such runs record curves alone; accepted: report.kind = map"
+        raise InputError(f"{experiment.argument}: solved with report.kind = {declared.kind}: {reason}.")
     report.check(experiment)
     return report, items
 

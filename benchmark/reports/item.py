@@ -239,3 +239,6 @@ class Report:
     forecast: Callable[["Experiment"], str] = lambda _: ""  # what its runs cannot show; or empty
     lead: str = ""  # the item whose figure stands above the headline on the page
     packages: tuple[str, ...] = ()  # that it needs beyond the basic ones
+    reads_curves: bool = (
+        False  # whether curves alone are enough, see `Solved` in `benchmark.experiments.schema`
+    )

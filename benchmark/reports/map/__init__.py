@@ -30,4 +30,5 @@ REPORT: Final = Report(
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,
     lead="map",
+    reads_curves=True,
 )

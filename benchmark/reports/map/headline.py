@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import pandas as pd
 
-from benchmark.drawing.tables import duration, link, show
+from benchmark.drawing.tables import duration, link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
 
@@ -69,8 +69,8 @@ def _took(frame: pd.DataFrame, table: str, column: str, line: _Line, learner: st
     """Returns the median that a learner took at the line's last point, as a text with a link."""
     row = _rows(frame, learner, grid=line.grid, point=line.point).iloc[0]
     if math.isinf(row[column]):
-        return link("infinitely many", table, row)
-    return link(duration(row[column]) if column == "cpu_time_s" else show(row[column]), table, row)
+        return "more than its budget allows"
+    return link(duration(row[column]) if column == "cpu_time_s" else f"{row[column]:,.0f}", table, row)
 
 
 def _from(folder: Folder, table: str, line: _Line, currency: str) -> str:
@@ -98,8 +98,8 @@ def _steps(folder: Folder, line: _Line) -> str:
     level = folder.manifest["facts"]["solved"]["success"]
     return (
         f"In a room of {row['rows']} × {row['columns']} cells, a net ({_named(line.net)}) needs fewer steps "
-        f"than a table ({_named(line.table)}) {start}. With {line.value} {line.axis}, the median run of the net "
-        f"needs {net} steps until success stays at or above {level:g}, that of the table {table}."
+        f"than a table ({_named(line.table)}) {start}. With {line.value} {line.axis}, the median run needs, "
+        f"until success stays at or above {level:g}, {net} steps with the net and {table} with the table."
     )
 
 
@@ -110,10 +110,7 @@ def _control(folder: Folder, line: _Line) -> str:
     both = [pd.concat([_rows(coded, each, permuted=share) for share in (1.0, 0.0)]) for each in line[-2:]]
     if all(len(rows) == 2 for rows in both):
         net, table = (
-            [
-                f"{link(f'{round(row.solved * row.n)}', 'cells', row)} of {row['n']}"
-                for _, row in rows.iterrows()
-            ]
+            [f"{link(str(row['n_solved']), 'cells', row)} of {row['n']}" for _, row in rows.iterrows()]
             for rows in both
         )
         parts.append(
@@ -145,14 +142,15 @@ def _currencies(folder: Folder, line: _Line) -> str:
     net, table = (_took(folder.frame("cpu"), "cpu", "cpu_time_s", line, each) for each in line[-2:])
     text = (
         f"Counted in disagreements of the person, the net takes less {starts['disagreements']}; counted in "
-        f"CPU time, {starts['CPU seconds']}: with {line.value} {line.axis}, the net trains for {net}, the "
-        f"table for {table}."
+        f"CPU time, {starts['CPU seconds']}. With {line.value} {line.axis}, the CPU time of the median run "
+        f"is {net} with the net and {table} with the table."
     )
     cells = folder.frame("cells")
-    here = cells[(cells["grid"] == line.grid) & (cells["point"] == line.point) & np.isfinite(cells["steps"])]
-    if len(here):
+    here = cells[(cells["grid"] == line.grid) & (cells["point"] == line.point)]
+    if np.isfinite(here["steps"]).any():
         best = here.iloc[int(here["steps"].argmin())]
         name = f"{best['algorithm']}, {best['observation']}"
         if name not in (line.net, line.table):
-            text += f" Fewest steps there: {_named(name)}, with {link(show(best['steps']), 'cells', best)}."
+            needs = link(f"{best['steps']:,.0f}", "cells", best)
+            text += f" Fewest steps there: {_named(name)}, with {needs}."
     return text

@@ -50,6 +50,7 @@ def cells(data: Maps) -> Iterator[dict[str, Any]]:
             **_learner(cell),
             "n": ends.n,
             "budget": ends.budget,
+            "n_solved": int(np.isfinite(ends.steps).sum()),
             "solved": proportion(np.isfinite(ends.steps)),
             "success": proportion(ends.success),
             "steps": median(ends.steps),
@@ -131,7 +132,7 @@ def _counted(rows: pd.DataFrame) -> str:
 @item(
     "looks",
     "how many pairs of runs the contrasts took, and how they ended",
-    {"n": "pairs of runs", **dict.fromkeys(_IN_WORDS.values(), "")},
+    {"n": "pairs of runs", "contrasts": "", **dict.fromkeys(_IN_WORDS.values(), "")},
 )
 def looks(data: Maps) -> Iterator[dict[str, Any]]:
     """Counts contrasts by the look that decided them; those that are undecided are at the last one."""
@@ -139,23 +140,22 @@ def looks(data: Maps) -> Iterator[dict[str, Any]]:
     assert report is not None
     for n in report.looks:
         ended = [_IN_WORDS[each.verdict] for each in data.decided.values() if each.n == n]
-        yield {"n": n, **{name: ended.count(name) for name in _IN_WORDS.values()}}
+        yield {"n": n, "contrasts": len(ended), **{name: ended.count(name) for name in _IN_WORDS.values()}}
 
 
 @looks.sentence
 def _(table: pd.DataFrame, folder: Folder) -> str:
     """Says how sure verdicts are, and what that took."""
-    facts, names = folder.manifest["facts"], [*_IN_WORDS.values()]
-    n, undecided = int(table[names].sum().sum()), int(table["undecided"].sum())
+    facts = folder.manifest["facts"]
+    n, undecided = int(table["contrasts"].sum()), int(table["undecided"].sum())
     parts = [
-        f"{link(str(int(row[names].sum())), 'looks', row)} after {int(row['n'])}"
-        for _, row in table.iterrows()
-        if row[names].sum()
+        f"{link(str(row['contrasts']), 'looks', row)} after {row['n']}"
+        for _, row in table[table["contrasts"] > 0].iterrows()
     ]
     return (
         f"Of {counted(n, 'contrast')}, {undecided} are undecided. Pairs of runs when they ended: "
         f"{listed(parts)}. The probability of any wrong verdict among all of them is at most 5 %. *Equally "
-        f"fast* means that the probability of being faster differs from a half by less than {facts['margin']:g}."
+        f"fast* means that the probability of being faster lies within {facts['margin']:g} of a half."
     )
 
 

@@ -92,7 +92,8 @@ def _correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate:
         one, other = (stats.rankdata(each[places]) for each in (x, y))
         is_constant = np.ptp(one) == 0 or np.ptp(other) == 0
         found.append(math.nan if is_constant else float(np.corrcoef(one, other)[0, 1]))
-    low, high = np.nanpercentile(found[1:], [2.5, 97.5])
+    known = [each for each in found[1:] if not math.isnan(each)]
+    low, high = np.percentile(known, [2.5, 97.5]) if known else (math.nan, math.nan)
     return Estimate(found[0], float(low), float(high))
 
 
@@ -135,17 +136,21 @@ def _scattered(look: dict[str, Any]) -> dict[str, Any]:
 
 
 @predictors.sentence
-def _(table: pd.DataFrame, _: Folder) -> Finding:
+def _(table: pd.DataFrame, _: Folder) -> Finding | None:
     """Says which measure goes best with the cost of tables, and which with that of nets."""
     parts = []
     for family, rows in table.groupby("family", sort=False):
-        best = rows.iloc[int(rows["correlation"].abs().argmax())]
+        if rows["correlation"].isna().all():
+            continue
+        best = rows.iloc[int(np.nanargmax(rows["correlation"].abs()))]
         value = f"{best['correlation']:.2f}"
         name = _MEASURES[str(best["measure"])].replace("\n", " ")
         parts.append(
             f"that of {family} most closely with the {name} ({link(value, 'predictors', best)} "
             f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {best['n']} cells)"
         )
+    if not parts:
+        return None
     return Finding(
         f"Exploratory: by rank correlation over cells, the median steps go with measures of the scenario: "
         f"{' and '.join(parts)}. Action gaps below {REGULARISER:g} count as {REGULARISER:g}."

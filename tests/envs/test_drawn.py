@@ -1,0 +1,84 @@
+"""Scenarios that draw places and codes."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from envs import InputError, compile_scenario, load_scenario
+from envs.model import PING
+from envs.observations import observation_table
+
+
+def test_places_are_nested_and_differ_by_draw() -> None:
+    every = {load_scenario("Anywhere").places}
+    for draw in (0, 1):
+        drawn = [
+            {*load_scenario("Anywhere", {"issuer.places": n, "draw": draw}).places} for n in (1, 4, 16, 111)
+        ]
+        assert [len(each) for each in drawn] == [1, 4, 16, 111]
+        assert all(small < large for small, large in pairwise(drawn))
+        every.add(tuple(sorted(drawn[2])))
+    assert len(every) == 3
+
+
+def test_a_new_draw_is_the_scenario_with_that_draw() -> None:
+    few = load_scenario("Anywhere", {"issuer.places": 8})
+    assert few.draws
+    assert not load_scenario("Anywhere").draws
+    for draw in (3, 4):
+        checked = load_scenario("Anywhere", {"issuer.places": 8, "draw": draw})
+        assert few.drawn(draw) == checked
+        assert few.drawn(draw).places == checked.places
+        np.testing.assert_array_equal(few.drawn(draw).starts, checked.starts)
+
+
+def test_no_episode_starts_in_an_unseen_place() -> None:
+    changes = {"issuer.places": 4, "issuer.unseen": 6, "issuer.feedback": {"kind": "distance"}}
+    scenario = load_scenario("Anywhere", changes | {"draw": 2})
+    model, met = compile_scenario(scenario), load_scenario("Anywhere", {"issuer.places": 4, "draw": 2}).places
+    assert model.n_places == 10
+    place_of = model.context  # a single phase
+    assert {scenario.places[place] for place in place_of[model.starts]} == {*met}
+    unseen = {scenario.places[place] for place in place_of[model.unseen_starts]}
+    assert unseen == {*scenario.places} - {*met}
+    starts = np.concatenate([model.starts, model.unseen_starts])
+    assert (model.issuer_reward[starts, PING] == -1).all()  # relative to the distance from the start
+
+
+def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
+    plain = load_scenario("Anywhere", {"issuer.places": 16, "draw": 5})
+    for share, n_changed in ((0.25, 4), (0.5, 8), (1.0, 16)):
+        permuted = load_scenario("Anywhere", {"issuer.places": 16, "draw": 5, "issuer.permuted": share})
+        ours, theirs = compile_scenario(permuted), compile_scenario(plain)
+        np.testing.assert_array_equal(ours.observation, theirs.observation)
+        np.testing.assert_array_equal(ours.next_state, theirs.next_state)
+        (agent, issuer), (own_agent, own_issuer) = (
+            [component.coordinates for component in model.components] for model in (ours, theirs)
+        )
+        np.testing.assert_array_equal(agent, own_agent)
+        assert (issuer != own_issuer).any(axis=1).sum() == n_changed
+        assert sorted(map(tuple, issuer)) == sorted(map(tuple, own_issuer))
+        np.testing.assert_array_equal(
+            observation_table(ours, "one_hot"), observation_table(theirs, "one_hot")
+        )
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"issuer.places": 112}, "issuer.places = 112: accepted: at most 111 in all"),
+        ({"issuer.places": 100, "issuer.unseen": 12}, "issuer.places = 100 with issuer.unseen = 12"),
+        ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: issuer.places beside it"),
+        ({"issuer.places": 0}, "issuer.places = 0"),
+        ({"issuer.permuted": 1.5}, "issuer.permuted = 1.5"),
+        ({"issuer.places": 84, "grid.rows": 14, "grid.columns": 17}, "99960 states"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(changes: dict[str, float], message: str) -> None:
+    if "99960" in message:
+        load_scenario("Anywhere", changes)  # just small enough
+        changes, message = changes | {"issuer.places": 85}, "101150 states"
+    with pytest.raises(InputError) as refused:
+        load_scenario("Anywhere", changes)
+    assert message in str(refused.value)
