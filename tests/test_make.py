@@ -20,6 +20,7 @@ MINIATURES: dict[str, tuple[list[str], list[str]]] = {
     "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"]),
     "report": ([], []),
     "tune": (["EXPERIMENT=tuning_smoke"], ["72 runs done", "the chosen settings are in"]),
+    "when": (["EXPERIMENT=when_smoke"], ["tables and figures are in", "the page is"]),
     "speed": (["SPEED=--smoke"], []),
     "growth": (["GROWTH=--smoke"], []),
 }
@@ -40,6 +41,11 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
     elif target == "tune":
         assert made >= {"runs.db", "tuning_smoke"}
         assert "dqn, coordinates" in (tmp_path / "tuning_smoke" / "README.md").read_text()
+    elif target == "when":
+        assert made >= {"runs.db", "when_smoke"}
+        assert (tmp_path / "when_smoke" / "map.png").is_file()
+        reference = pd.read_csv(tmp_path / "when_smoke" / "reference.csv")
+        assert [*reference["y"]] == ["sb3_ppo, coordinates"]
     elif target in ("speed", "growth"):
         assert made == {f"{target}_smoke"}
         files = sorted((tmp_path / f"{target}_smoke").glob("*.csv"))

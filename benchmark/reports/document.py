@@ -159,9 +159,9 @@ def front(results: Path) -> str:
     def duration(name: str, table: str, column: str, **where: str) -> str:
         return tables.duration(row(name, table, where)[column])
 
-    def headline(name: str) -> str:
+    def headline(name: str, paragraph: int = 0) -> str:
         found = Document(results / name).headline
-        return "" if found is None else tables.plain(found.text).partition("\n\n")[0]
+        return "" if found is None else tables.plain(found.text).split("\n\n")[paragraph]
 
     def manifest(name: str) -> object:
         return Folder(results / name).manifest

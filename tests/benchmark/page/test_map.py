@@ -1,0 +1,82 @@
+"""The map on the page: its currencies and sliders, and the sentence that they end in."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from benchmark.__main__ import main
+from benchmark.page import build
+from tests.benchmark.page.conftest import Open, Opened
+from tests.benchmark.reports.test_map import EXPERIMENT
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a small map."""
+    folder = tmp_path_factory.mktemp("map_page")
+    (folder / "small.toml").write_text(EXPERIMENT, encoding="utf-8")
+    arguments = ["run", str(folder / "small.toml"), "--report", "--jobs", "1", "--results", str(folder)]
+    assert main(arguments) == 0
+    return folder / "small"
+
+
+def move(opened: Opened, name: str, place: int) -> str:
+    """Moves a slider; returns what it says."""
+    opened.page.locator(f"#map-{name}").fill(str(place))
+    return opened.page.locator(f"#map-{name} + output").inner_text()
+
+
+def test_sliders_end_in_a_sentence_whose_numbers_are_in_the_tables(open_page: Open, folder: Path) -> None:
+    opened = open_page(folder)
+    sentence = opened.page.locator("#map-sentence")
+    cells, runs = (pd.read_csv(folder / f"{name}.csv") for name in ("cells", "runs"))
+    assert (move(opened, "budget", 0), move(opened, "places", 0)) == ("1,000 steps", "1")
+    for place, n in ((0, 1), (2, 4), (4, 16)):
+        assert move(opened, "places", place) == str(n)
+        text = sentence.inner_text()
+        assert f"With {n} place" in text
+        rows = cells[(cells["grid"] == "places") & (cells["places"] == n)]
+        for _, row in rows.iterrows():
+            learner = f"{row['algorithm']}, {row['observation']}"
+            here = (runs["grid"] == "places") & (runs["point"] == row["point"]) & (runs["learner"] == learner)
+            n_learned = int((runs[here]["steps"] <= 1000).sum())
+            assert f"{learner} {n_learned} of {row['n']}, median {row['steps']:,.0f} steps" in text
+    verdict = "net, offset needs fewer steps than table, index, by 12 pairs of runs."
+    assert verdict in sentence.inner_text().lower()
+    # Where nothing was trained, other sliders move along.
+    assert move(opened, "permuted", 1) == "100 %"
+    assert "With 4 places in a room of 5 × 6, 100 % of the codes permuted" in sentence.inner_text()
+    assert move(opened, "room", 1) == "6 × 7"
+    assert "With 1 place in a room of 6 × 7:" in sentence.inner_text()
+
+
+def test_currencies_change_the_lines(open_page: Open, folder: Path) -> None:
+    opened = open_page(folder)
+    seen = set()
+    for currency, unit in (("steps", "steps"), ("disagreements", "disagreements"), ("cpu_time_s", "seconds")):
+        opened.page.locator(f"#map input[value={currency}]").check()
+        figure = opened.page.locator("#map svg")
+        assert f"Median {unit}" in str(figure.get_attribute("aria-label"))
+        seen.add(figure.inner_html())
+        assert re.search(rf"median [\d.,]+ {unit}", opened.page.locator("#map-sentence").inner_text())
+    assert len(seen) == 3
+    found = Axe().run(opened.page, context="#map")
+    assert found.response["violations"] == []
+
+
+def test_without_scripts_the_picture_and_the_headline_stay(open_page: Open, folder: Path) -> None:
+    opened = open_page(folder, java_script_enabled=False)
+    assert not opened.page.locator("#map").is_visible()
+    assert opened.page.locator("#finding img").is_visible()
+    assert "needs fewer steps than a table" in opened.page.locator("#finding").inner_text()
+
+
+def test_it_leads_the_page_of_all_results(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "when", ignore=shutil.ignore_patterns("index.html", ".*"))
+    page = build.write(tmp_path).read_text(encoding="utf-8")
+    assert 'data-folder="when/"' in page
+    assert page.index('id="map"') < page.index('id="when"')
