@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
-from benchmark.analysis.solving import solved
 from benchmark.execution import driver
+from benchmark.execution.solving import solved
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, specifications
 

@@ -20,7 +20,7 @@ def stages(experiment: Experiment, store: Store, seeds: Sequence[int] | None = N
     if not driver.pending(runs, store):
         if experiment.search is not None:
             yield from search.later_stages(experiment, store)
-        elif experiment.report is not None and experiment.report.looks:
+        elif experiment.has_stages:
             yield from looks.later_stages(experiment, store)
 
 

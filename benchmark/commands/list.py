@@ -21,7 +21,7 @@ def main(options: argparse.Namespace) -> int:
         experiment = load_experiment(name)
         runs = all_specifications(experiment)
         n_done = sum(run.digest in ended for run in runs)
-        which = "runs" if experiment.search is None else "runs of the first stage"
+        which = "runs of the first stage" if experiment.has_stages else "runs"
         return f"{n_done} of {len(runs)} {which} done. {experiment.description}"
 
     _print("scenarios", scenario_names(), lambda name: load_scenario(name).description)

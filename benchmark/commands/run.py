@@ -37,8 +37,7 @@ def main(options: argparse.Namespace) -> int:
         raise InputError(
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."
         )
-    has_stages = experiment.search is not None or (experiment.report is not None and experiment.report.looks)
-    if has_stages and seeds is not None:
+    if experiment.has_stages and seeds is not None:
         raise InputError(f"{name}: --seeds: what runs in stages has its declared seeds only; remove it.")
     executor = None if options.executor is None else load_executor(options.executor, "--executor")
     if options.tensorboard is not None:
@@ -48,7 +47,7 @@ def main(options: argparse.Namespace) -> int:
         print(f"{name}: {text}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
         for stage, runs in enumerate(stages(experiment, store, seeds), start=1):
-            label = f"{name}, stage {stage}" if has_stages else name
+            label = f"{name}, stage {stage}" if experiment.has_stages else name
             if code := _execute(label, runs, store, options, jobs, executor):
                 return code
     return report.main(options) if options.report else 0

@@ -51,6 +51,11 @@ def specification(
     observation = observation or observations[0]
     if observation not in observations:
         unknown_name(f"{experiment.name}: {variant}", "observation", observation, observations)
+    if DEFAULT_CONDITION not in experiment.conditions or experiment.solved is not None:
+        raise InputError(
+            f"{experiment.name}: its runs cannot be watched; accepted: an experiment without sweep, grids, search "
+            "and solved."
+        )
     paths = {Path(declared).stem: declared for declared in experiment.scenarios}
     if scenario not in paths:
         unknown_name(experiment.name, "scenario", scenario, paths)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from agents import check_training, load_algorithm
 from agents.dynamic_programming import Evaluation, evaluate, every_cell, unseen_places
 from agents.policy import mask_policy, uniform_policy
-from benchmark.analysis.solving import solved
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
+from benchmark.execution.solving import solved
 from benchmark.execution.store import VALUE_DECIMALS, Record, evaluated
 from benchmark.experiments import RunSpecification
 from envs import InputError

@@ -306,6 +306,11 @@ class Experiment(Table):
         return self.name if self.name in experiment_names() else f"PATH/{self.name}.toml"
 
     @property
+    def has_stages(self) -> bool:
+        """Whether its first runs decide which others follow."""
+        return self.search is not None or (self.report is not None and bool(self.report.looks))
+
+    @property
     def populations(self) -> list[tuple[str, str, str]]:
         """(scenario, variant, observation) of every population of one condition, as declared."""
         return [

@@ -16,6 +16,7 @@ REPORT: Final = Report(
     items=(
         figures.picture,
         results.cells,
+        figures.others,
         results.contrasts,
         results.looks,
         results.crossings,

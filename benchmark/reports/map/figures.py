@@ -1,5 +1,6 @@
 """Figures of a map."""
 
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -42,38 +43,28 @@ def styles(data: Maps) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _curves(
-    axis: Axes, data: Maps, rows: pd.DataFrame, lines: Any, column: str, *, is_labelled: bool
-) -> None:
-    """Draws the medians of every learner, hollow and at the budget where most runs never solve."""
+def _curves(axis: Axes, data: Maps, rows: pd.DataFrame, grid: str) -> None:
+    """Draws the median steps of every learner, hollow and at the budget where most runs never solve."""
     style, texts = styles(data), list[Any]()
-    for name, line in lines.items():
-        if name in style:
-            look, table = style[name], pd.DataFrame([_row_of(rows, data, cell) for _, cell in sorted(line)])
-            values = [value for value, _ in sorted(line)]
-            shown, low, high = (
-                table[f"{column}{end}"].where(np.isfinite(table[f"{column}{end}"]), table["budget"])
-                for end in ("", "_low", "_high")
-            )
-            axis.plot(values, shown, color=look["color"], lw=1.6)
-            axis.fill_between(values, low.clip(lower=_LOWEST), high, color=look["color"], alpha=0.15, lw=0)
-            is_known = np.isfinite(table[column])
-            for chosen, filling in ((is_known, look["color"]), (~is_known, "white")):
-                where = np.array(values)[chosen.to_numpy()]
-                axis.plot(where, shown[chosen], look["marker"], ms=6, mec=look["color"], mfc=filling)
-            if is_labelled:
-                end = values[-1], shown.iloc[-1]
-                texts.append(
-                    axis.annotate(
-                        name,
-                        end,
-                        (8, 0),
-                        textcoords="offset points",
-                        va="center",
-                        fontsize="small",
-                        color=look["color"],
-                    )
-                )
+    compared = {cell.learner for pair in data.decided for cell in pair}
+    for name, line in data.lines[grid].items():
+        if name not in style:
+            continue
+        look, table = style[name], pd.DataFrame([_row_of(rows, data, cell) for _, cell in sorted(line)])
+        values = np.array([value for value, _ in sorted(line)])
+        shown, low, high = (
+            table[column].where(np.isfinite(table[column]), table["budget"])
+            for column in ("steps", "steps_low", "steps_high")
+        )
+        axis.plot(values, shown, color=look["color"], lw=1.6)
+        alpha = 0.2 if name in compared else 0.08
+        axis.fill_between(values, low.clip(lower=_LOWEST), high, color=look["color"], alpha=alpha, lw=0)
+        is_known = np.isfinite(table["steps"].to_numpy())
+        for chosen, filling in ((is_known, look["color"]), (~is_known, "white")):
+            axis.plot(values[chosen], shown[chosen], look["marker"], ms=6, mec=look["color"], mfc=filling)
+        text = axis.annotate(name, (values[-1], shown.iloc[-1]), (8, 0), textcoords="offset points")
+        text.set(va="center", fontsize="small", color=look["color"])
+        texts.append(text)
     _apart(texts)
 
 
@@ -93,8 +84,9 @@ def _row_of(rows: pd.DataFrame, data: Maps, cell: Cell) -> pd.Series:
     return next(row for _, row in rows[is_here & is_ours].iterrows())
 
 
-def _log_axis(axis: Axes, values: list[float], texts: list[str], label: str) -> None:
-    axis.set_xscale("log" if min(values) > 0 else "symlog", **({} if min(values) > 0 else {"linthresh": 0.5}))
+def _set_axis(axis: Axes, values: list[float], texts: list[str], label: str) -> None:
+    if min(values) > 0:
+        axis.set_xscale("log")
     axis.set_xticks(values, texts)
     axis.minorticks_off()
     axis.set_xlabel(label)
@@ -114,28 +106,55 @@ def _label(data: Maps, grid: str) -> str:
 @drawing(
     "map",
     "the map: steps against places, who needs fewer in rooms and places, and the control",
-    "Left: median steps until success stays at or above 0.9, with 95 % intervals; hollow: most runs never "
-    "get there within their budget, at which they are drawn. Middle: how many times as many steps the other "
-    "one needs; ≥: a bound; ?: undecided. Right: codes of the person's cells permuted at random.",
+    "Left: median steps until success stays at or above the level, with 95 % intervals; hollow: most runs "
+    "never get there within their budget, at which they are drawn. Middle: how many times as many steps the "
+    "other one needs; ≥: a bound; ?: undecided. Right: codes of the person's cells permuted at random.",
 )
 def picture(tables: Frames, data: Maps) -> Figure | None:
     """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""
-    axes_of = {name: [*grid.axes] for name, grid in data.experiment.grids.items()}
-    chosen = [
-        (6.4, _draw_lines, next((each for each in data.lines if axes_of[each] != ["permuted"]), None)),
-        (
-            4.6,
-            _draw_square,
-            next((each for each in axes_of if len(axes_of[each]) == 2 and _compared(data, each)), None),
-        ),
-        (2.9, _draw_control, next((each for each in data.lines if axes_of[each] == ["permuted"]), None)),
-    ]
-    panels = [(width, draw, grid) for width, draw, grid in chosen if grid is not None]
+    return _panels(tables, data, _leading(data))
+
+
+@drawing(
+    "grids",
+    "the same of all other grids",
+    "The other grids, drawn in the same way; of unseen places, success there, with 95 % intervals.",
+)
+def others(tables: Frames, data: Maps) -> Figure | None:
+    """Draws what the map does not show, but for references."""
+    shown = _leading(data)
+    rest = [name for name in data.experiment.grids if name not in shown and (_kind(data, name) is not None)]
+    return _panels(tables, data, rest)
+
+
+def _leading(data: Maps) -> list[str]:
+    kinds = {name: _kind(data, name) for name in data.experiment.grids}
+    first = (next((name for name in kinds if kinds[name] is draw), None) for draw in _WIDTHS)
+    return [name for name in [*first][:3] if name is not None]
+
+
+def _kind(data: Maps, grid: str) -> "Draw | None":
+    """Returns what draws a grid; None if it is not drawn."""
+    cells = [cell for cell in data.ends if cell.condition.split("/")[1] == grid]
+    axes = [*data.experiment.grids[grid].axes]
+    if any(data.is_reference(cell) for cell in cells) or not cells or len(axes) > 2:
+        return None
+    if axes == ["permuted"]:
+        return _draw_control
+    if any(data.scenario(cell).issuer.unseen for cell in cells):
+        return _draw_unseen
+    return _draw_lines if len(axes) == 1 else _draw_square if _compared(data, grid) else None
+
+
+def _panels(tables: Frames, data: Maps, grids: Sequence[str]) -> Figure | None:
+    """Draws grids side by side."""
+    panels = [(draw, grid) for grid in grids if (draw := _kind(data, grid)) is not None]
     if not panels:
         return None
-    with figure_of(1, len(panels), (sum(width for width, *_ in panels), 4.6)) as (figure, axes):
-        axes[0, 0].get_gridspec().set_width_ratios([width for width, *_ in panels])
-        for axis, (_, draw, grid) in zip(axes[0], panels, strict=True):
+    widths = [_WIDTHS[draw] for draw, _ in panels]
+    with figure_of(1, len(panels), (sum(widths), 4.6)) as (figure, axes):
+        axes[0, 0].get_gridspec().set_width_ratios(widths)
+        for axis, (draw, grid) in zip(axes[0], panels, strict=True):
             draw(axis, tables, data, grid)
     return figure
 
@@ -143,10 +162,11 @@ def picture(tables: Frames, data: Maps) -> Figure | None:
 def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     """Draws steps against the values of an axis, and where the net of the first contrast takes over."""
     values, texts = _values(data, grid)
+    is_positive = min(values) > 0
     axis.set_yscale("log")
-    _curves(axis, data, tables["cells"], data.lines[grid], "steps", is_labelled=True)
-    _log_axis(axis, values, texts, _label(data, grid))
-    axis.set_xlim(values[0] / 1.15, values[-1] * 9)
+    _curves(axis, data, tables["cells"], grid)
+    _set_axis(axis, values, texts, _label(data, grid))
+    axis.set_xlim(values[0] / 1.15 if is_positive else 0, values[-1] * (9 if is_positive else 2))
     assert data.experiment.solved is not None
     assert data.experiment.report is not None
     axis.set_ylabel(f"steps until success stays at or above {data.experiment.solved.success:g}")
@@ -199,7 +219,7 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
         if decision.verdict in (BETTER, WORSE) and not np.isnan(ratio.value):
             colours[at] = np.clip(np.log(ratio.value), -most, most)
             is_bound = np.isinf(data.medians(x, "steps")[0]) or np.isinf(data.medians(y, "steps")[0])
-            text = "≥" * is_bound + two_digits(max(ratio.value, 1 / ratio.value))
+            text = "≥" * bool(is_bound) + two_digits(max(ratio.value, 1 / ratio.value))
         ink = "white" if abs(np.nan_to_num(colours[at])) > _DARK * most else "black"
         axis.text(at[1], at[0], text, ha="center", va="center", color=ink, fontsize="small")
     norm = Normalize(-most, most)
@@ -221,14 +241,35 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
 
 def _draw_control(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     """Draws the success at the end of training against the share of codes that are permuted."""
+    _draw_success(axis, tables, data, grid, "success")
+    axis.set(xlabel="% of the codes permuted", ylabel="success at the end of training")
+    axis.set_title("The control", loc="left")
+
+
+def _draw_unseen(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
+    """Draws the success in unseen places."""
+    _draw_success(axis, tables, data, grid, "unseen_success")
+    axis.set(xlabel=_label(data, grid), ylabel="success in places never seen")
+    axis.set_title("Elsewhere", loc="left")
+
+
+def _draw_success(axis: Axes, tables: Frames, data: Maps, grid: str, column: str) -> None:
     style = styles(data)
     _, texts = _values(data, grid)
     for name, line in data.lines[grid].items():
         if name in style:
             points = pd.DataFrame([_row_of(tables["cells"], data, cell) for _, cell in sorted(line)])
-            success = points["success"]
-            ends = [success - points["success_low"], points["success_high"] - success]
+            success = points[column]
+            ends = [success - points[f"{column}_low"], points[f"{column}_high"] - success]
             axis.errorbar(range(len(points)), success, ends, lw=1.6, elinewidth=0.8, ms=6, **style[name])
     axis.set_xticks(range(len(texts)), texts)
-    axis.set(ylim=(-0.04, 1.04), xlabel="% of the codes permuted", ylabel="success at the end of training")
-    axis.set_title("The control", loc="left")
+    axis.set_ylim(-0.04, 1.04)
+
+
+Draw = Callable[[Axes, Frames, Maps, str], None]
+_WIDTHS: Final[dict[Draw, float]] = {
+    _draw_lines: 6.4,
+    _draw_square: 4.6,
+    _draw_control: 2.9,
+    _draw_unseen: 3.6,
+}

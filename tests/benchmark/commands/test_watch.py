@@ -16,6 +16,7 @@ from benchmark.commands import watch
 from benchmark.drawing.film import Film, Moment, picture
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
+from envs import InputError
 from envs.render import Window
 
 COMPARED = load_experiment("compare_deep")
@@ -94,3 +95,9 @@ def test_no_terminal_gets_the_end_of_every_walk(watched: Path, capsys: pytest.Ca
     assert "step 10,000, score 1.00  success" in text
     assert text.count("@ agent") == 26
     assert "\x1b" not in text
+
+
+@pytest.mark.parametrize("experiment", ["when_smoke", "tuning_smoke"])
+def test_curves_alone_cannot_be_watched(experiment: str) -> None:
+    with pytest.raises(InputError, match="its runs cannot be watched"):
+        watch.specification(load_experiment(experiment), "Anywhere", "dqn", None, 0)
