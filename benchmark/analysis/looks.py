@@ -115,7 +115,12 @@ def cells(experiment: Experiment) -> list[Cell]:
 def pairs(experiment: Experiment) -> list[tuple[Cell, Cell]]:
     """Lists the cells of every contrast: a contrast of learners at each point where there are both."""
     assert experiment.report is not None
-    found = {(each.place, each.learner): each for each in cells(experiment)}
+    grids = experiment.grids
+    found = {
+        (each.place, each.learner): each
+        for each in cells(experiment)
+        if grids[each.condition.split("/")[1]].is_compared
+    }
     return [
         (found[place, x], found[place, y])
         for place in dict.fromkeys(place for place, _ in found)

@@ -52,10 +52,8 @@ def specification(
     if observation not in observations:
         unknown_name(f"{experiment.name}: {variant}", "observation", observation, observations)
     if DEFAULT_CONDITION not in experiment.conditions or experiment.solved is not None:
-        raise InputError(
-            f"{experiment.name}: its runs cannot be watched; accepted: an experiment without sweep, grids, search "
-            "and solved."
-        )
+        accepted = "an experiment without sweep, grids, search and solved"
+        raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
     paths = {Path(declared).stem: declared for declared in experiment.scenarios}
     if scenario not in paths:
         unknown_name(experiment.name, "scenario", scenario, paths)

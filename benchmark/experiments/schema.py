@@ -114,6 +114,7 @@ class Grid(Table):
     settings: dict[str, Any] = Field(default_factory=dict)
     # axis to value to changes of the scenario
     axes: Annotated[dict[Name, dict[Value, dict[str, Any]]], Field(min_length=1)]
+    is_compared: bool = True  # whether contrasts are decided at its points
     without: tuple[str, ...] = ()  # points that are left out, as "AXIS=VALUE/AXIS=VALUE"
 
     @property
@@ -152,7 +153,7 @@ class Margins(Table):
 
     success: Annotated[float, Field(gt=0, lt=1)] = 0.1
     score: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    faster: Annotated[float, Field(gt=0, lt=0.5)] = 0.15  # from a probability of 1/2 of being faster
+    faster: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # from a probability of 1/2 of being faster
 
 
 def point_name(point: Mapping[str, str]) -> str:

@@ -8,7 +8,7 @@ from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.looks import NEITHER, decide, tail_of
 from benchmark.execution.solving import solved
 
-LOOKS, N_CONTRASTS, MARGIN = (20, 40, 80, 160), 74, 0.15
+LOOKS, N_CONTRASTS, MARGIN = (20, 40, 80, 160), 66, 0.15
 TAIL = tail_of(N_CONTRASTS, len(LOOKS))
 
 
