@@ -354,10 +354,9 @@ class Scenario(Table):
         return self.issuer.places is not None or self.issuer.permuted > 0
 
     def drawn(self, draw: int) -> Self:
-        """Returns the scenario with another draw, of which nothing has to be checked again."""
+        """Returns the scenario with another draw, of which nothing has to be checked or computed again."""
         other = self.model_copy(update={"draw": draw})
-        for name in {*other.__dict__} - {*type(self).model_fields, "_zones_by_place", "_free_places"}:
-            del other.__dict__[name]
+        other.__dict__.update(_zones_by_place=self._zones_by_place, _free_places=self._free_places)
         return other
 
     @property

@@ -87,20 +87,40 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """What N runs of a population, of successive seeds, took until they had solved; infinite if never."""
+    """The curves of N runs of a population, of successive seeds, over T evaluations."""
 
-    steps: NDArray[np.float64]  # (N,) environment steps
-    disagreements: NDArray[np.float64]  # (N,) of the issuer
-    cpu_time_s: NDArray[np.float64]  # (N,)
-    spent: NDArray[np.float64]  # (3, N) the same three at the end, of runs that have not solved, too
-    success: NDArray[np.float64]  # (N,) at the end
-    unseen: NDArray[np.float64]  # (N,) success in unseen places then; NaN without any
-    budget: int
+    success: NDArray[np.float64]  # (N, T)
+    spent: NDArray[np.float64]  # (3, N, T) steps, disagreements of the issuer, and CPU seconds until then
+    unseen: NDArray[np.float64]  # (N,) success in unseen places at the end; NaN without any
+    enough: float  # the success that counts as solved
 
     @property
     def n(self) -> int:
         """How many runs there are."""
-        return len(self.steps)
+        return len(self.success)
+
+    @property
+    def budget(self) -> int:
+        """Steps that a run may train."""
+        return int(self.spent[0, 0, -1])
+
+    def first(self, n: int) -> "Ends":
+        """Returns the same of the first n runs."""
+        return Ends(self.success[:n], self.spent[:, :n], self.unseen[:n], self.enough)
+
+    def took(self, budget: float = math.inf) -> NDArray[np.float64]:
+        """Returns what runs took until they had solved, (3, N), with this budget; infinite if never."""
+        steps = self.spent[0, 0][self.spent[0, 0] <= budget]
+        never = np.full(3, np.inf)
+        found = []
+        for run, curve in enumerate(self.success[:, : len(steps)].tolist()):
+            place = solved(curve, steps, self.enough).place
+            found.append(self.spent[:, run, place] if place < len(steps) else never)
+        return np.array(found).T
+
+    def spent_within(self, budget: float) -> NDArray[np.float64]:
+        """Returns what runs that do not solve have spent of a budget, (3, N)."""
+        return self.spent[:, :, int((self.spent[0, 0] <= budget).sum()) - 1]
 
 
 def cells(experiment: Experiment) -> list[Cell]:
@@ -135,60 +155,61 @@ def runs_of(experiment: Experiment, cell: Cell, seeds: range) -> Runs:
     return [first.with_seed(first.seed + seed) for seed in seeds]
 
 
-def read(experiment: Experiment, store: Store) -> dict[Cell, Ends]:
-    """Reads the stored runs of every cell, up to the first that is missing."""
+def read(experiment: Experiment, store: Store, most: int | None = None) -> dict[Cell, Ends]:
+    """Reads the stored runs of every cell, up to the first missing one, at most so many of compared cells."""
     ended = store.ended()
     compared = {cell for pair in pairs(experiment) for cell in pair}
     found = {}
     for cell in cells(experiment):
-        n_first = experiment.algorithms[cell.variant].seeds
-        most = max(n_first, *_looks(experiment)) if cell in compared else n_first
-        runs = [*takewhile(lambda run: run.digest in ended, runs_of(experiment, cell, range(most)))]
+        n_runs = experiment.algorithms[cell.variant].seeds
+        if cell in compared:
+            n_runs = most or max(_looks(experiment))
+        runs = [*takewhile(lambda run: run.digest in ended, runs_of(experiment, cell, range(n_runs)))]
         if runs:
             found[cell] = _ends(runs, store)
     return found
 
 
 def _ends(runs: Runs, store: Store) -> Ends:
-    specification = runs[0]
-    assert specification.solved is not None
-    steps, enough = specification.schedule.evaluation_steps, specification.solved["success"]
-    rows, spent, success, unseen = [], [], [], []
-    for record in store.get([run.digest for run in runs]):
-        curve = record.arrays["success"].tolist()
-        paths = steps, record.arrays["disagreements"].tolist(), record.provenance["cpu_time_s"]
-        place = solved(curve, steps, enough).place
-        rows.append([path[place] if place < len(path) else math.inf for path in paths])
-        spent.append([path[-1] for path in paths])
-        success.append(curve[-1])
-        unseen.append([*record.arrays["unseen_success"].tolist(), math.nan][0])
-    n_steps, n_disagreements, seconds = np.array(rows, dtype=float).T
-    budget = specification.settings.budget
-    last = np.array(spent, dtype=float).T
-    return Ends(n_steps, n_disagreements, seconds, last, np.array(success), np.array(unseen), budget)
+    assert runs[0].solved is not None
+    steps = runs[0].schedule.evaluation_steps
+    records = store.get([run.digest for run in runs])
+    spent = [[steps, record.arrays["disagreements"], record.provenance["cpu_time_s"]] for record in records]
+    return Ends(
+        success=np.array([record.arrays["success"] for record in records]),
+        spent=np.array(spent, dtype=np.float64).swapaxes(0, 1),
+        unseen=np.array([[*record.arrays["unseen_success"], math.nan][0] for record in records]),
+        enough=runs[0].solved["success"],
+    )
 
 
 def _looks(experiment: Experiment) -> tuple[int, ...]:
-    return () if experiment.report is None else experiment.report.looks
+    assert experiment.report is not None
+    return experiment.report.looks
+
+
+def identities(experiment: Experiment) -> dict[tuple[Cell, Cell], tuple[str, ...]]:
+    """Returns what makes each contrast: the first runs of its sides; those of two grids may be the same."""
+    return {
+        pair: tuple(runs_of(experiment, cell, range(1))[0].digest for cell in pair)
+        for pair in pairs(experiment)
+    }
 
 
 def decisions(experiment: Experiment, ends: Mapping[Cell, Ends]) -> dict[tuple[Cell, Cell], Decision]:
     """Returns for every contrast the first look that decides it, or the last one that its runs allow.
 
-    Runs count up to the smaller budget of the two. A contrast without enough runs for the first look is left
-    out.
+    Both sides have the smaller budget of the two. A contrast without enough runs for a look is left out.
     """
     assert experiment.report is not None
-    compared, looks = pairs(experiment), _looks(experiment)
-    tail = tail_of(len(compared), len(looks))
+    known, looks = identities(experiment), _looks(experiment)
+    tail = tail_of(len({*known.values()}), len(looks))
     found = {}
-    for x, y in compared:
-        if x not in ends or y not in ends:
-            continue
-        budget = min(ends[x].budget, ends[y].budget)
-        both = [np.where(each.steps > budget, np.inf, each.steps) for each in (ends[x], ends[y])]
-        for n in looks:
-            if min(map(len, both)) >= n:
+    for x, y in known:
+        if x in ends and y in ends:
+            budget = min(ends[x].budget, ends[y].budget)
+            both = [ends[cell].took(budget)[0] for cell in (x, y)]
+            for n in (n for n in looks if min(map(len, both)) >= n):
                 found[x, y] = decide(both[0][:n], both[1][:n], experiment.report.margins.faster, tail)
                 if found[x, y].verdict != UNDECIDED:
                     break
@@ -198,9 +219,9 @@ def decisions(experiment: Experiment, ends: Mapping[Cell, Ends]) -> dict[tuple[C
 def later_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
     """Yields the further runs of every look, as long as those before are stored: of undecided contrasts."""
     for before, n in pairwise(_looks(experiment)):
-        decided = decisions(experiment, read(experiment, store))
-        open_ones = [pair for pair, each in decided.items() if each.verdict == UNDECIDED]
-        more = {cell: None for pair in open_ones for cell in pair}
+        decided = decisions(experiment, read(experiment, store, before))
+        undecided = [pair for pair, each in decided.items() if each.verdict == UNDECIDED]
+        more = dict.fromkeys(cell for pair in undecided for cell in pair)
         runs = {run.digest: run for cell in more for run in runs_of(experiment, cell, range(before, n))}
         if not runs:
             return

@@ -27,6 +27,6 @@ def solved(success: Sequence[float], steps: Sequence[int], enough: float) -> Sol
     for i, value in enumerate(success):
         if value < enough:
             first = i + 1
-        elif steps[i] >= 2 * steps[first]:
+        elif i > first and steps[i] >= 2 * steps[first]:
             return Solved(first, True)
     return Solved(first, False)

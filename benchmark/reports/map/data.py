@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents import load_algorithm
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, quantile
-from benchmark.analysis.looks import Cell, Decision, Ends, decisions, pairs, read
+from benchmark.analysis.looks import Cell, Decision, Ends, decisions, identities, pairs, read
 from benchmark.analysis.stages import stages
 from benchmark.execution import driver
 from benchmark.execution.store import Store
@@ -19,6 +19,7 @@ from envs import InputError, Scenario
 from envs.scenario import NoisyFeedback
 
 CURRENCIES: Final = ("steps", "disagreements", "cpu_time_s")
+_MOST: Final = 10.0  # a logarithm of a ratio that stands for never
 _CROSSED: Final = 1e-9  # a difference of logarithms that is none but for rounding
 
 
@@ -46,7 +47,7 @@ class Maps:
             "solved": solved.model_dump(mode="json"),
             "looks": report.looks,
             "margin": report.margins.faster,
-            "contrasts": len(self.decided),
+            "contrasts": len({*identities(self.experiment).values()}),
             "grids": {name: self.experiment.grids[name].question for name in self.experiment.grids},
             "axes": {name: [*grid.axes] for name, grid in self.experiment.grids.items()},
             "families": {cell.learner: self.family(cell) for cell in self.ends},
@@ -116,7 +117,7 @@ class Maps:
         It is infinite where most never solve.
         """
         ends = self.ends[cell]
-        took = np.where(ends.steps <= budget, getattr(ends, currency), np.inf)
+        took = ends.took(budget)[CURRENCIES.index(currency)]
         order = np.argsort(took, kind="stable")
         total = self.weights[:, : ends.n][:, order].cumsum(axis=1)
         middle = (total < total[:, -1:] / 2 * (1 - 1e-12)).sum(axis=1)
@@ -135,18 +136,20 @@ class Maps:
             samples = (theirs / ours)[1:]
         low = np.percentile(np.where(np.isnan(samples), 0, samples), 2.5, method="lower")
         high = np.percentile(np.where(np.isnan(samples), np.inf, samples), 97.5, method="higher")
-        spent = [
-            float(median[0]) if np.isfinite(median[0]) else self._spent(cell, currency, budget)
-            for median, cell in ((ours, x), (theirs, y))
-        ]
-        return Estimate(spent[1] / spent[0], float(low), float(high))
+        ours[0], theirs[0] = (
+            median if np.isfinite(median) else self._spent(cell, currency, budget)
+            for median, cell in ((ours[0], x), (theirs[0], y))
+        )
+        return Estimate(float(theirs[0] / ours[0]), float(low), float(high))
+
+    def is_bound(self, x: Cell, y: Cell) -> bool:
+        """Returns whether the ratio of steps is a bound, since most runs of one of them never solve."""
+        budget = min(self.ends[x].budget, self.ends[y].budget)
+        return any(np.isinf(self.medians(cell, "steps", budget)[0]) for cell in (x, y))
 
     def _spent(self, cell: Cell, currency: str, budget: float) -> float:
-        """Returns what most runs of a cell have taken at least, without solving."""
-        ends = self.ends[cell]
-        if currency == "steps":
-            return budget
-        return float(np.median(ends.spent[CURRENCIES.index(currency)])) * min(budget / ends.budget, 1.0)
+        """Returns the median of what runs of a cell spend of a budget."""
+        return float(np.median(self.ends[cell].spent_within(budget)[CURRENCIES.index(currency)]))
 
     def crossing(self, x: list[tuple[float, Cell]], y: list[tuple[float, Cell]], currency: str) -> Estimate:
         """Returns from which value of the axis on x takes less than y, by medians, with a 95 % interval.
@@ -154,14 +157,15 @@ class Maps:
         Between two values it is where the straight line between the logarithms of the ratios is zero. It is
         the first value if x takes less everywhere, and infinite if it does not at the last one.
         """
-        theirs = dict(y)
-        shared = [(value, cell, theirs[value]) for value, cell in x if value in theirs]
+        others = dict(y)
+        shared = [(value, cell, others[value]) for value, cell in x if value in others]
         budget = min(self.ends[each].budget for _, *both in shared for each in both)
         logs = []
         for _, one, other in shared:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = self.medians(other, currency, budget) / self.medians(one, currency, budget)
-                logs.append(np.where(np.isnan(ratio), 0.0, np.log(ratio)))
+            ours, theirs = (self.medians(each, currency, budget) for each in (one, other))
+            # Where the table never solves, what it spends counts, which does not favour the net.
+            theirs = np.where(np.isinf(theirs), self._spent(other, currency, budget), theirs)
+            logs.append(np.where(np.isinf(ours), -_MOST, np.log(theirs / ours)))
         values = np.array([value for value, *_ in shared])
         found = _crossings(values, np.array(logs).T)
         low = np.percentile(found[1:], 2.5, method="lower")
@@ -179,10 +183,10 @@ class Maps:
             return len(finite), Estimate(np.nan, np.nan, np.nan)
         logs = np.log([*finite])
         centred = logs - logs.mean()
-        with np.errstate(invalid="ignore"):
-            samples = centred @ np.log(np.array([*finite.values()])) / (centred @ centred)
-        ends = samples[1:][np.isfinite(samples[1:])]
-        return len(finite), Estimate(float(samples[0]), *map(float, np.percentile(ends, [2.5, 97.5])))
+        steps = np.array([*finite.values()])
+        budgets = [[self.ends[cell].budget] for value, cell in line if value in finite]
+        samples = centred @ np.log(np.where(np.isinf(steps), budgets, steps)) / (centred @ centred)
+        return len(finite), Estimate(float(samples[0]), *map(float, np.percentile(samples[1:], [2.5, 97.5])))
 
 
 def _crossings(values: NDArray[np.float64], logs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -201,7 +205,7 @@ def _crossings(values: NDArray[np.float64], logs: NDArray[np.float64]) -> NDArra
             found.append(np.inf)
         else:
             i = int(below[-1])
-            before, after = np.clip(row[i : i + 2], -10, 10)  # an infinite one counts as a large one
+            before, after = row[i : i + 2]
             share = -before / (after - before)
             found.append(float(np.exp((1 - share) * np.log(values[i]) + share * np.log(values[i + 1]))))
     return np.array(found)
@@ -220,6 +224,10 @@ def check(experiment: Experiment) -> None:
     """Refuses, by an InputError, an experiment without grids or looks, or with contrasts of unequal seeds."""
     report, where = experiment.report, experiment.argument
     assert report is not None
+    if len(experiment.scenarios) > 1:
+        raise InputError(
+            f"{where}: scenarios: {len(experiment.scenarios)}: accepted: one, which grids change."
+        )
     for key, is_there in (
         ("[grids]", bool(experiment.grids)),
         ("[solved]", experiment.solved is not None),
@@ -258,12 +266,17 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     """
     if seeds is not None:
         raise InputError(f"{experiment.name}: looks have declared seeds: remove --seeds.")
+    largest: dict[Cell, int] = {}
     missing = sum(len(driver.pending(runs, store)) for runs in stages(experiment, store))
     if missing and not partial:
         raise InputError(f"{experiment.name}: {missing} runs are missing: run the experiment first.")
     ends = read(experiment, store)
-    if missing and not ends:
-        raise InputError(f"{experiment.name}: there are no runs yet: run the experiment first.")
+    for pair, decision in decisions(experiment, ends).items():
+        for cell in pair:
+            largest[cell] = max(decision.n, largest.get(cell, 0))
+    ends = {cell: each.first(largest.get(cell, each.n)) for cell, each in ends.items()}
+    if not largest:
+        raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")
     note = f"Partial: at least {missing:,} runs are missing." if missing else ""
     return Maps(experiment, ends, note, bool(missing))
 

@@ -135,15 +135,13 @@ def _leading(data: Maps) -> list[str]:
 
 def _kind(data: Maps, grid: str) -> "Draw | None":
     """Returns what draws a grid; None if it is not drawn."""
-    cells = [cell for cell in data.ends if cell.condition.split("/")[1] == grid]
     axes = [*data.experiment.grids[grid].axes]
-    if any(data.is_reference(cell) for cell in cells) or not cells or len(axes) > 2:
-        return None
-    if axes == ["permuted"]:
-        return _draw_control
-    if any(data.scenario(cell).issuer.unseen for cell in cells):
-        return _draw_unseen
-    return _draw_lines if len(axes) == 1 else _draw_square if _compared(data, grid) else None
+    cells = [cell for cell in data.ends if cell.condition.split("/")[1] == grid]
+    if len(axes) == 1 and any(not data.is_reference(cell) for cell in cells):
+        if axes == ["permuted"]:
+            return _draw_control
+        return _draw_unseen if any(data.scenario(cell).issuer.unseen for cell in cells) else _draw_lines
+    return _draw_square if len(axes) == 2 and _compared(data, grid) else None
 
 
 def _panels(tables: Frames, data: Maps, grids: Sequence[str]) -> Figure | None:
@@ -218,8 +216,7 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
         text = {EQUIVALENT: "=", NEITHER: "neither"}.get(decision.verdict, "?")
         if decision.verdict in (BETTER, WORSE) and not np.isnan(ratio.value):
             colours[at] = np.clip(np.log(ratio.value), -most, most)
-            is_bound = np.isinf(data.medians(x, "steps")[0]) or np.isinf(data.medians(y, "steps")[0])
-            text = "≥" * bool(is_bound) + two_digits(max(ratio.value, 1 / ratio.value))
+            text = "≥" * data.is_bound(x, y) + two_digits(max(ratio.value, 1 / ratio.value))
         ink = "white" if abs(np.nan_to_num(colours[at])) > _DARK * most else "black"
         axis.text(at[1], at[0], text, ha="center", va="center", color=ink, fontsize="small")
     norm = Normalize(-most, most)

@@ -9,12 +9,12 @@ import pandas as pd
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.intervals import Estimate, proportion
-from benchmark.analysis.looks import NEITHER, Cell
+from benchmark.analysis.looks import NEITHER, Cell, identities
 from benchmark.drawing.tables import link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, item, no_rows
 from benchmark.reports.map.data import Maps, median
-from envs.words import counted, listed
+from envs.words import listed
 
 POINT: Final = {"grid": "", "point": ""}
 LEARNER: Final = {"algorithm": "", "observation": ""}
@@ -45,16 +45,17 @@ _IN_WORDS: Final = {
 def cells(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates all populations. A run that never solves its scenario takes infinitely many steps."""
     for cell, ends in data.ends.items():
+        took = ends.took()
         yield {
             **data.key(cell),
             **_learner(cell),
             "n": ends.n,
             "budget": ends.budget,
-            "n_solved": int(np.isfinite(ends.steps).sum()),
-            "solved": proportion(np.isfinite(ends.steps)),
-            "success": proportion(ends.success),
-            "steps": median(ends.steps),
-            "disagreements": median(ends.disagreements),
+            "n_solved": int(np.isfinite(took[0]).sum()),
+            "solved": proportion(np.isfinite(took[0])),
+            "success": proportion(ends.success[:, -1]),
+            "steps": median(took[0]),
+            "disagreements": median(took[1]),
             "unseen_success": Estimate(np.nan, np.nan, np.nan)
             if np.isnan(ends.unseen).any()
             else proportion(ends.unseen),
@@ -71,7 +72,7 @@ def cells(data: Maps) -> Iterator[dict[str, Any]]:
 def cpu(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates the time of training alone: no evaluation counts."""
     for cell, ends in data.ends.items():
-        took = median(ends.cpu_time_s)
+        took = median(ends.took()[2])
         yield {**data.key(cell), **_learner(cell), "n": ends.n, "cpu_time_s": took}
 
 
@@ -135,11 +136,12 @@ def _counted(rows: pd.DataFrame) -> str:
     {"n": "pairs of runs", "contrasts": "", **dict.fromkeys(_IN_WORDS.values(), "")},
 )
 def looks(data: Maps) -> Iterator[dict[str, Any]]:
-    """Counts contrasts by the look that decided them; those that are undecided are at the last one."""
-    report = data.experiment.report
+    """Counts contrasts by the look that decided them, those of several grids once."""
+    report, names = data.experiment.report, identities(data.experiment)
     assert report is not None
+    distinct = {names[pair]: decision for pair, decision in data.decided.items()}
     for n in report.looks:
-        ended = [_IN_WORDS[each.verdict] for each in data.decided.values() if each.n == n]
+        ended = [_IN_WORDS[each.verdict] for each in distinct.values() if each.n == n]
         yield {"n": n, "contrasts": len(ended), **{name: ended.count(name) for name in _IN_WORDS.values()}}
 
 
@@ -153,7 +155,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str:
         for _, row in table[table["contrasts"] > 0].iterrows()
     ]
     return (
-        f"Of {counted(n, 'contrast')}, {undecided} are undecided. Pairs of runs when they ended: "
+        f"Contrasts: {n:,} different ones, of which {undecided} undecided. Pairs of runs that they took: "
         f"{listed(parts)}. The probability of any wrong verdict among all of them is at most 5 %. *Equally "
         f"fast* means that the probability of being faster lies within {facts['margin']:g} of a half."
     )
@@ -234,16 +236,16 @@ def reference(data: Maps) -> Iterator[dict[str, Any]]:
         of = data.experiment.algorithms[cell.variant].reference_for
         ours = cell._replace(variant=of)
         if of and ours in data.ends:
-            x, y = data.ends[ours].steps[:, None], ends.steps[None]
+            x, y = data.ends[ours].took()[0], ends.took()[0]
             yield {
                 **data.key(cell),
                 "x": ours.learner,
                 "y": cell.learner,
                 "n": len(x),
                 "n_reference": ends.n,
-                "steps": median(data.ends[ours].steps),
-                "steps_reference": median(ends.steps),
-                "faster": float(np.where(x == y, 0.5, x < y).mean()),
+                "steps": median(x),
+                "steps_reference": median(y),
+                "faster": float(np.where(x[:, None] == y, 0.5, x[:, None] < y).mean()),
             }
 
 
@@ -252,7 +254,7 @@ def runs(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
     for cell, ends in data.ends.items():
         key = data.key(cell)
-        for i, (n_steps, n_disagreements) in enumerate(zip(ends.steps, ends.disagreements, strict=True)):
+        for i, (n_steps, n_disagreements, _) in enumerate(ends.took().T):
             yield {
                 "grid": key["grid"],
                 "point": key["point"],

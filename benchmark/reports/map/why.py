@@ -42,6 +42,8 @@ def measures(data: Maps) -> Iterator[dict[str, Any]]:
         if data.is_reference(cell) or key in seen:
             continue  # a cell of several grids counts once
         seen.add(key)
+        if scenario.following[0].shape[1] > 1:
+            continue  # what follows an action is random
         found = _hardness(scenario, cell.observation, data.experiment.horizon)
         steps = float(data.medians(cell, "steps")[0])
         names = {"algorithm": cell.variant, "observation": cell.observation, "n": ends.n}
@@ -146,12 +148,13 @@ def _(table: pd.DataFrame, _: Folder) -> Finding | None:
         value = f"{best['correlation']:.2f}"
         name = _MEASURES[str(best["measure"])].replace("\n", " ")
         parts.append(
-            f"that of {family} most closely with the {name} ({link(value, 'predictors', best)} "
-            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {best['n']} cells)"
+            f"for {family} of the {name} ({link(value, 'predictors', best)} "
+            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {best['n']} cells, the largest "
+            f"of {len(rows)})"
         )
     if not parts:
         return None
     return Finding(
-        f"Exploratory: by rank correlation over cells, the median steps go with measures of the scenario: "
-        f"{' and '.join(parts)}. Action gaps below {REGULARISER:g} count as {REGULARISER:g}."
+        f"Exploratory: the largest rank correlation with median steps, over cells, is {' and '.join(parts)}. "
+        f"Action gaps below {REGULARISER:g} count as {REGULARISER:g}."
     )

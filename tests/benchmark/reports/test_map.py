@@ -167,9 +167,10 @@ def test_crossings_exponents_and_ratios_by_hand(tmp_path: Path) -> None:
     experiment = experiment_of(tmp_path / "hand.toml", text)
 
     def ends(steps: float) -> Ends:
-        took = np.full(8, steps)
-        spent = np.array([took, took, took])
-        return Ends(took, took / 10, took / 1000, spent, np.ones(8), np.full(8, np.nan), 1_000_000)
+        curve = [0.0, 0.0, 0.0] if np.isinf(steps) else [0.0, 1.0, 1.0]
+        points = np.array([0.0, min(steps, 5e5), 1e6])
+        spent = np.array([points, points / 10, points / 1000])[:, None].repeat(8, axis=1)
+        return Ends(np.array([curve] * 8), spent, np.full(8, np.nan), 0.9)
 
     # The table needs 100 steps per place, the net 1,000 at all of them: they cross at 10 places.
     found = {
@@ -188,9 +189,25 @@ def test_crossings_exponents_and_ratios_by_hand(tmp_path: Path) -> None:
         assert exponent == pytest.approx((expected,) * 3, abs=1e-12)
     x, y = (Cell("default/places/places=16", "Anywhere", *name.split(", ")) for name in (NET, TABLE))
     assert data.ratio(x, y, "disagreements") == pytest.approx((1.6, 1.6, 1.6))
-    # A run that never learns: its budget counts, and the upper end has no bound.
+    assert not data.is_bound(x, y)
+    # Runs that never learn: their budget counts, and the interval has no end.
     found[y] = ends(np.inf)
-    assert Maps(experiment, found).ratio(x, y, "steps") == (1000.0, np.inf, np.inf)
+    data = Maps(experiment, found)
+    assert data.ratio(x, y, "steps") == (1000.0, np.inf, np.inf)
+    assert data.is_bound(x, y)
+    # The table's budget of 1,000,000 stands for it at the last place: 1,000 times as many, after 0.4 times.
+    lines = {name: sorted(line) for name, line in data.lines["places"].items()}
+    expected = 4 * (16 / 4) ** (np.log(2.5) / np.log(2.5 * 1000))
+    assert data.crossing(lines[NET], lines[TABLE], "steps") == pytest.approx((expected,) * 3)
+
+
+def test_both_sides_of_a_contrast_have_the_same_budget() -> None:
+    spent = np.array([[0.0, 100.0, 200.0, 400.0, 800.0]] * 3)[:, None]
+    ends = Ends(np.array([[0.0, 0.0, 1.0, 0.0, 1.0]]), spent, np.array([np.nan]), 0.9)
+    assert ends.took()[0].tolist() == [800.0]
+    assert ends.took(200)[0].tolist() == [200.0]  # to the end of that budget
+    assert ends.took(400)[0].tolist() == [np.inf]
+    assert ends.spent_within(500)[0].tolist() == [400.0]
 
 
 @pytest.mark.parametrize(
