@@ -125,8 +125,12 @@ class Grid(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
+        axis_of: dict[str, str] = {}
         for axis, values in self.axes.items():
             require(bool(values), f"axes.{axis}", "a table with at least one value")
+            for key in (key for changes in values.values() for key in changes):
+                other = axis_of.setdefault(key, axis)
+                require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
         names = [
             point_name(dict(zip(self.axes, values, strict=True))) for values in product(*self.axes.values())
         ]
@@ -249,8 +253,8 @@ class Experiment(Table):
             )
         else:
             changes = [reading for reading in self.readings.values() if reading.scenario or reading.settings]
-            is_alone = not self.sweep and not changes and len(self.readings) == 1
-            require(is_alone, "search", "neither a sweep nor readings beside it")
+            is_alone = not self.sweep and not changes and len(self.readings) == 1 and self.solved is None
+            require(is_alone, "search", "neither a sweep nor readings nor solved beside it")
             efforts = {
                 name: (each.seeds, *self.schedule(name), (self.settings | each.settings).get("budget"))
                 for name, each in self.algorithms.items()
@@ -341,6 +345,12 @@ class Experiment(Table):
         reading = self.readings[condition.split("/")[0]]
         n_seeds = declared.seeds if reading.seeds is None else reading.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
+
+    def all_seeds(self, variant: str, condition: str) -> range:
+        """Returns the seeds that a variant's runs may have under a condition, those of later looks, too."""
+        seeds = self.declared_seeds(variant, condition)
+        looks = () if self.report is None else self.report.looks
+        return range(seeds.start, max([seeds.stop, *(seeds.start + n for n in looks)]))
 
     def seeds_of_search(self, variant: str) -> tuple[range, range]:
         """Returns the seeds of a variant's trials, and those that the search uses later."""

@@ -391,7 +391,7 @@ def _check_tuning(experiment: Experiment, variant: str, path: Path) -> None:
             if other := seen.get(essence):
                 reason = f"{scenario} is {other}, a scenario of the search, or its reflection"
                 raise InputError(f"{where}: {reason}; accepted: other scenarios.")
-        own = experiment.declared_seeds(variant, condition)
+        own = experiment.all_seeds(variant, condition)
         for taken in search.seeds_of_search(searched):
             if overlap(own, taken):
                 reason = f"the search has used the seeds {taken.start} to {taken.stop - 1}"

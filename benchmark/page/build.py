@@ -182,7 +182,7 @@ class _Part:
         """Returns what the page's map needs but for its tables; None if this is no map."""
         if self.folder.manifest["report"]["kind"] != "map":
             return None
-        return {"folder": self.prefix, "level": self.folder.manifest["facts"]["solved"]["success"]}
+        return {"folder": self.prefix}
 
     def link(self, file: str) -> str:
         """Returns where a file of the folder is, seen from the page."""

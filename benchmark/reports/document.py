@@ -161,7 +161,8 @@ def front(results: Path) -> str:
 
     def headline(name: str, paragraph: int = 0) -> str:
         found = Document(results / name).headline
-        return "" if found is None else tables.plain(found.text).split("\n\n")[paragraph]
+        paragraphs = [] if found is None else tables.plain(found.text).split("\n\n")
+        return "".join(paragraphs[paragraph : paragraph + 1])
 
     def manifest(name: str) -> object:
         return Folder(results / name).manifest

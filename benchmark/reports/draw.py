@@ -143,9 +143,14 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
     for package in report.packages:
         if is_drawn and find_spec(package) is None:
             raise missing_package(f"{experiment.name}: its report", package)
-    if experiment.solved is not None and not report.reads_curves:
-        reason = "such runs record curves alone; accepted: report.kind = map"
-        raise InputError(f"{experiment.argument}: solved with report.kind = {declared.kind}: {reason}.")
+    for key, is_there in (
+        ("solved", experiment.solved),
+        ("grids", experiment.grids),
+        ("looks", declared.looks),
+    ):
+        if is_there and not report.reads_curves:
+            where = f"{experiment.argument}: {key} with report.kind = {declared.kind}"
+            raise InputError(f"{where}: accepted: report.kind = map.")
     report.check(experiment)
     return report, items
 
@@ -223,14 +228,18 @@ def _manifest(
     """Returns what was run, and from the records what ran it: drawing again gives the same."""
     done, sizes = {run.digest for run in runs}, Counter(run.population for run in runs)
     largest = max(sizes, key=lambda each: sizes[each])
-    conditions = experiment.conditions
-    condition = DEFAULT_CONDITION if DEFAULT_CONDITION in conditions else next(iter(conditions))
+    conditions = sorted(experiment.conditions, key=lambda name: name != DEFAULT_CONDITION)
     populations = (
-        specifications(experiment, condition, *population, seeds) for population in experiment.populations
+        (population, specifications(experiment, condition, *population, seeds))
+        for condition in conditions
+        for population in experiment.populations_of(condition)
     )
-    # One run of each population: the others differ by their seed alone.
-    first = (next((run for run in each if run.digest in done), None) for each in populations)
-    default = [run for run in first if run is not None]
+    # One run of each learner in each scenario, under the first condition that has it.
+    first: dict[tuple[str, str, str], RunSpecification] = {}
+    for population, each in populations:
+        if population not in first and (there := next((run for run in each if run.digest in done), None)):
+            first[population] = there
+    default = [first[population] for population in experiment.populations if population in first]
     chosen = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
 
     def every(key: str) -> list[object]:

@@ -18,6 +18,7 @@ from benchmark.experiments import Experiment, specifications
 from envs import InputError, Scenario
 from envs.scenario import NoisyFeedback
 
+_SIDES: Final = ["deep", "tabular"]
 CURRENCIES: Final = ("steps", "disagreements", "cpu_time_s")
 _MOST: Final = 10.0  # a logarithm of a ratio that stands for never
 _CROSSED: Final = 1e-9  # a difference of logarithms that is none but for rounding
@@ -49,6 +50,14 @@ class Maps:
             "margin": report.margins.faster,
             "contrasts": len({*identities(self.experiment).values()}),
             "grids": {name: self.experiment.grids[name].question for name in self.experiment.grids},
+            "contrast": next(
+                (
+                    [x.learner, y.learner]
+                    for x, y in self.decided
+                    if [self.family(x), self.family(y)] == _SIDES
+                ),
+                None,
+            ),
             "axes": {name: [*grid.axes] for name, grid in self.experiment.grids.items()},
             "families": {cell.learner: self.family(cell) for cell in self.ends},
             "references": [name for name, each in self.experiment.algorithms.items() if each.reference_for],

@@ -169,7 +169,7 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     assert data.experiment.report is not None
     axis.set_ylabel(f"steps until success stays at or above {data.experiment.solved.success:g}")
     axis.set_title("Fewer steps are better", loc="left")
-    found, (x, y) = tables["crossings"], data.experiment.report.contrasts[0]
+    x, y = data.experiment.report.contrasts[0]
     steps = {value: data.medians(cell, "steps")[0] for value, cell in data.lines[grid].get(y, [])}
     if values[-1] in steps and np.isfinite(last := steps[values[-1]]):
         proportional = last * np.array(values) / values[-1]
@@ -181,6 +181,8 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
             textcoords="offset points",
             fontsize="x-small",
         )
+    if (found := tables.get("crossings")) is None:
+        return
     is_it = (found["grid"] == grid) & (found["currency"] == "steps") & (found["x"] == x) & (found["y"] == y)
     for _, row in found[is_it & np.isfinite(found["crossing"])].iterrows():
         high = min(row["crossing_high"], values[-1])
@@ -256,8 +258,8 @@ def _draw_success(axis: Axes, tables: Frames, data: Maps, grid: str, column: str
     for name, line in data.lines[grid].items():
         if name in style:
             points = pd.DataFrame([_row_of(tables["cells"], data, cell) for _, cell in sorted(line)])
-            success = points[column]
-            ends = [success - points[f"{column}_low"], points[f"{column}_high"] - success]
+            success, low, high = (points[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
+            ends = [success - low, high - success]
             axis.errorbar(range(len(points)), success, ends, lw=1.6, elinewidth=0.8, ms=6, **style[name])
     axis.set_xticks(range(len(texts)), texts)
     axis.set_ylim(-0.04, 1.04)

@@ -24,7 +24,7 @@ class _Line(NamedTuple):
     grid: str
     axis: str
     point: str
-    value: str
+    where: str  # the same in words
     net: str
     table: str
 
@@ -39,15 +39,19 @@ def headline(folder: Folder) -> Finding | None:
 
 
 def _first_line(folder: Folder) -> _Line | None:
-    table = folder.frame("contrasts")
-    for grid, axes in folder.manifest["facts"]["axes"].items():
-        rows = table[table["grid"] == grid]
-        if len(axes) == 1 and len(rows):
-            (_, row), *_ = rows[(rows["x"] == rows["x"].iloc[0]) & (rows["y"] == rows["y"].iloc[0])][
-                ::-1
-            ].iterrows()
-            point = str(row["point"])
-            return _Line(grid, axes[0], point, point.split()[-1], str(row["x"]), str(row["y"]))
+    """Returns the first crossing of a net and a table that are compared; None if there is none."""
+    if "contrasts.csv" not in folder or "crossings.csv" not in folder:
+        return None
+    facts, table, found = folder.manifest["facts"], folder.frame("contrasts"), folder.frame("crossings")
+    for grid in found["grid"].unique():
+        for _, row in table[table["grid"] == grid][::-1].iterrows():
+            x, y = str(row["x"]), str(row["y"])
+            is_it = (found["grid"] == grid) & (found["x"] == x) & (found["y"] == y)
+            if is_it.any() and [x, y] == facts["contrast"]:
+                value = str(row["point"]).split()[-1]
+                axis = facts["axes"][grid][0]
+                where = f"{value} {axis}" if axis == "places" else f"{axis} = {value}"
+                return _Line(str(grid), axis, str(row["point"]), where, x, y)
     return None
 
 
@@ -66,40 +70,47 @@ def _named(learner: str) -> str:
 
 
 def _took(frame: pd.DataFrame, table: str, column: str, line: _Line, learner: str) -> str:
-    """Returns the median that a learner took at the line's last point, as a text with a link."""
+    """Returns the median that a learner took at the line's last point, with a link; empty if most fail."""
     row = _rows(frame, learner, grid=line.grid, point=line.point).iloc[0]
     if math.isinf(row[column]):
-        return "more than its budget allows"
+        return ""
     return link(duration(row[column]) if column == "cpu_time_s" else f"{row[column]:,.0f}", table, row)
 
 
-def _from(folder: Folder, table: str, line: _Line, currency: str) -> str:
-    """Says from which value of the axis on the net takes less, with its interval."""
+def _clause(folder: Folder, table: str, line: _Line, currency: str, takes: tuple[str, str]) -> str:
+    """Says from which value of the axis on the net takes less, with its interval, or that it does not."""
     found = folder.frame(table)
     is_it = (found["grid"] == line.grid) & (found["currency"] == currency)
-    rows = found[is_it & (found["x"] == line.net) & (found["y"] == line.table)]
-    for _, row in rows.iterrows():
-        low, high = (
-            "never" if math.isinf(end) else f"{round(float(end)):,}"
-            for end in (row["crossing_low"], row["crossing_high"])
-        )
-        if math.isinf(row["crossing"]):
-            bound = "" if low == "never" else f" (its 95 % interval begins at {low})"
-            return f"at {link('none', table, row)} of the {line.axis} tried{bound}"
-        start = link(f"{round(float(row['crossing'])):,}", table, row)
-        return f"from {start} [{low}, {high}] {line.axis} on"
-    return ""
+    (_, row), *_ = found[is_it & (found["x"] == line.net) & (found["y"] == line.table)].iterrows()
+    if math.isinf(row["crossing"]):
+        return f"{takes[1]} with {link('the most', table, row)} {line.axis} ({line.where})"
+    low, high = (
+        "no end" if math.isinf(end) else f"{end:,.0f}" for end in (row["crossing_low"], row["crossing_high"])
+    )
+    value = link(f"{row['crossing']:,.0f}", table, row)
+    start = (
+        f"{value} [{low}, {high}] places"
+        if line.axis == "places"
+        else f"{line.axis} = {value} [{low}, {high}]"
+    )
+    return f"{takes[0]} from {start} on"
 
 
 def _steps(folder: Folder, line: _Line) -> str:
-    start, cells = _from(folder, "crossings", line, "steps"), folder.frame("cells")
+    cells = folder.frame("cells")
     row = _rows(cells, line.net, grid=line.grid, point=line.point).iloc[0]
-    net, table = (_took(cells, "cells", "steps", line, learner) for learner in (line.net, line.table))
+    takes = "needs fewer steps", "does not need fewer steps"
+    clause = _clause(folder, "crossings", line, "steps", takes)
+    verb, _, start = clause.partition(" steps ")
+    net, table = (
+        f"{text} steps" if (text := _took(cells, "cells", "steps", line, each)) else "more than its budget"
+        for each in (line.net, line.table)
+    )
     level = folder.manifest["facts"]["solved"]["success"]
     return (
-        f"In a room of {row['rows']} × {row['columns']} cells, a net ({_named(line.net)}) needs fewer steps "
-        f"than a table ({_named(line.table)}) {start}. With {line.value} {line.axis}, the median run needs, "
-        f"until success stays at or above {level:g}, {net} steps with the net and {table} with the table."
+        f"In a room of {row['rows']} × {row['columns']} cells, a net ({_named(line.net)}) {verb} steps than "
+        f"a table ({_named(line.table)}) {start}. With {line.where}, the median run needs {net} with the net "
+        f"and {table} with the table, until success stays at or above {level:g}."
     )
 
 
@@ -135,22 +146,25 @@ def _control(folder: Folder, line: _Line) -> str:
 
 def _currencies(folder: Folder, line: _Line) -> str:
     """Says where the crossing is in the other currencies, and who needs the fewest steps of all."""
-    starts = {
-        words: _from(folder, table, line, words)
+    takes = "it takes less", "it does not take less"
+    clauses = [
+        _clause(folder, table, line, words, takes)
         for table, words in (("crossings", "disagreements"), ("crossings_cpu", "CPU seconds"))
-    }
+    ]
+    text = f"Counted in disagreements of the person, {clauses[0]}; counted in CPU time, {clauses[1]}."
+    text = text.replace(" it ", " the net ", 1)
     net, table = (_took(folder.frame("cpu"), "cpu", "cpu_time_s", line, each) for each in line[-2:])
-    text = (
-        f"Counted in disagreements of the person, the net takes less {starts['disagreements']}; counted in "
-        f"CPU time, {starts['CPU seconds']}. With {line.value} {line.axis}, the CPU time of the median run "
-        f"is {net} with the net and {table} with the table."
-    )
+    if net and table:
+        text += (
+            f" With {line.where}, the median run trains for {net} with the net and {table} with the table."
+        )
     cells = folder.frame("cells")
-    here = cells[(cells["grid"] == line.grid) & (cells["point"] == line.point)]
-    if np.isfinite(here["steps"]).any():
-        best = here.iloc[int(here["steps"].argmin())]
-        name = f"{best['algorithm']}, {best['observation']}"
-        if name not in (line.net, line.table):
-            needs = link(f"{best['steps']:,.0f}", "cells", best)
-            text += f" Fewest steps there: {_named(name)}, with {needs}."
+    is_ours = ~cells["algorithm"].isin(folder.manifest["facts"]["references"])
+    here = cells[(cells["grid"] == line.grid) & (cells["point"] == line.point) & is_ours]
+    best = here.iloc[int(here["steps"].argmin())]
+    name = f"{best['algorithm']}, {best['observation']}"
+    if np.isfinite(best["steps"]) and name not in (line.net, line.table):
+        low, high = (f"{best[f'steps_{end}']:,.0f}" for end in ("low", "high"))
+        needs = link(f"{best['steps']:,.0f}", "cells", best)
+        text += f" The fewest steps there: {needs} [{low}, {high}], by {_named(name)}."
     return text

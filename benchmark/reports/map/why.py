@@ -127,7 +127,7 @@ def _(tables: Frames, data: Maps) -> Figure | None:
                     axis.set_axis_off()
                 if row == 1 or frame.loc[families == "deep", name].isna().all():
                     axis.set_xlabel(_MEASURES[name], fontsize="small")
-            axes[row, 0].set_ylabel(f"median steps of {title}\\n(top: most runs never)".replace("\\n", "\n"))
+            axes[row, 0].set_ylabel(f"median steps of {title}\n(top: most runs never)")
         handles = {h.get_label(): h for axis in axes.flat for h in axis.get_legend_handles_labels()[0]}
         figure.legend(handles=[*handles.values()], loc="outside upper center", ncols=4, frameon=False)
     return figure
@@ -145,12 +145,12 @@ def _(table: pd.DataFrame, _: Folder) -> Finding | None:
         if rows["correlation"].isna().all():
             continue
         best = rows.iloc[int(np.nanargmax(rows["correlation"].abs()))]
-        value = f"{best['correlation']:.2f}"
+        value, n = f"{best['correlation']:.2f}", best["n"]
         name = _MEASURES[str(best["measure"])].replace("\n", " ")
         parts.append(
             f"for {family} of the {name} ({link(value, 'predictors', best)} "
-            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {best['n']} cells, the largest "
-            f"of {len(rows)})"
+            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {n} cells, the largest of "
+            f"{len(rows)})"
         )
     if not parts:
         return None

@@ -33,6 +33,7 @@ if (box) {
 
   function begin() {
     const cells = table("cells").filter(isPlain);
+    if (!cells.length) return;
     const seconds = new Map(table("cpu").map((row) => [`${row.grid}/${row.point}/${learner(row)}`, row]));
     const runs = new Map();
     for (const run of table("runs")) {
@@ -121,6 +122,7 @@ if (box) {
       });
     }
     for (const button of box.querySelectorAll("input[name=currency]")) button.addEventListener("change", show);
+    settle("room");
     show();
   }
 
