@@ -26,9 +26,10 @@ class Hardness(NamedTuple):
     # Steps in which the random policy has tried nine tenths of the (observation, action) pairs that it can
     # reach, as if its steps were independent draws of the visits of an episode.
     covering_steps: float
-    # The smallest k for which acting greedily is optimal on the random policy's action values after k - 1
-    # backups (Laidlaw, Russell and Dragan 2023, definition 5.1)
-    effective_horizon: float
+    # The smallest k for which the scenario is k-QVI-solvable: acting greedily (by the first of several best
+    # actions) on the random policy's action values after k - 1 backups is optimal (Laidlaw, Russell and Dragan
+    # 2023, whose effective horizon adds to k a logarithm of a sample size)
+    solvable_k: float
     # The sum over fresh states and actions that are not optimal of 1 / (V* - Q*), at least `REGULARISER` each
     reciprocal_gaps: float
     # How often what is optimal for the nearest observation in another place is not so here; NaN in one place.
@@ -57,7 +58,7 @@ def hardness(model: Model, observation: str, horizon: int) -> Hardness:
     gaps = (optimum[fresh].max(axis=1)[:, None] - optimum[fresh]).ravel()
     return Hardness(
         covering_steps=_covering_steps(model, visits),
-        effective_horizon=_effective_horizon(model, optimum, horizon),
+        solvable_k=_solvable_k(model, optimum, horizon),
         reciprocal_gaps=float((1 / np.maximum(gaps[gaps > _TIE], REGULARISER)).sum()),
         error_across_places=_error(model, observation, optimum, fresh, is_elsewhere=True),
         error_nearby=_error(model, observation, optimum, fresh, is_elsewhere=False),
@@ -95,7 +96,7 @@ def _tried(rate: NDArray[np.float64], steps: float) -> float:
     return float(-np.expm1(steps * np.log1p(-rate)).mean())
 
 
-def _effective_horizon(model: Model, optimum: NDArray[np.float64], horizon: int) -> float:
+def _solvable_k(model: Model, optimum: NDArray[np.float64], horizon: int) -> float:
     """Returns the smallest k; infinite if no k up to the horizon is enough."""
     reward = model.grid_reward + model.issuer_reward
     value = np.zeros(len(model.observation))

@@ -36,7 +36,7 @@ def test_covering_steps_by_simulation() -> None:
     assert (1 - np.exp(-found * rate)).mean() == pytest.approx(COVERED, abs=0.02)
 
 
-def test_effective_horizon_by_brute_force() -> None:
+def test_solvable_k_by_brute_force() -> None:
     model = model_of("index")
     best = solve(model, horizon=HORIZON)
     reward = model.grid_reward + model.issuer_reward
@@ -62,7 +62,7 @@ def test_effective_horizon_by_brute_force() -> None:
         if total[model.starts].mean() == pytest.approx(optimum, abs=1e-9):
             break
         q, k = backed_up(q.max(axis=1)), k + 1
-    assert hardness(model, "index", HORIZON).effective_horizon == k > 1
+    assert hardness(model, "index", HORIZON).solvable_k == k > 1
 
 
 def test_gaps_and_errors_by_brute_force() -> None:

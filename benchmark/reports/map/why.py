@@ -24,7 +24,7 @@ from envs.observations import compile_seen
 
 _MEASURES: Final = {
     "covering_steps": "covering steps of the random policy",
-    "effective_horizon": "effective horizon",
+    "solvable_k": "smallest k of QVI-solvability",
     "reciprocal_gaps": "sum of reciprocal action gaps",
     "error_across_places": "error of the nearest\nother place",
     "error_nearby": "error of the nearest\nobservation",
