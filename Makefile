@@ -40,7 +40,7 @@ compare-deep: $(DEEP) ## tables against DQN and PPO, in results/compare_deep/ (S
 beyond: $(DEEP) ## scenarios beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
 
-when: $(DEEP) ## the map: in which rooms and with how many places a net needs fewer steps, in results/when/
+when: $(DEEP) ## when a net needs fewer steps than a table: places, rooms, noise, in results/when/ (two hours)
 	$(RUN) $(or $(EXPERIMENT),when)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there

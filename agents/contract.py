@@ -38,8 +38,8 @@ class Schedule:
     budget: int
     evaluation_steps: tuple[int, ...] = ()  # (T,) when policies are recorded: rising, from 0 to the budget
     map_steps: tuple[int, ...] = ()  # (V,) those of them when the values of all observations are, too
-    # Asked at every evaluation step, with its place and the table (O, A) there: whether training may end. An
-    # algorithm that takes long asks; what would follow is then as it is there.
+    # Asked at every evaluation step, with its place and the table (O, A) there: whether training may end.
+    # Tables do not ask. After an early end, the remaining evaluations repeat the last one.
     may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""How hard a scenario is, computed exactly from its model: for tables, and for what generalizes.
+"""How hard a scenario is for tables and for learners that generalize, computed exactly from its model.
 
 Axis letters: S states, O observations, A actions, F fresh states (no wrong PING so far).
 """
@@ -15,7 +15,7 @@ from envs.model import ACTIONS, Model
 from envs.observations import ENCODINGS, observation_table
 
 COVERED: Final = 0.9  # the share of pairs that counts as covered
-REGULARISER: Final = 0.01  # the smallest action gap that counts, in units of reward
+REGULARISER: Final = 0.01  # smaller action gaps count as this, in units of reward
 _TIE: Final = 1e-9
 _NEIGHBOURS: Final = 16  # at most, that are equally near
 
@@ -27,19 +27,20 @@ class Hardness(NamedTuple):
     # reach, as if its steps were independent draws of the visits of an episode.
     covering_steps: float
     # The smallest k for which the scenario is k-QVI-solvable: acting greedily (by the first of several best
-    # actions) on the random policy's action values after k - 1 backups is optimal (Laidlaw, Russell and Dragan
-    # 2023, whose effective horizon adds to k a logarithm of a sample size)
+    # actions) on the random policy's action values after k - 1 backups is optimal (Laidlaw, Russell and
+    # Dragan 2023, whose effective horizon adds to k a logarithm of a sample size)
     solvable_k: float
     # The sum over fresh states and actions that are not optimal of 1 / (V* - Q*), at least `REGULARISER` each
     reciprocal_gaps: float
-    # How often what is optimal for the nearest observation in another place is not so here; NaN in one place.
-    # Both errors are NaN but of coordinates: in other forms, too many observations are equally near.
+    # How often an action that is optimal for the nearest observation with the issuer in another place is not
+    # optimal here; NaN with one place. Both errors are defined for coordinates only; in other forms, too many
+    # observations are equally near.
     error_across_places: float
     error_nearby: float  # the same of the nearest observation in whatever place
 
 
 def hardness(model: Model, observation: str, horizon: int) -> Hardness:
-    """Measures a scenario without chance but for where episodes start.
+    """Measures a scenario in which only the start of an episode is random.
 
     Args:
       model: Compiled for the form of observation.

@@ -613,10 +613,14 @@ class Scenario(Table):
         has_starts = bool(self._free_places) and not unused
         require(has_starts, f"{where} leaves no start outside every region", accepted)
         n, unseen = self.issuer.places, self.issuer.unseen
-        require(n is not None or not unseen, f"issuer.unseen = {unseen}", "issuer.places beside it")
+        require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
         n_free = len(self._free_places)
         where = f"issuer.places = {n}" + f" with issuer.unseen = {unseen}" * bool(unseen)
-        require((n or 0) + unseen <= n_free, where, f"at most {n_free} in all, the cells where it can stand")
+        require(
+            (n or 0) + unseen <= n_free,
+            where,
+            f"at most {n_free} together: the issuer can stand in so many cells",
+        )
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, Any]

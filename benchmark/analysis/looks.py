@@ -1,4 +1,4 @@
-"""Contrasts that are looked at again and again, and end as soon as they are decided.
+"""Contrasts that are tested at several looks and get no more runs once they are decided.
 
 The endpoint of a run is after how many steps it has solved its scenario. Two learners are compared by the
 probability that the first is faster, with ties counted as a half, over pairs of runs of the same seed, which
@@ -28,7 +28,9 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, specifications
 
 NEITHER: Final = "neither"  # most runs of neither learner solve the scenario
-_ENDS: Final = 3  # of intervals of which one is wrong if a verdict is: two of a difference, one of a share
+_ENDS: Final = (
+    3  # of intervals; if a verdict is wrong, so is one of these: two of a probability, one of a share
+)
 
 Runs = list[RunSpecification]
 

@@ -38,7 +38,9 @@ def main(options: argparse.Namespace) -> int:
             "--report: one seed gives no interval; accepted: at least two seeds for every variant."
         )
     if experiment.has_stages and seeds is not None:
-        raise InputError(f"{name}: --seeds: what runs in stages has its declared seeds only; remove it.")
+        raise InputError(
+            f"{name}: --seeds: an experiment with stages uses only its declared seeds; remove --seeds."
+        )
     executor = None if options.executor is None else load_executor(options.executor, "--executor")
     if options.tensorboard is not None:
         _check_logs(experiment, options.tensorboard)

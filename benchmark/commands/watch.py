@@ -52,7 +52,7 @@ def specification(
     if observation not in observations:
         unknown_name(f"{experiment.name}: {variant}", "observation", observation, observations)
     if DEFAULT_CONDITION not in experiment.conditions or experiment.solved is not None:
-        accepted = "an experiment without sweep, grids, search and solved"
+        accepted = "an experiment without sweep, grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
     paths = {Path(declared).stem: declared for declared in experiment.scenarios}
     if scenario not in paths:

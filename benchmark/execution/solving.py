@@ -7,8 +7,8 @@ from typing import NamedTuple
 class Solved(NamedTuple):
     """When a run has solved its scenario, by its curve so far."""
 
-    place: int  # of the first evaluation from which success stays; that after the last if there is none
-    is_certain: bool  # it has stayed until twice as many steps: nothing that follows counts
+    place: int  # of the first evaluation from which success stays; the number of evaluations if none
+    is_certain: bool  # success has stayed until twice as many steps; later evaluations change nothing
 
 
 def solved(success: Sequence[float], steps: Sequence[int], enough: float) -> Solved:

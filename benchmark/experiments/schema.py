@@ -136,7 +136,7 @@ class Grid(Table):
         ]
         for name in self.without:
             require(name in names, f"without: {name}", f"points such as {names[0]}")
-        require(len(self.without) < len(names), "without", "at least one point that is left")
+        require(len(self.without) < len(names), "without", "at least one point not listed")
         return self
 
 
@@ -254,7 +254,7 @@ class Experiment(Table):
         else:
             changes = [reading for reading in self.readings.values() if reading.scenario or reading.settings]
             is_alone = not self.sweep and not changes and len(self.readings) == 1 and self.solved is None
-            require(is_alone, "search", "neither a sweep nor readings nor solved beside it")
+            require(is_alone, "search", "no sweep, readings or solved in the same experiment")
             efforts = {
                 name: (each.seeds, *self.schedule(name), (self.settings | each.settings).get("budget"))
                 for name, each in self.algorithms.items()
@@ -279,7 +279,7 @@ class Experiment(Table):
                 )
         if self.grids:
             is_alone = not self.sweep and self.search is None and len(self.readings) == 1
-            require(is_alone, "grids", "neither a sweep nor a search nor readings beside it")
+            require(is_alone, "grids", "no sweep, search or further reading in the same experiment")
             learners = {*self.algorithms, *(", ".join(each[1:]) for each in self.populations)}
             for name, grid in self.grids.items():
                 for learner in grid.learners:
@@ -289,7 +289,7 @@ class Experiment(Table):
         n_conditions *= sum(len(grid.points) for grid in self.grids.values()) or 1
         n_conditions *= 1 if self.search is None else self.search.trials + 1
         accepted = f"at most {MOST_CONDITIONS:,} conditions"
-        require(n_conditions <= MOST_CONDITIONS, "readings with sweep", accepted)
+        require(n_conditions <= MOST_CONDITIONS, "readings, sweep or grids", accepted)
         return self
 
     @model_validator(mode="after")

@@ -67,9 +67,9 @@ def test_permuting_changes_coordinates_of_the_issuer_alone() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"issuer.places": 112}, "issuer.places = 112: accepted: at most 111 in all"),
+        ({"issuer.places": 112}, "issuer.places = 112: accepted: at most 111 together"),
         ({"issuer.places": 100, "issuer.unseen": 12}, "issuer.places = 100 with issuer.unseen = 12"),
-        ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: issuer.places beside it"),
+        ({"issuer.unseen": 1}, "issuer.unseen = 1: accepted: 0, or issuer.places as well"),
         ({"issuer.places": 0}, "issuer.places = 0"),
         ({"issuer.permuted": 1.5}, "issuer.permuted = 1.5"),
         ({"issuer.places": 84, "grid.rows": 14, "grid.columns": 17}, "99960 states"),

@@ -60,6 +60,9 @@ class Maps:
             ),
             "axes": {name: [*grid.axes] for name, grid in self.experiment.grids.items()},
             "families": {cell.learner: self.family(cell) for cell in self.ends},
+            "stochastic": [
+                name for name, each in self.experiment.algorithms.items() if each.policy == "stochastic"
+            ],
             "references": [name for name, each in self.experiment.algorithms.items() if each.reference_for],
         }
 
@@ -133,23 +136,20 @@ class Maps:
         return np.asarray(took[order][middle])
 
     def ratio(self, x: Cell, y: Cell, currency: str) -> Estimate:
-        """Returns how many times as much y takes as x, by medians.
+        """Returns how many times as much y takes as x, by restricted medians.
 
-        Where most runs never solve, what they spend within the budget counts, and the ratio is a bound.
+        Where most runs never solve, what they spend within the budget counts. NaN if that is so of both.
         """
         budget = min(self.ends[x].budget, self.ends[y].budget)
-        ours, theirs = (self.medians(each, currency, budget) for each in (x, y))
-        if np.isinf(ours[0]) and np.isinf(theirs[0]):
+        medians = [self.medians(each, currency, budget) for each in (x, y)]
+        if all(np.isinf(each[0]) for each in medians):
             return Estimate(np.nan, np.nan, np.nan)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            samples = (theirs / ours)[1:]
-        low = np.percentile(np.where(np.isnan(samples), 0, samples), 2.5, method="lower")
-        high = np.percentile(np.where(np.isnan(samples), np.inf, samples), 97.5, method="higher")
-        ours[0], theirs[0] = (
-            median if np.isfinite(median) else self._spent(cell, currency, budget)
-            for median, cell in ((ours[0], x), (theirs[0], y))
+        ours, theirs = (
+            np.where(np.isinf(each), self._spent(cell, currency, budget), each)
+            for each, cell in zip(medians, (x, y), strict=True)
         )
-        return Estimate(float(theirs[0] / ours[0]), float(low), float(high))
+        samples = theirs / ours
+        return Estimate(float(samples[0]), *map(float, np.percentile(samples[1:], [2.5, 97.5])))
 
     def is_bound(self, x: Cell, y: Cell) -> bool:
         """Returns whether the ratio of steps is a bound, since most runs of one of them never solve."""
@@ -234,9 +234,7 @@ def check(experiment: Experiment) -> None:
     report, where = experiment.report, experiment.argument
     assert report is not None
     if len(experiment.scenarios) > 1:
-        raise InputError(
-            f"{where}: scenarios: {len(experiment.scenarios)}: accepted: one, which grids change."
-        )
+        raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
     for key, is_there in (
         ("[grids]", bool(experiment.grids)),
         ("[solved]", experiment.solved is not None),
@@ -244,9 +242,9 @@ def check(experiment: Experiment) -> None:
         ("report.contrasts", bool(report.contrasts)),
     ):
         if not is_there:
-            raise InputError(f"{where}: {key} is missing, which this report needs.")
+            raise InputError(f"{where}: {key} is missing; this report needs it.")
     if [*report.looks] != sorted({*report.looks}):
-        raise InputError(f"{where}: report.looks = {[*report.looks]}: accepted: numbers that rise.")
+        raise InputError(f"{where}: report.looks = {[*report.looks]}: accepted: increasing numbers.")
     known = {f"{name}, {observation}": name for _, name, observation in experiment.populations}
     for contrast in report.contrasts:
         for side in contrast:
@@ -255,7 +253,9 @@ def check(experiment: Experiment) -> None:
             declared = experiment.algorithms[known[side]]
             if declared.seeds != report.looks[0]:
                 key = f"{where}: algorithms.{known[side]}.seeds = {declared.seeds}"
-                raise InputError(f"{key}: accepted: report.looks[0] = {report.looks[0]}, as it is compared.")
+                raise InputError(
+                    f"{key}: accepted: report.looks[0] = {report.looks[0]}, as report.contrasts names it."
+                )
         first = {experiment.algorithms[known[side]].first_seed for side in contrast}
         if len(first) > 1:
             raise InputError(
@@ -263,7 +263,7 @@ def check(experiment: Experiment) -> None:
             )
     if not pairs(experiment):
         raise InputError(
-            f"{where}: report.contrasts: no grid has both learners of one; accepted: one that has."
+            f"{where}: report.contrasts: no compared grid has both learners of any; accepted: one or more."
         )
 
 
@@ -274,7 +274,9 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
       InputError: Some are missing, or other seeds are asked for.
     """
     if seeds is not None:
-        raise InputError(f"{experiment.name}: looks have declared seeds: remove --seeds.")
+        raise InputError(
+            f"{experiment.name}: --seeds: a map uses only its declared seeds; remove the option."
+        )
     largest: dict[Cell, int] = {}
     missing = sum(len(driver.pending(runs, store)) for runs in stages(experiment, store))
     if missing and not partial:

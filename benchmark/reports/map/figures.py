@@ -107,8 +107,10 @@ def _label(data: Maps, grid: str) -> str:
     "map",
     "the map: steps against places, who needs fewer in rooms and places, and the control",
     "Left: median steps until success stays at or above the level, with 95 % intervals; hollow: most runs "
-    "never get there within their budget, at which they are drawn. Middle: how many times as many steps the "
-    "other one needs; ≥: a bound; ?: undecided. Right: codes of the person's cells permuted at random.",
+    "never reach it within their budget, at which they are drawn. Middle: the colour says which needs fewer "
+    "steps, the number how many times as many the other one needs; ≥: at least; =: equally fast; "
+    "?: undecided; blank: not trained. Right: success at the end of training against the share of the "
+    "person's places whose coordinates are permuted.",
 )
 def picture(tables: Frames, data: Maps) -> Figure | None:
     """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""
@@ -118,7 +120,7 @@ def picture(tables: Frames, data: Maps) -> Figure | None:
 @drawing(
     "grids",
     "the same of all other grids",
-    "The other grids, drawn in the same way; of unseen places, success there, with 95 % intervals.",
+    "The other grids. For unseen places, the figure shows success in them, with 95 % intervals.",
 )
 def others(tables: Frames, data: Maps) -> Figure | None:
     """Draws what the map does not show, but for references."""
@@ -175,7 +177,7 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
         proportional = last * np.array(values) / values[-1]
         axis.plot(values, proportional, color="0.4", lw=1, ls=":")
         axis.annotate(
-            "in proportion",
+            "proportional",
             (values[0], proportional[0]),
             (4, -9),
             textcoords="offset points",
@@ -185,11 +187,11 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
         return
     is_it = (found["grid"] == grid) & (found["currency"] == "steps") & (found["x"] == x) & (found["y"] == y)
     for _, row in found[is_it & np.isfinite(found["crossing"])].iterrows():
-        high = min(row["crossing_high"], values[-1])
-        axis.axvspan(row["crossing_low"], high, color=COLOURS[1], alpha=0.18, lw=0)
+        high, end = row["crossing_high"], two_digits(min(row["crossing_high"], values[-1]))
+        axis.axvspan(row["crossing_low"], min(high, values[-1]), color=COLOURS[1], alpha=0.18, lw=0)
         axis.axvline(row["crossing"], color=COLOURS[1], lw=1, ls=":")
-        ends = f"[{two_digits(row['crossing_low'])}, {two_digits(high)}]"
-        text = f"the net from\n{two_digits(row['crossing'])} {ends} on"
+        ends = f"[{two_digits(row['crossing_low'])}, {end if np.isfinite(high) else '–'}]"
+        text = f"net: fewer steps\nfrom {two_digits(row['crossing'])} {ends}"
         transform = axis.get_xaxis_transform()
         axis.text(
             row["crossing"], 0.02, text, transform=transform, ha="center", va="bottom", fontsize="small"
@@ -226,7 +228,7 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
     axis.set_xticks(range(len(columns)), columns)
     axis.set_yticks(range(len(rows)), [row.replace("x", "×") for row in rows])
     axis.set(xlabel=_LABELS.get(second, second), ylabel=_LABELS.get(first, first))
-    axis.set_title("How many times fewer", loc="left")
+    axis.set_title("Ratio of median steps", loc="left")
     axis.spines[:].set_visible(False)
     axis.tick_params(length=0)
     bar = axis.figure.colorbar(image, ax=axis, location="bottom", aspect=30, pad=0.02)
@@ -241,15 +243,15 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
 def _draw_control(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     """Draws the success at the end of training against the share of codes that are permuted."""
     _draw_success(axis, tables, data, grid, "success")
-    axis.set(xlabel="% of the codes permuted", ylabel="success at the end of training")
+    axis.set(xlabel="% of places permuted", ylabel="success at the end of training")
     axis.set_title("The control", loc="left")
 
 
 def _draw_unseen(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     """Draws the success in unseen places."""
     _draw_success(axis, tables, data, grid, "unseen_success")
-    axis.set(xlabel=_label(data, grid), ylabel="success in places never seen")
-    axis.set_title("Elsewhere", loc="left")
+    axis.set(xlabel=_label(data, grid), ylabel="success in unseen places")
+    axis.set_title("Unseen places", loc="left")
 
 
 def _draw_success(axis: Axes, tables: Frames, data: Maps, grid: str, column: str) -> None:

@@ -11,10 +11,10 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
 
 _FORMS: Final = {  # what a learner is given where it sees the cells of both
-    "index": "a row for every pair of cells",
-    "offset": "a row for every offset between the two",
-    "coordinates": "given the coordinates of both",
-    "one_hot": "given both cells as one-hot codes",
+    "index": "one row for every pair of their cells",
+    "offset": "one row for every offset between agent and person",
+    "coordinates": "it observes the coordinates of agent and person",
+    "one_hot": "it observes both cells as one-hot codes",
 }
 
 
@@ -66,7 +66,7 @@ def _rows(frame: pd.DataFrame, learner: str, **where: object) -> pd.DataFrame:
 
 def _named(learner: str) -> str:
     form = _FORMS.get(learner.split(", ")[1], "")
-    return f"`{learner}`{f', {form}' if form else ''}"
+    return f"`{learner}`{f'; {form}' if form else ''}"
 
 
 def _took(frame: pd.DataFrame, table: str, column: str, line: _Line, learner: str) -> str:
@@ -77,41 +77,42 @@ def _took(frame: pd.DataFrame, table: str, column: str, line: _Line, learner: st
     return link(duration(row[column]) if column == "cpu_time_s" else f"{row[column]:,.0f}", table, row)
 
 
-def _clause(folder: Folder, table: str, line: _Line, currency: str, takes: tuple[str, str]) -> str:
-    """Says from which value of the axis on the net takes less, with its interval, or that it does not."""
+def _clause(folder: Folder, table: str, line: _Line, currency: str, things: str) -> str:
+    """Says from which value of the axis on the net needs less, with the interval, or that it does not."""
     found = folder.frame(table)
     is_it = (found["grid"] == line.grid) & (found["currency"] == currency)
     (_, row), *_ = found[is_it & (found["x"] == line.net) & (found["y"] == line.table)].iterrows()
     if math.isinf(row["crossing"]):
-        return f"{takes[1]} with {link('the most', table, row)} {line.axis} ({line.where})"
+        return f"does {link('not', table, row)} need {things}, even with {line.where}"
     low, high = (
-        "no end" if math.isinf(end) else f"{end:,.0f}" for end in (row["crossing_low"], row["crossing_high"])
+        "–" if math.isinf(end) else f"{end:,.0f}" for end in (row["crossing_low"], row["crossing_high"])
     )
-    value = link(f"{row['crossing']:,.0f}", table, row)
-    start = (
-        f"{value} [{low}, {high}] places"
-        if line.axis == "places"
-        else f"{line.axis} = {value} [{low}, {high}]"
-    )
-    return f"{takes[0]} from {start} on"
+    value = f"{link(format(row['crossing'], ',.0f'), table, row)} [{low}, {high}]"
+    if line.axis == "places":
+        return f"needs {things} if the person may stand in about {value} or more places"
+    return f"needs {things} from about {line.axis} = {value} on"
 
 
 def _steps(folder: Folder, line: _Line) -> str:
-    cells = folder.frame("cells")
+    """Says where the net takes over, what both need at the end of the axis, and who needs least there."""
+    cells, level = folder.frame("cells"), folder.manifest["facts"]["solved"]["success"]
     row = _rows(cells, line.net, grid=line.grid, point=line.point).iloc[0]
-    takes = "needs fewer steps", "does not need fewer steps"
-    clause = _clause(folder, "crossings", line, "steps", takes)
-    verb, _, start = clause.partition(" steps ")
-    net, table = (
-        f"{text} steps" if (text := _took(cells, "cells", "steps", line, each)) else "more than its budget"
-        for each in (line.net, line.table)
+    net, table = (_took(cells, "cells", "steps", line, each) or "more than its budget" for each in line[-2:])
+    text = (
+        f"In a room of {row['rows']} × {row['columns']} cells, a net ({_named(line.net)}) "
+        f"{_clause(folder, 'crossings', line, 'steps', 'fewer steps than a table')} ({_named(line.table)}). "
+        f"Counted are the steps until success stays at or above {level:g}. With {line.where}, the median run "
+        f"needs {net} with the net and {table} with this table."
     )
-    level = folder.manifest["facts"]["solved"]["success"]
-    return (
-        f"In a room of {row['rows']} × {row['columns']} cells, a net ({_named(line.net)}) {verb} steps than "
-        f"a table ({_named(line.table)}) {start}. With {line.where}, the median run needs {net} with the net "
-        f"and {table} with the table, until success stays at or above {level:g}."
-    )
+    is_ours = ~cells["algorithm"].isin(folder.manifest["facts"]["references"])
+    here = cells[(cells["grid"] == line.grid) & (cells["point"] == line.point) & is_ours]
+    best = here.iloc[int(here["steps"].argmin())]
+    name = f"{best['algorithm']}, {best['observation']}"
+    if np.isfinite(best["steps"]) and name not in (line.net, line.table):
+        low, high = (f"{best[f'steps_{end}']:,.0f}" for end in ("low", "high"))
+        needs = link(f"{best['steps']:,.0f}", "cells", best)
+        text += f" The smallest median there is {needs} [{low}, {high}], that of {_named(name)}."
+    return text
 
 
 def _control(folder: Folder, line: _Line) -> str:
@@ -124,10 +125,12 @@ def _control(folder: Folder, line: _Line) -> str:
             [f"{link(str(row['n_solved']), 'cells', row)} of {row['n']}" for _, row in rows.iterrows()]
             for rows in both
         )
+        budgets = [f"{rows['budget'].iloc[0]:,}" for rows in both]
         parts.append(
-            f"The control: when the coordinates of the person's {coded['places'].iloc[0]} cells are permuted "
-            f"at random, which no table can notice, {net[0]} runs of the net still get there (without: "
-            f"{net[1]}), and {table[0]} of the table (without: {table[1]})."
+            f"As a control, the coordinates of the person's {coded['places'].iloc[0]} places are permuted at "
+            f"random. What the table observes does not change. With the permutation, {net[0]} runs of the "
+            f"net reach this level within {budgets[0]} steps (without it: {net[1]}), and {table[0]} runs of "
+            f"the table within {budgets[1]} (without it: {table[1]})."
         )
     unseen = cells[cells["unseen_success"].notna()] if "unseen_success" in cells else cells[:0]
     both = [_rows(unseen, each, places=unseen["places"].max()) for each in line[-2:]]
@@ -139,32 +142,20 @@ def _control(folder: Folder, line: _Line) -> str:
         )
         parts.append(
             f"After training with {both[0]['places'].iloc[0]} places, the net succeeds in {net_text} of "
-            f"episodes in places where the person never stood, the table in {table_text}."
+            f"episodes with the person in a place that did not occur in training, and this table in "
+            f"{table_text}."
         )
     return " ".join(parts)
 
 
 def _currencies(folder: Folder, line: _Line) -> str:
-    """Says where the crossing is in the other currencies, and who needs the fewest steps of all."""
-    takes = "it takes less", "it does not take less"
-    clauses = [
-        _clause(folder, table, line, words, takes)
-        for table, words in (("crossings", "disagreements"), ("crossings_cpu", "CPU seconds"))
-    ]
-    text = f"Counted in disagreements of the person, {clauses[0]}; counted in CPU time, {clauses[1]}."
-    text = text.replace(" it ", " the net ", 1)
+    """Says where the crossing is in the other currencies."""
+    wrong = _clause(folder, "crossings", line, "wrong PINGs", "fewer wrong PINGs")
+    time = _clause(folder, "crossings_cpu", line, "CPU seconds", "less CPU time")
+    text = f"The net {wrong}. It {time}"
     net, table = (_took(folder.frame("cpu"), "cpu", "cpu_time_s", line, each) for each in line[-2:])
     if net and table:
         text += (
-            f" With {line.where}, the median run trains for {net} with the net and {table} with the table."
+            f": with {line.where}, the median run trains for {net} with the net and {table} with the table"
         )
-    cells = folder.frame("cells")
-    is_ours = ~cells["algorithm"].isin(folder.manifest["facts"]["references"])
-    here = cells[(cells["grid"] == line.grid) & (cells["point"] == line.point) & is_ours]
-    best = here.iloc[int(here["steps"].argmin())]
-    name = f"{best['algorithm']}, {best['observation']}"
-    if np.isfinite(best["steps"]) and name not in (line.net, line.table):
-        low, high = (f"{best[f'steps_{end}']:,.0f}" for end in ("low", "high"))
-        needs = link(f"{best['steps']:,.0f}", "cells", best)
-        text += f" The fewest steps there: {needs} [{low}, {high}], by {_named(name)}."
-    return text
+    return f"{text}."

@@ -18,7 +18,7 @@ from envs.words import listed
 
 POINT: Final = {"grid": "", "point": ""}
 LEARNER: Final = {"algorithm": "", "observation": ""}
-_SPENT: Final = {"steps": "steps", "disagreements": "disagreements", "cpu_time_s": "CPU seconds"}
+_SPENT: Final = {"steps": "steps", "disagreements": "wrong PINGs", "cpu_time_s": "CPU seconds"}
 _IN_WORDS: Final = {
     BETTER: "faster",
     WORSE: "slower",
@@ -30,15 +30,15 @@ _IN_WORDS: Final = {
 
 @item(
     "cells",
-    "every cell: the share of runs that solve it, and medians of what they take",
+    "every point and learner: the share of runs that solve the scenario, and medians of what they take",
     {
         **POINT,
         **LEARNER,
         "n": "runs",
-        "solved": "share that solves it",
+        "solved": "share that solves",
         "success": "success at the end",
         "steps": "median steps",
-        "disagreements": "median disagreements",
+        "disagreements": "median wrong PINGs",
         "unseen_success": "success in unseen places",
     },
 )
@@ -78,15 +78,15 @@ def cpu(data: Maps) -> Iterator[dict[str, Any]]:
 
 @item(
     "contrasts",
-    "who needs fewer steps, by the first look that decides it",
+    "which learner needs fewer steps, at the first look that decides it, or at the last",
     {
         **POINT,
         "x": "",
         "y": "",
         "n": "pairs of runs",
-        "verdict": "x against y",
+        "verdict": "verdict on x",
         "faster": "probability that x is faster",
-        "ratio": "steps of y to x",
+        "ratio": "median steps of y / of x",
     },
 )
 def contrasts(data: Maps) -> Iterator[dict[str, Any]]:
@@ -117,8 +117,9 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[Finding]:
     for (x, y, budget), rows in table.groupby(["x", "y", "budget"], sort=False):
         parts = [f"{name}: {_counted(here)}" for name, here in rows.groupby("grid", sort=False)]
         yield Finding(
-            f"`{x}` against `{y}`, by steps until success stays at or above {level:g}, within {budget:,} "
-            f"steps. {'; '.join(parts)}.",
+            f"`{x}` compared with `{y}`, by the steps until success stays at or above {level:g}, with a "
+            f"budget of {budget:,}. Points of the grids: {'; '.join(parts)}. A point of two grids counts in "
+            "both.",
             "several",
         )
 
@@ -155,15 +156,15 @@ def _(table: pd.DataFrame, folder: Folder) -> str:
         for _, row in table[table["contrasts"] > 0].iterrows()
     ]
     return (
-        f"Contrasts: {n:,} different ones, of which {undecided} undecided. Pairs of runs that they took: "
-        f"{listed(parts)}. The probability of any wrong verdict among all of them is at most 5 %. *Equally "
-        f"fast* means that the probability of being faster lies within {facts['margin']:g} of a half."
+        f"Distinct contrasts: {n:,}; undecided: {undecided}. Pairs of runs when they ended: {listed(parts)}. "
+        f"The probability of any wrong verdict among all of them is at most 5 %. *Equally fast* means that "
+        f"the interval of the probability of being faster lies within {facts['margin']:g} of 1/2."
     )
 
 
 @item(
     "crossings",
-    "from which value of an axis on x takes less than y, by medians",
+    "from which value of an axis on x needs less than y, by medians",
     {"grid": "", "x": "", "y": "", "currency": "counted in", "crossing": "from"},
 )
 def crossings(data: Maps) -> Iterator[dict[str, Any]]:
@@ -173,7 +174,7 @@ def crossings(data: Maps) -> Iterator[dict[str, Any]]:
 
 @item(
     "crossings_cpu",
-    "measured: the same in CPU seconds",
+    "measured: from which value of an axis on x needs fewer CPU seconds than y",
     {"grid": "", "x": "", "y": "", "currency": "counted in", "crossing": "from"},
     is_measured=True,
 )
@@ -218,7 +219,7 @@ def exponents(data: Maps) -> Iterator[dict[str, Any]]:
 
 @item(
     "reference",
-    "exploratory: learners of Stable-Baselines3 beside ours",
+    "exploratory: DQN and PPO of Stable-Baselines3 compared with the compiled ones",
     {
         **POINT,
         "x": "",

@@ -32,7 +32,7 @@ _MEASURES: Final = {
 _FEWEST: Final = 5  # cells for a correlation
 
 
-@item("measures", "measures of every cell, for the places that its first run has drawn", where=no_rows)
+@item("measures", "measures of every point, for the places of its first run", where=no_rows)
 def measures(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates `agents.hardness`, beside the median steps."""
     seen: set[tuple[str, str, str]] = set()
@@ -57,8 +57,8 @@ def _hardness(scenario: Scenario, observation: str, horizon: int) -> Hardness:
 
 @item(
     "predictors",
-    "exploratory: rank correlations of measures with median steps, over cells",
-    {"family": "", "measure": "", "n": "cells", "correlation": "rank correlation"},
+    "exploratory: rank correlations of measures with median steps, over points and learners",
+    {"family": "", "measure": "", "n": "points", "correlation": "rank correlation"},
 )
 def predictors(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates Spearman's correlation, with an interval by resampling cells.
@@ -99,7 +99,9 @@ def _correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate:
     return Estimate(found[0], float(low), float(high))
 
 
-@predictors.figure("Median steps of every cell against measures of its scenario, a dot per cell and learner.")
+@predictors.figure(
+    "Median steps against measures of the scenario: a dot per point and learner, and rank correlations."
+)
 def _(tables: Frames, data: Maps) -> Figure | None:
     frame, found = tables["measures"], tables.get("predictors")
     if found is None:
@@ -148,13 +150,14 @@ def _(table: pd.DataFrame, _: Folder) -> Finding | None:
         value, n = f"{best['correlation']:.2f}", best["n"]
         name = _MEASURES[str(best["measure"])].replace("\n", " ")
         parts.append(
-            f"for {family} of the {name} ({link(value, 'predictors', best)} "
-            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {n} cells, the largest of "
-            f"{len(rows)})"
+            f"for {family}, the {name} ({link(value, 'predictors', best)} "
+            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {n} points, of "
+            f"{len(rows)} measures)"
         )
     if not parts:
         return None
     return Finding(
-        f"Exploratory: the largest rank correlation with median steps, over cells, is {' and '.join(parts)}. "
-        f"Action gaps below {REGULARISER:g} count as {REGULARISER:g}."
+        f"Exploratory: the measure with the largest rank correlation with median steps is, "
+        f"{' and, '.join(parts)}. Intervals do not account for this choice. Action gaps below "
+        f"{REGULARISER:g} count as {REGULARISER:g}."
     )

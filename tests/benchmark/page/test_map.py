@@ -44,25 +44,32 @@ def test_sliders_end_in_a_sentence_whose_numbers_are_in_the_tables(open_page: Op
             learner = f"{row['algorithm']}, {row['observation']}"
             here = (runs["grid"] == "places") & (runs["point"] == row["point"]) & (runs["learner"] == learner)
             n_learned = int((runs[here]["steps"] <= 1000).sum())
-            assert f"{learner} {n_learned} of {row['n']}, median {row['steps']:,.0f} steps" in text
-    verdict = "net, offset needs fewer steps than table, index, by 12 pairs of runs."
-    assert verdict in sentence.inner_text().lower()
+            assert (
+                f"{learner} {n_learned} of {row['n']}, median of all runs {row['steps']:,.0f} steps" in text
+            )
+    verdict = "After 12 pairs of runs: net, offset needs fewer steps than table, index."
+    assert verdict in sentence.inner_text()
     # Where nothing was trained, other sliders move along.
     assert move(opened, "permuted", 1) == "100 %"
-    assert "With 4 places in a room of 5 × 6, 100 % of the codes permuted" in sentence.inner_text()
+    assert (
+        "With 4 places in a room of 5 × 6 cells, the coordinates of 100 % of the places permuted"
+        in sentence.inner_text()
+    )
     assert move(opened, "room", 1) == "6 × 7"
-    assert "With 1 place in a room of 6 × 7:" in sentence.inner_text()
+    assert "With 1 place in a room of 6 × 7 cells, runs" in sentence.inner_text()
 
 
 def test_currencies_change_the_lines(open_page: Open, folder: Path) -> None:
     opened = open_page(folder)
     seen = set()
-    for currency, unit in (("steps", "steps"), ("disagreements", "disagreements"), ("cpu_time_s", "seconds")):
+    for currency, unit in (("steps", "steps"), ("disagreements", "wrong PINGs"), ("cpu_time_s", "seconds")):
         opened.page.locator(f"#map input[value={currency}]").check()
         figure = opened.page.locator("#map svg")
         assert f"Median {unit}" in str(figure.get_attribute("aria-label"))
         seen.add(figure.inner_html())
-        assert re.search(rf"median [\d.,]+ {unit}", opened.page.locator("#map-sentence").inner_text())
+        assert re.search(
+            rf"median of all runs [\d.,]+ {unit}", opened.page.locator("#map-sentence").inner_text()
+        )
     assert len(seen) == 3
     found = Axe().run(opened.page, context="#map")
     assert found.response["violations"] == []

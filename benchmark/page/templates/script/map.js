@@ -8,7 +8,7 @@ if (box) {
   const [WIDE, HIGH, LEFT, BOTTOM] = [760, 300, 70, 42];
   const [PLOT, TOP] = [560, 12]; // right of it are the names
   const BUDGETS = [1000, 2000, 5000, 10000, 20000, 50000, 100000, 200000, 500000, 1000000];
-  const UNITS = { steps: "steps", disagreements: "disagreements", cpu_time_s: "seconds of computing time" };
+  const UNITS = { steps: "steps", disagreements: "wrong PINGs", cpu_time_s: "seconds of CPU time" };
   const INK = ["var(--soft)", "var(--ink)", "var(--good)", "var(--accent)", "var(--link)", "var(--bad)"];
   const DASHES = ["", "6 3", "2 3", "", "6 3", "2 3"];
 
@@ -92,24 +92,23 @@ if (box) {
         const steps = runs.get(`${row.grid}/${row.point}/${name}`) ?? [];
         const budget = Math.min(chosen.budget, Number(row.budget));
         const solved = steps.filter((each) => each <= budget).length;
-        const limit = budget < chosen.budget ? ` (its budget was ${grouped(budget)})` : "";
+        const limit = budget < chosen.budget ? ` (of a budget of ${grouped(budget)})` : "";
         const took = value(row, currency());
         parts.push([solved / steps.length, `${name} `, sourced(row.file, row.line, `${solved} of ${steps.length}`),
-          `${limit}, median ${short(took)}${Number.isFinite(took) ? ` ${UNITS[currency()]}` : ""}`]);
+          Number.isFinite(took) ? `${limit}, median of all runs ${short(took)} ${UNITS[currency()]}` : `${limit}, most never learn`]);
       }
       parts.sort((a, b) => b[0] - a[0]);
-      const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room}`;
-      const code = chosen.permuted ? `, ${100 * chosen.permuted} % of the codes permuted` : "";
-      const text = [`With ${where}${code}: runs that have learned within ${grouped(chosen.budget)} steps: `];
+      const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room} cells`;
+      const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
+      const text = [`With ${where}${code}, runs that have learned within ${grouped(chosen.budget)} steps: `];
       parts.forEach(([, ...part], i) => text.push(...(i ? ["; "] : []), ...part));
       text.push(". ");
       for (const row of contrasts.filter((each) => isPlain(each) && here(each) && Number(each.places) === chosen.places).slice(0, 1)) {
         const { x, y, verdict } = row;
         const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
           "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
-          undecided: `whether ${x} or ${y} needs fewer steps is undecided` };
-        const said = words[verdict];
-        text.push(`${said[0].toUpperCase()}${said.slice(1)}, by `, sourced(row.file, row.line, row.n), " pairs of runs.");
+          undecided: `it is undecided which of ${x} and ${y} needs fewer steps` };
+        text.push("After ", sourced(row.file, row.line, row.n), ` pairs of runs: ${words[verdict]}.`);
       }
       return text;
     }
@@ -133,7 +132,7 @@ if (box) {
     const [low, high] = [Math.floor(Math.log10(Math.min(...known))), Math.ceil(Math.log10(Math.max(...known)) + 0.01)];
     const x = (n) => LEFT + (places.length > 1 ? (PLOT - LEFT) * Math.log(n / places[0]) / Math.log(places.at(-1) / places[0]) : 0);
     const y = (v) => TOP + (HIGH - TOP - BOTTOM) * (1 - (Math.log10(v) - low) / (high - low));
-    const title = `Median ${UNITS[kind]} until a run has learned, against places, by learner. Less is better.`;
+    const title = `Median ${UNITS[kind]} until a run has learned, against places, by learner. Lower is better.`;
     const image = drawn("svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, role: "img", "aria-label": title });
     for (let power = low; power <= high; power += 1) {
       image.append(drawn("line", { class: "anchor", x1: LEFT, x2: PLOT, y1: y(10 ** power), y2: y(10 ** power) }));
