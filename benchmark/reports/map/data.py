@@ -174,7 +174,8 @@ class Maps:
             ours, theirs = (self.medians(each, currency, budget) for each in (one, other))
             # Where the table never solves, what it spends counts, which does not favour the net.
             theirs = np.where(np.isinf(theirs), self._spent(other, currency, budget), theirs)
-            logs.append(np.where(np.isinf(ours), -_MOST, np.log(theirs / ours)))
+            with np.errstate(divide="ignore"):  # a table may take no measurable time
+                logs.append(np.where(np.isinf(ours), -_MOST, np.log(theirs / ours).clip(-_MOST)))
         values = np.array([value for value, *_ in shared])
         found = _crossings(values, np.array(logs).T)
         low = np.percentile(found[1:], 2.5, method="lower")

@@ -98,9 +98,10 @@ def _steps(folder: Folder, line: _Line) -> str:
     cells, level = folder.frame("cells"), folder.manifest["facts"]["solved"]["success"]
     row = _rows(cells, line.net, grid=line.grid, point=line.point).iloc[0]
     net, table = (_took(cells, "cells", "steps", line, each) or "more than its budget" for each in line[-2:])
+    things = f"fewer steps than a table ({_named(line.table)})"
     text = (
         f"In a room of {row['rows']} × {row['columns']} cells, a net ({_named(line.net)}) "
-        f"{_clause(folder, 'crossings', line, 'steps', 'fewer steps than a table')} ({_named(line.table)}). "
+        f"{_clause(folder, 'crossings', line, 'steps', things)}. "
         f"Counted are the steps until success stays at or above {level:g}. With {line.where}, the median run "
         f"needs {net} with the net and {table} with this table."
     )
@@ -152,10 +153,8 @@ def _currencies(folder: Folder, line: _Line) -> str:
     """Says where the crossing is in the other currencies."""
     wrong = _clause(folder, "crossings", line, "wrong PINGs", "fewer wrong PINGs")
     time = _clause(folder, "crossings_cpu", line, "CPU seconds", "less CPU time")
-    text = f"The net {wrong}. It {time}"
+    text = f"The net {wrong}. It {time}."
     net, table = (_took(folder.frame("cpu"), "cpu", "cpu_time_s", line, each) for each in line[-2:])
     if net and table:
-        text += (
-            f": with {line.where}, the median run trains for {net} with the net and {table} with the table"
-        )
-    return f"{text}."
+        text += f" At {line.where}, the median run trains for {net} with the net and {table} with the table."
+    return text
