@@ -37,7 +37,8 @@ _SPEED: Final = "speed"  # the folder with measurements of this project, at the 
 _MAP: Final = ("cells", "contrasts", "cpu", "runs")  # tables that the script of a map reads
 _CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks up mean scores
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same, but in the leading one
+_FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
+_LEADING_COLOURS: Final = 96  # of a leading one, which has more of them
 _MOST_ROWS: Final = 60  # of a table that is shown at once; longer ones are shown on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
@@ -167,7 +168,7 @@ class _Part:
             "question": document.question,
             "headline": [self.inline(text) for text in headline.text.split("\n\n")] if headline else [],
             "map": self._map(),
-            "lead": self._figure(lead, 4 * _FIGURE_COLOURS) if lead is not None and has_lead else None,
+            "lead": self._figure(lead, _LEADING_COLOURS) if lead is not None and has_lead else None,
             "description": self.inline(inert(self.folder.manifest["description"])),
             "note": self.inline(inert(self.folder.manifest.get("note", ""))),
             "findings": [self.inline(inert(finding.text)) for finding in document.findings],
