@@ -126,8 +126,9 @@ MANIFESTS = {name: ROOT / "results" / name / "manifest.json" for name in experim
 @pytest.mark.parametrize("name", [name for name, path in MANIFESTS.items() if path.exists()])
 def test_published_runs_are_the_declared_ones(name: str) -> None:
     published = json.loads(MANIFESTS[name].read_text(encoding="utf-8"))
-    runs = all_specifications(load_experiment(name))
-    if name == "tuning":  # of which these are the first stage
+    experiment = load_experiment(name)
+    runs = all_specifications(experiment)
+    if experiment.has_stages:  # of which these are the first
         assert published["runs"] > len(runs)
         return
     digest = hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest()

@@ -257,7 +257,7 @@ def test_choices_must_be_there(tmp_path: Path) -> None:
         ),
         (
             ("search = { trials", "sweep = { a = { b = {} } }\nsearch = { trials"),
-            "neither a sweep nor readings",
+            "no sweep, readings or solved",
         ),
         (
             ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", ""),
