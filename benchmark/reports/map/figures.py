@@ -109,6 +109,7 @@ def _label(data: Maps, grid: str) -> str:
     "Left: median steps until success stays at or above the level, with 95 % intervals; hollow: most runs "
     "never reach it within their budget, at which they are drawn. Middle: the colour says which needs fewer "
     "steps, the number how many times as many the other one needs; ≥: at least; =: equally fast; "
+    "net, table: that one is faster, though most runs of both fail; "
     "?: undecided; blank: not trained. Right: success at the end of training against the share of the "
     "person's places whose coordinates are permuted.",
 )
@@ -217,7 +218,9 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
     colours = np.full((len(rows), len(columns)), np.nan)
     for (row, column), (x, y, decision) in _compared(data, grid).items():
         at, ratio = (rows.index(row), columns.index(column)), data.ratio(x, y, "steps")
-        text = {EQUIVALENT: "=", NEITHER: "neither"}.get(decision.verdict, "?")
+        # Of a winner without a ratio, most runs do not solve the scenario either.
+        texts = {EQUIVALENT: "=", NEITHER: "neither", BETTER: data.family(x), WORSE: data.family(y)}
+        text = {"deep": "net", "tabular": "table"}.get(each := texts.get(decision.verdict, "?"), each)
         if decision.verdict in (BETTER, WORSE) and not np.isnan(ratio.value):
             colours[at] = np.clip(np.log(ratio.value), -most, most)
             text = "≥" * data.is_bound(x, y) + two_digits(max(ratio.value, 1 / ratio.value))
