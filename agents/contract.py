@@ -22,8 +22,10 @@ from envs.inputs import Table
 class LearnerSettings(Table):
     """The settings that every learner has."""
 
-    budget: Annotated[int, Field(ge=1, le=10**9)] = 10_000  # environment steps, unless stated otherwise
-    time_limit: Annotated[int, Field(ge=1, le=10**9)] | None = None  # steps until an episode is truncated
+    budget: Annotated[int, Field(ge=1, le=10**9)] = 10_000
+    """Environment steps of training, unless another setting gives another unit."""
+    time_limit: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    """Steps until an episode is truncated; by default it is not."""
 
     @property
     @abstractmethod

@@ -39,11 +39,14 @@ _LEAST_PROBABILITY: Final = 1e-12  # that an episode goes on, below which a swee
 class MemorylessSettings(LearnerSettings):
     """The settings of the search."""
 
-    budget: Annotated[int, Field(ge=1, le=10**6)] = 100  # steps of the search
-    time_limit: Annotated[int, Field(ge=1, le=1000)] = 200  # of the episodes whose return is improved
-    # How much the first policy follows the optimal values.
+    budget: Annotated[int, Field(ge=1, le=10**6)] = 100
+    """Steps of the search."""
+    time_limit: Annotated[int, Field(ge=1, le=1000)] = 200
+    """Steps until the episodes whose return is improved are truncated."""
     guidance: Annotated[float, Field(ge=0, le=1000)] = 1.0
-    noise: Annotated[float, Field(ge=0, le=1000)] = 1.0  # standard deviation of what is added to them
+    """How much the first policy follows the optimal values."""
+    noise: Annotated[float, Field(ge=0, le=1000)] = 1.0
+    """Standard deviation of what is added to these values."""
 
     @property
     def discount_factor(self) -> float:

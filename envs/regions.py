@@ -43,7 +43,9 @@ class Round(Table):
 
     has_front: ClassVar[bool] = False
     kind: Literal["square", "circle"]
+    """Whether the distance is Chebyshev ("square") or Euclidean ("circle")."""
     radius: Length
+    """The largest distance that belongs to the region."""
 
 
 class Ellipse(Table):
@@ -51,8 +53,11 @@ class Ellipse(Table):
 
     has_front: ClassVar[bool] = True
     kind: Literal["ellipse"]
+    """This shape."""
     length: Axis
+    """How far it reaches ahead and behind."""
     width: Axis
+    """How far it reaches to either side."""
 
 
 class Egg(Table):
@@ -66,9 +71,13 @@ class Egg(Table):
     later: ClassVar[frozenset[str]] = frozenset({"side", "back"})
     has_front: ClassVar[bool] = True
     kind: Literal["egg"]
+    """This shape."""
     front: Axis
+    """How far it reaches ahead."""
     side: Axis | None = None
+    """How far it reaches to either side; by default two thirds of `front`."""
     back: Axis | None = None
+    """How far it reaches behind; by default half of `front`."""
 
 
 class Mask(Table):
@@ -76,7 +85,9 @@ class Mask(Table):
 
     has_front: ClassVar[bool] = True
     kind: Literal["mask"]
+    """This shape."""
     cells: str
+    """Lines of equal length."""
 
     @model_validator(mode="after")
     def _is_drawn(self) -> Self:
@@ -104,10 +115,15 @@ class Regions(Table):
     )
 
     uncomfortable_radius: Annotated[int, Field(ge=0)] | None = None
+    """Of a square; together with `target_radius`, in place of shapes."""
     target_radius: Annotated[int, Field(ge=1)] | None = None
+    """Of the square around both regions; more than `uncomfortable_radius`."""
     unit: Literal["cells", "metres"] = "cells"
+    """Of the lengths of shapes; metres need `grid.metres_per_cell`."""
     uncomfortable: Shape | None = None
+    """Shape of the uncomfortable region."""
     target: Shape | None = None
+    """Shape of the target region with what lies inside it."""
 
     @model_validator(mode="after")
     def _nested(self) -> Self:

@@ -53,10 +53,15 @@ class Grid(Table):
     later: ClassVar[frozenset[str]] = frozenset({"walls", "metres_per_cell"})
 
     rows: Annotated[int, Field(ge=1, le=1000)]
+    """Number of rows; together at most 100,000 cells."""
     columns: Annotated[int, Field(ge=1, le=1000)]
-    start: Place  # of the agent, outside every region
-    walls: str = ""  # a line of text per row: "#" a wall, "." floor; nobody can enter a wall
+    """Number of columns."""
+    start: Place
+    """Where the agent starts, outside every region."""
+    walls: str = ""
+    """A line of text per row: "#" is a wall, "." floor. Nobody can enter a wall."""
     metres_per_cell: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Width of a cell, for regions in metres."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -101,21 +106,27 @@ class PlainFeedback(Table):
     """
 
     kind: Literal["none", "distance", "delayed"]
+    """Which of the three."""
 
 
 class NoisyFeedback(Table):
     """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
 
     kind: Literal["noisy"]
+    """This kind of feedback."""
     noise: Annotated[float, Field(gt=0, le=1e6)]
+    """Half the width of the interval that the number is drawn from."""
 
 
 class BoundedFeedback(Table):
     """Drawn at each PING, uniformly between two bounds; or `high` for a right PING, `low` for a wrong one."""
 
     kind: Literal["uniform", "binary"]
+    """Drawn between the bounds, or one of them."""
     low: Reward
+    """Smallest reward, or that for a wrong PING."""
     high: Reward
+    """Largest reward, or that for a correct PING."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -143,7 +154,9 @@ class Walk(Table):
     """
 
     corners: Annotated[tuple[Cell, ...], Field(min_length=1, max_length=100)]
-    steps: Steps = 1  # of the agent for each cell of the walk
+    """Where the walk turns: each is in the row or column of the one before."""
+    steps: Steps = 1
+    """Steps of the agent for each cell of the walk."""
 
 
 class Issuer(Table):
@@ -152,15 +165,19 @@ class Issuer(Table):
     later: ClassVar[frozenset[str]] = frozenset({"heading", "walk", "places", "unseen", "permuted"})
 
     position: Place
-    # How many of the cells of `position` it may stand in, drawn once, see `Scenario.draw`; all by default.
+    """Where the issuer stands when an episode starts."""
     places: Annotated[int, Field(ge=1, le=MAX_STATES)] | None = None
-    # Further cells, drawn after these: part of the observations, but no episode starts with the issuer there.
+    """How many of the cells of `position` it may stand in, drawn once, see `draw`; all by default."""
     unseen: Annotated[int, Field(ge=0, le=MAX_STATES)] = 0
-    # The share of its cells whose coordinates are permuted: as coordinates, an agent observes another cell.
+    """Further cells, drawn after these: part of the observations, but no episode starts with it there."""
     permuted: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of its cells whose coordinates are permuted: as coordinates, an agent observes another cell."""
     feedback: Feedback
+    """The reward that the issuer adds to every PING."""
     heading: Heading = "up"
+    """Where the issuer looks."""
     walk: Walk | None = None
+    """How the issuer walks; by default it does not."""
 
 
 class Person(Table):
@@ -169,9 +186,13 @@ class Person(Table):
     later: ClassVar[frozenset[str]] = frozenset({"heading"})
 
     position: Cell
+    """Where the person stands."""
     feedback: Feedback
+    """The reward that the person adds to a PING if no other person is nearer."""
     regions: Regions
+    """The regions around the person."""
     heading: Heading = "up"
+    """Where the person looks."""
 
 
 # Names and probabilities. Sorted, so that equal phases have equal hashes and draw alike.
@@ -193,23 +214,36 @@ class Phase(Table):
     later: ClassVar[frozenset[str]] = frozenset({"position", "heading", "regions", "steps", "next"})
 
     name: Annotated[Line, Field(min_length=1, max_length=40)]
+    """Name of the phase, for pictures and for `next`."""
     position: Cell | None = None
+    """Where the issuer stands in this phase."""
     heading: Heading | None = None
+    """Where the issuer looks in this phase."""
     regions: Regions | None = None
+    """The regions around the issuer in this phase."""
     steps: Steps | None = None
+    """How many steps the phase lasts."""
     next: Chances | None = None
+    """With which probability which other phase follows after each step, by name; the sum is at most 1."""
 
 
 class Rewards(Table):
     """The grid's rewards, by event."""
 
     issuer_reached: Reward
+    """For a move onto a person's cell, which ends the episode."""
     target_ping: Reward
+    """For a PING in the target region, which ends the episode with success."""
     last_wrong_ping: Reward
+    """For the wrong PING that ends the episode, see `ping_limit`."""
     wrong_ping: Reward
+    """For an earlier wrong PING outside all regions."""
     wrong_ping_uncomfortable: Reward
+    """For an earlier wrong PING in an uncomfortable region."""
     uncomfortable: Reward
+    """For a move that ends in an uncomfortable region."""
     other: Reward
+    """For any other move."""
 
 
 class Someone(NamedTuple):
@@ -232,19 +266,30 @@ class Scenario(Table):
     later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase", "draw"})
 
     name: Name
+    """The stem of the file."""
     description: str
+    """What the scenario is about, for readers."""
     grid: Grid
+    """The floor."""
     issuer: Issuer
+    """The person whose personal space matters."""
     regions: Regions
-    ping_limit: Annotated[int, Field(ge=1)]  # the wrong PING that ends the episode
+    """The regions around the issuer."""
+    ping_limit: Annotated[int, Field(ge=1)]
+    """Which wrong PING ends the episode."""
     rewards: Rewards
-    # "agent" is the agent's cell, "offset" the issuer's cell relative to it, in rows and columns.
+    """The grid's rewards."""
     observe: tuple[Literal["agent", "offset", "issuer", "phase", "wrong_pings"], ...] = ("agent",)
+    """What the agent sees, in this order: its own cell, or the issuer's relative to it in rows and columns
+    ("offset"); the issuer's cell; the phase; the number of wrong PINGs."""
     others: Annotated[tuple[Person, ...], Field(max_length=20)] = ()
+    """Other people."""
     phases: Annotated[tuple[Phase, ...], Field(max_length=1000)] = ()
-    first_phase: Literal["first", "any"] = "first"  # in which an episode starts; "any": any tick of any phase
-    # Which places and which permutation are drawn, if any. The first n places are the same for every n.
+    """What changes about the issuer over time."""
+    first_phase: Literal["first", "any"] = "first"
+    """In which phase an episode starts; "any": at any step of any phase, all equally likely."""
     draw: Annotated[int, Field(ge=0, le=10**9)] = 0
+    """Which places and which permutation are drawn, if any. The first n places are the same for every n."""
 
     # What the tables come to
 

@@ -22,15 +22,19 @@ OUR_SETTINGS: Final = {"budget", "time_limit", "n_envs"}  # they are not argumen
 class PolicyArguments(Table):
     """The part of SB3's `policy_kwargs` that can be set."""
 
-    net_arch: Annotated[tuple[Count, ...], Field(max_length=8)] = (64, 64)  # hidden layers; none: linear
+    net_arch: Annotated[tuple[Count, ...], Field(max_length=8)] = (64, 64)
+    """Units of each hidden layer; an empty list makes a linear net."""
 
 
 class Sb3Settings(LearnerSettings):
     """What all of SB3's algorithms have in common; a subclass adds further arguments of its SB3 class."""
 
-    n_envs: Annotated[int, Field(ge=1, le=4096)] = 1  # envs that are stepped together
+    n_envs: Annotated[int, Field(ge=1, le=4096)] = 1
+    """Environments that are stepped together."""
     gamma: Share = 0.99
+    """Discount."""
     policy_kwargs: PolicyArguments = PolicyArguments()
+    """The net."""
 
     @property
     def discount_factor(self) -> float:
@@ -70,35 +74,60 @@ class DqnSettings(Sb3Settings):
     """Arguments and defaults of SB3's DQN."""
 
     learning_rate: Positive = 1e-4
-    buffer_size: Count = 1_000_000  # transitions; no more are allocated than the budget fills
+    """Of the optimiser, Adam."""
+    buffer_size: Count = 1_000_000
+    """Transitions that the replay buffer holds; no more are allocated than the budget fills."""
     learning_starts: Annotated[int, Field(ge=0, le=10**9)] = 100
+    """Steps before the first update."""
     batch_size: Count = 32
+    """Transitions of a gradient step, drawn from the replay buffer."""
     tau: Share = 1.0
+    """How far the target network moves towards the other one whenever it is updated; 1: it is a copy."""
     train_freq: Count = 4
+    """Steps of each environment from one round of updates to the next."""
     gradient_steps: Annotated[int, Field(ge=-1, le=10**6)] = 1
+    """Gradient steps of a round; -1: as many as steps were made since the last one."""
     n_steps: Count = 1
+    """Rewards that are added up before the target network estimates the rest of the return."""
     target_update_interval: Count = 10_000
+    """Steps from one update of the target network to the next."""
     exploration_fraction: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Share of the budget over which the probability of a random action falls, linearly."""
     exploration_initial_eps: Share = 1.0
+    """Probability of a random action at first."""
     exploration_final_eps: Share = 0.05
+    """Probability of a random action in the end."""
     max_grad_norm: Positive = 10.0
+    """Norm to which longer gradients are cut."""
 
 
 class PpoSettings(Sb3Settings):
     """Arguments and defaults of SB3's PPO."""
 
     n_steps: Count = 2048
+    """Steps of each environment from one round of updates to the next."""
     gae_lambda: Share = 0.95
+    """Lambda of generalized advantage estimation."""
     ent_coef: Annotated[float, Field(ge=0)] = 0.0
+    """Weight of the entropy in the loss."""
     vf_coef: Annotated[float, Field(ge=0)] = 0.5
+    """Weight of the value function's error in the loss."""
     max_grad_norm: Positive = 0.5
+    """Norm to which longer gradients are cut."""
     normalize_advantage: bool = True
+    """Whether the advantages of a mini-batch are standardized."""
     learning_rate: Positive = 3e-4
+    """Of the optimiser, Adam."""
     batch_size: Annotated[int, Field(ge=2, le=10**9)] = 64
+    """Transitions of a gradient step."""
     n_epochs: Count = 10
+    """How often a round of updates goes through its transitions."""
     clip_range: Positive = 0.2
+    """How far the ratio of new to old probabilities may be from 1 before it is clipped."""
     clip_range_vf: Positive | None = None
+    """How far a new value may be from the old one before it is clipped; by default it is not."""
     target_kl: Positive | None = None
+    """Divergence from the old policy; a round of updates ends at 1.5 times this, by default never."""
 
     @model_validator(mode="after")
     def _advantages_vary(self) -> Self:

@@ -41,21 +41,30 @@ class Settings(LearnerSettings):
     )
 
     learning_rate: Annotated[float, Field(gt=0, le=1)] = 0.6
+    """How far an update moves a value towards its target, as a share of the difference."""
     discount: Annotated[float, Field(ge=0, le=1)] = 0.9
-    epsilon: Annotated[float, Field(ge=0, le=1)] = 0.6  # probability of a uniformly random action
-    ties: Literal["uniform", "lowest"] = "uniform"  # which of several best actions is greedy
+    """Discount of the table's values."""
+    epsilon: Annotated[float, Field(ge=0, le=1)] = 0.6
+    """Probability of a uniformly random action."""
+    ties: Literal["uniform", "lowest"] = "uniform"
+    """Which of several best actions is greedy."""
     budget_unit: Literal["steps", "episodes"] = "steps"
-    # Budget units from one record of the largest action value to the next.
+    """Unit of the budget."""
     record_every: Annotated[int, Field(ge=1, le=10**9)] = 1
-    initial_value: float = 0.0  # of every action in every observation
-    # With a final value, a setting decays linearly, from the first budget unit to a fraction of the budget.
+    """Budget units from one record of the largest action value to the next."""
+    initial_value: float = 0.0
+    """Value of every action in every observation before training."""
     final_learning_rate: Annotated[float, Field(ge=0, le=1)] | None = None
+    """Learning rate at the end of a linear decay; by default there is none."""
     learning_rate_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Share of the budget over which the learning rate decays."""
     final_epsilon: Annotated[float, Field(ge=0, le=1)] | None = None
+    """Epsilon at the end of a linear decay; by default there is none."""
     epsilon_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
-    # The learning rate of the n-th update of an action in an observation is learning_rate / n**visit_exponent
-    # (Even-Dar & Mansour 2003, who prove convergence for exponents above 1/2).
+    """Share of the budget over which epsilon decays."""
     visit_exponent: Annotated[float, Field(gt=0, le=1)] | None = None
+    """The n-th update of an action in an observation has the rate `learning_rate / n**visit_exponent`
+    (Even-Dar & Mansour 2003, who prove convergence for exponents above 1/2)."""
 
     @property
     def discount_factor(self) -> float:
@@ -99,7 +108,8 @@ class Settings(LearnerSettings):
 class TraceSettings(Settings):
     """The settings of a rule with eligibility traces."""
 
-    trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9  # lambda
+    trace_decay: Annotated[float, Field(ge=0, le=1)] = 0.9
+    """Lambda: the share of a trace that remains after a step, besides the discount."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -52,28 +52,42 @@ class Variant(Table):
     """
 
     algorithm: str
+    """One of the algorithms below, or `module:attribute` of any other."""
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
-    seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition
-    first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0  # the others follow it
-    evaluation_every: Annotated[int, Field(ge=1, le=10**9)] | None = None  # if not the experiment's
+    """Forms of observation; each makes a learner."""
+    seeds: Annotated[int, Field(ge=1, le=100_000)]
+    """Runs per scenario and condition."""
+    first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0
+    """The first seed; the others follow it."""
+    evaluation_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
+    """As in the experiment, for this variant; by default the experiment's."""
     map_every: Annotated[int, Field(ge=1, le=10**9)] | None = None
-    policy: Literal["greedy", "stochastic"] = "greedy"  # the one that a comparison evaluates
-    family: Literal["tabular", "deep"] | None = None  # what it counts as, if not what its algorithm is
-    # Variants of a group are drawn together; a variant without a group is drawn with every group.
+    """As in the experiment, for this variant; by default the experiment's."""
+    policy: Literal["greedy", "stochastic"] = "greedy"
+    """The policy that a comparison evaluates."""
+    family: Literal["tabular", "deep"] | None = None
+    """What the variant counts as; by default what its algorithm is."""
     group: Annotated[Line, Field(max_length=60)] = ""
+    """Variants of a group are drawn together; a variant without a group is drawn with every group."""
     settings: dict[str, Any] = Field(default_factory=dict)
-    reference_for: str = ""  # the variant that this one is the reference implementation for
-    search: Space = Field(default_factory=dict)  # what a search varies
-    # "EXPERIMENT:VARIANT": learners take what that search has chosen for them, but for their own `settings`.
+    """Settings of the algorithm, see below."""
+    reference_for: str = ""
+    """The variant that this one is the reference implementation for."""
+    search: Space = Field(default_factory=dict)
+    """What a search varies: a table for each setting, by dotted key."""
     tuned_by: Line = ""
+    """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own settings."""
 
 
 class Condition(Table):
     """Changes of scenarios and settings, as dotted keys. All conditions have the same random streams."""
 
     scenario: dict[str, Any] = Field(default_factory=dict)
-    scenarios: tuple[str, ...] | None = None  # names of the scenarios it changes; all by default
-    settings: dict[str, Any] = Field(default_factory=dict)  # of every variant
+    """Changes of scenarios, as dotted keys."""
+    scenarios: tuple[str, ...] | None = None
+    """Names of the scenarios that it changes; all by default."""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    """Changes of the settings of every variant, as dotted keys."""
 
     def settings_of(self, variant: str) -> Mapping[str, Any]:  # noqa: ARG002
         """Returns the settings that it changes of a variant."""
@@ -83,7 +97,8 @@ class Condition(Table):
 class Trial(Condition):
     """A trial of a search, which gives every variant settings of its own."""
 
-    of: dict[str, dict[str, Any]]  # by variant
+    of: dict[str, dict[str, Any]]
+    """Changes of settings, by variant."""
 
     def settings_of(self, variant: str) -> Mapping[str, Any]:
         """Returns the settings that the search has drawn for a variant."""
@@ -94,10 +109,13 @@ class Reading(Condition):
     """One way to read the paper, or a control."""
 
     question: Annotated[str, Field(min_length=1)]
+    """What the paper leaves open."""
     answer: Annotated[str, Field(min_length=1)]
-    curve: Literal["visited", "table"] = "visited"  # which maximum Q the claims are about
-    # Runs per scenario and learner, if that is another number than the variant's.
+    """How this reading answers it."""
+    curve: Literal["visited", "table"] = "visited"
+    """Which maximum Q the claims are about: of the visited observations, or of the whole table."""
     seeds: Annotated[int, Field(ge=2, le=100_000)] | None = None
+    """Runs per scenario and learner; by default the variant's."""
 
 
 Value = Annotated[str, Field(pattern=r"^\d+(\.\d+)?(x\d+)?$")]  # of an axis: a number, or two joined by "x"
@@ -107,15 +125,20 @@ class Grid(Table):
     """Conditions of a map: the product of its axes, in scenarios that are drawn anew for every run."""
 
     question: Annotated[Line, Field(min_length=1)]
-    learners: tuple[
-        str, ...
-    ] = ()  # names of learners, or of variants with all their observations; all by default
-    scenario: dict[str, Any] = Field(default_factory=dict)  # changes at all its points, as dotted keys
+    """What the grid is to answer, for readers."""
+    learners: tuple[str, ...] = ()
+    """Names of learners, or of variants with all their observations; all by default."""
+    scenario: dict[str, Any] = Field(default_factory=dict)
+    """Changes of the scenario at all its points, as dotted keys."""
     settings: dict[str, Any] = Field(default_factory=dict)
-    # axis to value to changes of the scenario
+    """Changes of the settings of every variant at all its points, as dotted keys."""
     axes: Annotated[dict[Name, dict[Value, dict[str, Any]]], Field(min_length=1)]
-    is_compared: bool = True  # whether contrasts are decided at its points
-    without: tuple[str, ...] = ()  # points that are left out, as "AXIS=VALUE/AXIS=VALUE"
+    """Changes of the scenario, as dotted keys: `axes.AXIS.VALUE`, where a value is a number, or two joined by
+    "x"."""
+    is_compared: bool = True
+    """Whether contrasts are decided at its points."""
+    without: tuple[str, ...] = ()
+    """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
     @property
     def points(self) -> list[dict[str, str]]:
@@ -149,15 +172,20 @@ class Solved(Table):
     """
 
     success: Annotated[float, Field(gt=0, le=1)] = 0.9
-    growth: Annotated[float, Field(gt=1, le=2)] = 1.15  # of evaluation steps, from one to the next, about
+    """The level."""
+    growth: Annotated[float, Field(gt=1, le=2)] = 1.15
+    """About how many times as late each evaluation is as the one before."""
 
 
 class Margins(Table):
     """Differences that are too small to matter."""
 
     success: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    """Of success."""
     score: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    faster: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # from a probability of 1/2 of being faster
+    """Of the score."""
+    faster: Annotated[float, Field(gt=0, lt=0.5)] = 0.2
+    """Of the probability of being faster, from 1/2."""
 
 
 def point_name(point: Mapping[str, str]) -> str:
@@ -182,49 +210,73 @@ class Reporting(Table):
     three of these are joined by " @ ". What it leaves open is varied on both sides together.
     """
 
-    kind: str  # see `benchmark.reports`
-    question: Line = ""  # the heading; by default that of the kind
-    items: tuple[str, ...] = ()  # further tables and figures, each as module:attribute
-    omit: tuple[str, ...] = ()  # names of the kind's items that are left out
-    # The tables that deep learners have to beat: a name or a list; none if the question is another.
+    kind: str
+    """What kind of report: one of those below, or `module:attribute` of any other."""
+    question: Line = ""
+    """The heading; by default that of the kind."""
+    items: tuple[str, ...] = ()
+    """Further tables and figures, each as `module:attribute`."""
+    omit: tuple[str, ...] = ()
+    """Names of the kind's items that are left out."""
     baseline: Annotated[tuple[str, ...], BeforeValidator(_as_tuple)] = ()
-    pool: Literal["scenarios", "none"] = "scenarios"  # whether verdicts are on means over scenarios
-    adjust: Literal["holm", "none"] = "holm"  # p-values, for the number of contrasts
+    """The tables that deep learners have to beat: a name or a list; none if the question is another."""
+    pool: Literal["scenarios", "none"] = "scenarios"
+    """Whether verdicts are on means over scenarios."""
+    adjust: Literal["holm", "none"] = "holm"
+    """How p-values are adjusted for the number of contrasts."""
     margins: Margins = Margins()
-    fewest_runs: Annotated[int, Field(ge=10)] = 10  # per scenario and learner; with fewer there is no verdict
-    contrasts: tuple[tuple[str, str], ...] = ()  # x against y, with verdicts
-    # Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs.
+    """Differences that are too small to matter."""
+    fewest_runs: Annotated[int, Field(ge=10)] = 10
+    """Runs per scenario and learner below which there is no verdict."""
+    contrasts: tuple[tuple[str, str], ...] = ()
+    """Pairs x, y that are compared, with verdicts."""
     looks: tuple[Annotated[int, Field(ge=2)], ...] = ()
-    # x minus y, and what differs: exploratory, without verdicts
+    """Numbers of runs at which contrasts are looked at; a contrast that is decided gets no more runs."""
     effects: tuple[tuple[str, str, Annotated[Line, Field(min_length=1)]], ...] = ()
+    """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
 
 
 class Experiment(Table):
     """A declared set of runs: every condition, scenario, variant and observation, each with its seeds."""
 
     name: Name
+    """The stem of the file."""
     description: str
-    report: Reporting | None = None  # its kind alone as a text, too; without, runs are stored and not drawn
-    note: str = ""  # for readers of the results, for example how settings were chosen
-    stream: Name = ""  # experiments with the same stream share runs; by default, the experiment's name
+    """What the experiment is about, for readers."""
+    report: Reporting | None = None
+    """What is drawn; its kind alone as a text, too. Without it, runs are stored and not drawn."""
+    note: str = ""
+    """For readers of the results, for example how settings were chosen."""
+    stream: Name = ""
+    """Experiments with the same stream share runs; by default, the experiment's name."""
     scenarios: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Names of shipped scenarios, or paths of TOML files."""
     horizon: Annotated[int, Field(ge=1, le=10_000)]
+    """Steps after which an evaluated episode is truncated."""
     evaluation_every: Annotated[int, Field(ge=1, le=10**9)]
-    map_every: Annotated[int, Field(ge=1, le=10**9)]  # a multiple of `evaluation_every`
-    # Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly.
+    """Steps from one evaluation of the policy to the next, in units of the budget."""
+    map_every: Annotated[int, Field(ge=1, le=10**9)]
+    """Steps from one record of all values to the next: a multiple of `evaluation_every`."""
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
-    # Of every variant, unless the variant sets the same key.
+    """Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly."""
     settings: dict[str, Any] = Field(default_factory=dict)
+    """Settings of every variant, unless the variant sets the same key."""
     algorithms: Annotated[dict[Name, Variant], Field(min_length=1)]
-    search: Search | None = None  # for the settings of every variant that has a `search`
+    """The variants, by name."""
+    search: Search | None = None
+    """A search for the settings of every variant that has a table `search`."""
     readings: dict[Name, Reading] = Field(
         default_factory=lambda: {
             DEFAULT_CONDITION: Reading(question="How is the paper read?", answer="as it is by default")
         }
     )
-    sweep: dict[Name, dict[Name, Condition]] = Field(default_factory=dict)  # axis to its conditions
-    grids: dict[Name, Grid] = Field(default_factory=dict)  # instead of a sweep
-    solved: Solved | None = None  # runs are measured until then
+    """Readings of the paper and controls, by name; one is called "default"."""
+    sweep: dict[Name, dict[Name, Condition]] = Field(default_factory=dict)
+    """Conditions, as `sweep.AXIS.NAME`; their product is run."""
+    grids: dict[Name, Grid] = Field(default_factory=dict)
+    """Grids of a map, by name, instead of a sweep."""
+    solved: Solved | None = None
+    """If it is there, runs are measured until their scenario is solved."""
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
@@ -407,9 +459,12 @@ class Experiment(Table):
 class _Extension(Table):
     """An experiment that differs from another in some values."""
 
-    extends: str  # a shipped experiment's name, or the path of a TOML file
+    extends: str
+    """A shipped experiment's name, or the path of a TOML file."""
     description: str
-    changes: dict[str, Any]  # dotted key to value
+    """What the experiment is about, for readers."""
+    changes: dict[str, Any]
+    """New values, by dotted key."""
 
 
 def overlap(a: range, b: range) -> bool:

@@ -23,10 +23,15 @@ class Span(Table):
     """A setting that is drawn between two numbers, evenly on its scale."""
 
     low: float
+    """Smallest value."""
     high: float
+    """Largest value."""
     scale: Literal["linear", "log"] = "linear"
-    whole: bool = False  # whether it is a whole number
+    """On which scale values are even."""
+    whole: bool = False
+    """Whether it is a whole number."""
     why: Annotated[Line, Field(min_length=1)]
+    """The reason for this range, for readers."""
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -58,7 +63,9 @@ class Choice(Table):
     """A setting that is drawn from a few values."""
 
     values: Annotated[tuple[Any, ...], Field(min_length=2)]
+    """All values, each equally likely."""
     why: Annotated[Line, Field(min_length=1)]
+    """The reason for these values, for readers."""
 
     def at(self, share: float) -> Any:
         """Returns the value at a share, from 0 to less than 1, of the list."""
@@ -82,10 +89,14 @@ Space = dict[str, Axis]  # dotted key of a setting to its range
 class Search(Table):
     """How much a search tries. The runs of a trial are those that its variant declares, in every scenario."""
 
-    trials: Annotated[int, Field(ge=1, le=5000)]  # of each learner, and trial 0
-    finalists: Annotated[int, Field(ge=1, le=100)] = 4  # trials that are run again, with fresh seeds
-    first_seed: Annotated[int, Field(ge=0, le=900_000)]  # of fresh seeds
-    seeds: Annotated[int, Field(ge=2, le=10_000)] = 40  # fresh runs of each finalist per scenario
+    trials: Annotated[int, Field(ge=1, le=5000)]
+    """Trials of each learner, besides trial 0."""
+    finalists: Annotated[int, Field(ge=1, le=100)] = 4
+    """Trials that are run again, with fresh seeds."""
+    first_seed: Annotated[int, Field(ge=0, le=900_000)]
+    """The first of the fresh seeds."""
+    seeds: Annotated[int, Field(ge=2, le=10_000)] = 40
+    """Fresh runs of each finalist per scenario."""
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
