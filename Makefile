@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PY ?= $(VENV)/bin/python
 RESULTS ?= results
+SITE ?= build/site
 EXPERIMENT ?=
 SEEDS ?=
 TESTS ?=
@@ -16,6 +17,7 @@ FUZZ ?=
 BASE ?= $(VENV)/.base
 DEEP ?= $(VENV)/.deep
 TUNE ?= $(VENV)/.tune
+DOCS ?= $(VENV)/.docs
 DEV ?= $(VENV)/.dev
 
 # SEEDS=10 runs seeds 0 to 9 of every variant, and draws them in a folder of their own, EXPERIMENT_seeds_0-9. By default
@@ -23,7 +25,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce tune compare-deep beyond when report test check speed growth chaos fuzz clean
+.PHONY: help reproduce tune compare-deep beyond when report docs test check speed growth chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -45,6 +47,9 @@ when: $(DEEP) ## when a net needs fewer steps than a table: places, rooms, noise
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there
 	$(PY) -m benchmark report --results $(RESULTS)
+
+docs: $(DOCS) ## the site: page, guide, keys of files, columns of tables, API, in build/site/
+	$(PY) -m benchmark.page.site $(RESULTS) $(SITE)
 
 test: $(DEV) ## every test (TESTS=PATH: some of them)
 	$(PY) -m pytest -n 2 --dist loadfile $(TESTS)

@@ -44,6 +44,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "deep": ("arch", "rliable", "sb3_contrib", "stable_baselines3", "torch"),
     "tune": ("optuna", "sklearn"),
+    "docs": ("pdoc",),
     "cluster": ("distributed",),
     "render": ("pygame",),
     "tensorboard": ("tensorboard",),

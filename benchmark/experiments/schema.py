@@ -456,7 +456,7 @@ class Experiment(Table):
         }
 
 
-class _Extension(Table):
+class Extension(Table):
     """An experiment that differs from another in some values."""
 
     extends: str
@@ -515,7 +515,7 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Reads an experiment's tables; those of an extension are those of its base with changes."""
     data = read_toml(path)
     if "extends" in data:
-        extension = parse(_Extension, data, str(path))
+        extension = parse(Extension, data, str(path))
         base = _path(extension.extends)
         if base in (path, *extended_by):
             raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")

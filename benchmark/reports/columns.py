@@ -33,8 +33,8 @@ _BY_REPORT: Final[Mapping[str, Mapping[str, str]]] = {
         "ahead.last_step": "last evaluation step at which x is ahead; inf if it never is",
         "ahead.n": "runs of x or y, the smaller number",
         "ahead.steps_ahead": "number of evaluation steps at which x is ahead",
-        "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, PING is the "
-        "likeliest action; mean over runs",
+        "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, "
+        "PING is the likeliest action; mean over runs",
         "classes.kind": "table or net",
         "classes.learner": "the learner of this class with the largest `search_area`",
         "classes.search_area": "mean area under its curve of success on fresh runs of the search",
@@ -153,9 +153,8 @@ _BY_REPORT: Final[Mapping[str, Mapping[str, str]]] = {
         "learner": "variant and form of observation",
         "measures.covering_steps": "steps in which the random policy has tried nine tenths of what it can "
         "reach",
-        "measures.error_across_places": "how often an action that is optimal for the nearest observation "
-        "with the "
-        "issuer in another place is not optimal here",
+        "measures.error_across_places": "how often an action that is optimal for the nearest "
+        "observation with the issuer in another place is not optimal here",
         "measures.error_nearby": "the same of the nearest observation in whatever place",
         "measures.reciprocal_gaps": "sum over fresh states and suboptimal actions of 1 / (V* - Q*)",
         "measures.solvable_k": "smallest k for which the scenario is k-QVI-solvable",

@@ -1,0 +1,143 @@
+"""Builds the site: `python -m benchmark.page.site RESULTS SITE`, or `make docs`.
+
+The page stands beside this project's documents, the references of files and columns, the tour, and the API.
+pdoc writes all but the page: to it, a document is a module that has nothing but a text.
+"""
+
+import json
+import os
+import re
+import shutil
+import sys
+import tomllib
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from pkgutil import walk_packages
+from types import ModuleType
+from typing import Final
+
+from pdoc import doc, render
+
+from benchmark.page import build, reference
+from benchmark.reports.folder import MANIFEST
+
+ROOT: Final = Path(__file__).parents[2]
+PACKAGES: Final = ("envs", "agents", "benchmark")
+TOUR: Final = ROOT / "benchmark" / "tour.ipynb"
+_TEMPLATES: Final = Path(__file__).parent / "templates" / "site"
+_LINK: Final = re.compile(r"(!?)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")
+_CODE: Final = re.compile(r"(^```.*?^```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
+_UNPUBLISHED: Final = ("runs.db*", ".*", "*_smoke", "*_partial", "*_seeds_*")
+
+
+def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None:
+    """Writes the site, in place of what is there.
+
+    Args:
+      results: The folder of published results; its page is made if it is missing.
+      site: The folder of the site.
+      packages: What has API pages, with all modules inside.
+
+    Raises:
+      InputError: There is nothing to show, see `benchmark.page.build.write`.
+    """
+    if not (results / "index.html").exists():
+        build.write(results)
+    shutil.rmtree(site, ignore_errors=True)
+    shutil.copytree(results, site / "results", ignore=shutil.ignore_patterns(*_UNPUBLISHED))
+    documents = {name: (title, source, text) for name, title, source, text in _documents(results)}
+    pages = {source: f"{name}.html" for name, (_, source, _) in documents.items()}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    address = project.get("tool", {}).get("proxemic-benchmark", {}).get("repository", "")
+    modules = {}
+    for name, (_, source, text) in documents.items():
+        module = ModuleType(
+            name, _linked(text, source, results, f"{name.replace('.', '/')}.html", pages, address)
+        )
+        module.__dict__.update(__all__=[], __docformat__="markdown")
+        modules[name] = doc.Module(module)
+    modules |= {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
+    render.configure(docformat="google", template_directory=_TEMPLATES, show_source=False)
+    titles = {name: title for name, (title, *_) in documents.items()}
+    render.env.globals |= {"documents": titles, "packages": packages, "project": project["project"]["name"]}
+    for name, each in modules.items():
+        path = site / f"{name.replace('.', '/')}.html"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(render.html_module(each, modules), encoding="utf-8")
+    (site / "search.js").write_text(render.search_index(modules), encoding="utf-8")
+    shutil.copy(TOUR, site)
+
+
+def _modules(package: str) -> list[str]:
+    """Lists a package and all modules inside, also those that its `__all__` does not name."""
+    paths = import_module(package).__path__
+    inside = [each.name for each in walk_packages(paths, f"{package}.")]
+    return [package, *(name for name in inside if not name.endswith("__main__"))]
+
+
+def _documents(results: Path) -> Iterator[tuple[str, str, Path, str]]:
+    """Yields every document: its name, its title in the navigation, its file, and its Markdown."""
+
+    def file(path: Path) -> tuple[Path, str]:
+        return path, path.read_text(encoding="utf-8")
+
+    yield "index", "Overview", *file(ROOT / "README.md")
+    yield "tour", "Tour in ten cells", TOUR, tour()
+    path, text = file(ROOT / "envs" / "scenarios" / "README.md")
+    yield "scenarios", "Scenario files", path, f"{text}\n{reference.scenarios()}"
+    yield "experiments", "Experiment files", ROOT / "benchmark" / "experiments", reference.experiments()
+    yield (
+        "columns",
+        "Columns of tables",
+        ROOT / "benchmark" / "reports" / "columns.py",
+        reference.columns(results),
+    )
+    yield "contributing", "Contributing", *file(ROOT / "CONTRIBUTING.md")
+    yield "results", "Results", *file(results / "README.md")
+    for manifest in sorted(results.glob(f"*/{MANIFEST}")):
+        name = manifest.parent.name
+        yield f"results.{name}", name, *file(manifest.with_name("README.md"))
+
+
+def tour() -> str:
+    """Returns the notebook as Markdown."""
+    cells = json.loads(TOUR.read_text(encoding="utf-8"))["cells"]
+    texts = ["".join(cell["source"]) for cell in cells]
+    shown = [
+        text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```"
+        for cell, text in zip(cells, texts, strict=True)
+    ]
+    return "\n\n".join([*shown, f"[Download the notebook]({TOUR.name})"])
+
+
+def _linked(text: str, source: Path, results: Path, target: str, pages: dict[Path, str], address: str) -> str:
+    """Returns a document whose links lead to the site's own pages and files, or to the repository.
+
+    A link to a file of the repository whose address is not known becomes its text.
+    """
+    up = "../" * target.count("/")
+
+    def moved(found: re.Match[str]) -> str:
+        mark, label, link = found.groups()
+        if re.match(r"[a-z]+:|#", link) or link == TOUR.name:
+            return found[0]
+        file, hash_, row = link.partition("#")
+        path = Path(os.path.normpath(source.parent / file))
+        if path in pages:
+            link = pages[path].replace(".", "/", pages[path].count(".") - 1)
+        elif path.is_relative_to(results) and path.exists():
+            link = f"results/{path.relative_to(results).as_posix()}"
+        elif address and path.is_relative_to(ROOT):
+            return f"{mark}[{label}]({address}/blob/main/{path.relative_to(ROOT).as_posix()})"
+        else:
+            return label
+        return f"{mark}[{label}]({up}{link}{hash_}{row})"
+
+    parts = _CODE.split(text)
+    return "".join(part if i % 2 else _LINK.sub(moved, part) for i, part in enumerate(parts))
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]).resolve(), Path(sys.argv[2]))
+    print(f"the site is {sys.argv[2]}/index.html")
