@@ -19,6 +19,7 @@ MINIATURES: dict[str, tuple[list[str], list[str]]] = {
     "chaos": (["CHAOS=--kills 1"], ["disk full", "interrupted: 1; runs lost, repeated or different: 0"]),
     "fuzz": (["FUZZ=--inputs 40"], ["failed: 0"]),
     "report": ([], []),
+    "docs": (["PACKAGES=envs"], ["the site is"]),
     "tune": (["EXPERIMENT=tuning_smoke"], ["72 runs done", "the chosen settings are in"]),
     "when": (["EXPERIMENT=when_smoke"], ["tables and figures are in", "the page is"]),
     "speed": (["SPEED=--smoke"], []),
@@ -29,15 +30,20 @@ MINIATURES: dict[str, tuple[list[str], list[str]]] = {
 # Other tests use what the three others make: tests/test_pipeline.py and tests/benchmark/reports.
 @pytest.mark.parametrize("target", sorted({*TARGETS} - {"clean", "reproduce", "compare-deep", "beyond"}))
 def test_every_other_target(target: str, tmp_path: Path) -> None:
-    if target == "report":
+    if target in ("report", "docs"):
         shutil.copytree(ROOT / "results" / "reproduce", tmp_path / "reproduce")
     settings, expected = MINIATURES[target]
-    done = make(target, *settings, f"RESULTS={tmp_path}")
+    done = make(target, *settings, f"RESULTS={tmp_path}", f"SITE={tmp_path}/site")
     assert done.returncode == 0, done.stdout + done.stderr
     assert [text for text in expected if text not in done.stdout] == []
     made = {path.name for path in tmp_path.iterdir()}
     if target == "report":
         assert made == {"README.md", "index.html", "reproduce"}
+    elif target == "docs":
+        assert made == {"README.md", "index.html", "reproduce", "site"}
+        assert {"index.html", "scenarios.html", "envs", "results"} < {
+            path.name for path in (tmp_path / "site").iterdir()
+        }
     elif target == "tune":
         assert made >= {"runs.db", "tuning_smoke"}
         assert "dqn, coordinates" in (tmp_path / "tuning_smoke" / "README.md").read_text()
@@ -68,6 +74,7 @@ def test_clean_leaves_sources_and_published_results(tmp_path: Path) -> None:
         "results/mine_partial/claims.csv",
     }
     removed |= {"results/mine_smoke/claims.csv", "results/mine_seeds_0-9/claims.csv"}
+    removed |= {"build/site/index.html"}
     for path in (tmp_path / name for name in kept | removed):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()

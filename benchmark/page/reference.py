@@ -25,6 +25,7 @@ from benchmark.reports.folder import MANIFEST, Folder
 from envs import Scenario, load_scenario, scenario_names
 from envs.inputs import Table
 from envs.observations import OBSERVATIONS
+from envs.words import listed
 
 _ENDS: Final = re.compile(r"(.+?)(?:_low|_high)?")  # a column, and those of its interval
 
@@ -191,9 +192,11 @@ def experiments() -> str:
 def columns(results: Path) -> str:
     """Returns the reference of all columns of the tables in a folder of results."""
     tables: dict[tuple[str, str], dict[str, None]] = {}
+    folders: dict[str, list[str]] = {}
     descriptions: dict[tuple[str, str], str] = {}
     for path in sorted(results.glob(f"*/{MANIFEST}")):
         report = load_report(Folder(path.parent).manifest["report"]["kind"])
+        folders.setdefault(report.name, []).append(f"`{path.parent.name}`")
         for file in sorted(path.parent.glob("*.csv*")):
             key = report.name, file.name
             tables.setdefault(key, {}).update(dict.fromkeys(header(file)))
@@ -207,7 +210,7 @@ def columns(results: Path) -> str:
         "never happens.",
     ]
     for report_name, keys in groupby(sorted(tables), key=lambda key: key[0]):
-        parts.append(f"## {report_name}")
+        parts += [f"## {report_name.capitalize()}", f"In {listed(folders[report_name])}."]
         for key in keys:
             table = key[1].partition(".")[0]
             rows: dict[str, list[str]] = {}

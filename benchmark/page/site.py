@@ -1,4 +1,4 @@
-"""Builds the site: `python -m benchmark.page.site RESULTS SITE`, or `make docs`.
+"""Builds the site: `python -m benchmark.page.site RESULTS SITE [PACKAGE ...]`, or `make docs`.
 
 The page stands beside this project's documents, the references of files and columns, the tour, and the API.
 pdoc writes all but the page: to it, a document is a module that has nothing but a text.
@@ -10,6 +10,7 @@ import re
 import shutil
 import sys
 import tomllib
+import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -28,7 +29,7 @@ TOUR: Final = ROOT / "benchmark" / "tour.ipynb"
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "site"
 _LINK: Final = re.compile(r"(!?)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")
 _CODE: Final = re.compile(r"(^```.*?^```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
-_UNPUBLISHED: Final = ("runs.db*", ".*", "*_smoke", "*_partial", "*_seeds_*")
+_UNPUBLISHED: Final = ("*_smoke", "*_partial", "*_seeds_*")
 
 
 def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None:
@@ -45,27 +46,31 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
     if not (results / "index.html").exists():
         build.write(results)
     shutil.rmtree(site, ignore_errors=True)
-    shutil.copytree(results, site / "results", ignore=shutil.ignore_patterns(*_UNPUBLISHED))
+    for folder in _folders(results):
+        shutil.copytree(folder, site / "results" / folder.name, ignore=shutil.ignore_patterns(".*"))
+    for name in ("index.html", "README.md"):
+        shutil.copy(results / name, site / "results")
     documents = {name: (title, source, text) for name, title, source, text in _documents(results)}
     pages = {source: f"{name}.html" for name, (_, source, _) in documents.items()}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     address = project.get("tool", {}).get("proxemic-benchmark", {}).get("repository", "")
-    modules = {}
+    api = {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
+    texts = {}
     for name, (_, source, text) in documents.items():
-        module = ModuleType(
-            name, _linked(text, source, results, f"{name.replace('.', '/')}.html", pages, address)
-        )
+        target = f"{name.replace('.', '/')}.html"
+        module = ModuleType(name, _linked(text, source, results, target, pages, address))
         module.__dict__.update(__all__=[], __docformat__="markdown")
-        modules[name] = doc.Module(module)
-    modules |= {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
+        texts[name] = doc.Module(module)
     render.configure(docformat="google", template_directory=_TEMPLATES, show_source=False)
     titles = {name: title for name, (title, *_) in documents.items()}
     render.env.globals |= {"documents": titles, "packages": packages, "project": project["project"]["name"]}
-    for name, each in modules.items():
-        path = site / f"{name.replace('.', '/')}.html"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(render.html_module(each, modules), encoding="utf-8")
-    (site / "search.js").write_text(render.search_index(modules), encoding="utf-8")
+    with warnings.catch_warnings():  # annotations that only type checkers understand are shown as they are
+        warnings.filterwarnings("ignore", "Error parsing type annotation")
+        for name, each in (texts | api).items():
+            path = site / f"{name.replace('.', '/')}.html"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(render.html_module(each, api), encoding="utf-8")
+        (site / "search.js").write_text(render.search_index(texts | api), encoding="utf-8")
     shutil.copy(TOUR, site)
 
 
@@ -95,9 +100,14 @@ def _documents(results: Path) -> Iterator[tuple[str, str, Path, str]]:
     )
     yield "contributing", "Contributing", *file(ROOT / "CONTRIBUTING.md")
     yield "results", "Results", *file(results / "README.md")
-    for manifest in sorted(results.glob(f"*/{MANIFEST}")):
-        name = manifest.parent.name
-        yield f"results.{name}", name, *file(manifest.with_name("README.md"))
+    for folder in _folders(results):
+        yield f"results.{folder.name}", folder.name, *file(folder / "README.md")
+
+
+def _folders(results: Path) -> list[Path]:
+    """Lists the folders of complete results, with the declared seeds."""
+    folders = sorted(path.parent for path in results.glob(f"*/{MANIFEST}"))
+    return [path for path in folders if not any(path.match(name) for name in _UNPUBLISHED)]
 
 
 def tour() -> str:
@@ -139,5 +149,5 @@ def _linked(text: str, source: Path, results: Path, target: str, pages: dict[Pat
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]).resolve(), Path(sys.argv[2]))
+    write(Path(sys.argv[1]).resolve(), Path(sys.argv[2]), sys.argv[3:] or PACKAGES)
     print(f"the site is {sys.argv[2]}/index.html")

@@ -1,0 +1,176 @@
+"""The site: every key and column is described, every link leads somewhere, and what readers can run runs."""
+
+import doctest
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import pytest
+
+from agents import ALGORITHMS, load_algorithm
+from benchmark.experiments.schema import Experiment, Extension
+from benchmark.page import reference, site
+from benchmark.reports import load_report
+from benchmark.reports.columns import AFFIXES, meaning
+from benchmark.reports.folder import MANIFEST, Folder
+from envs import EVENTS, ProxemicEnv, Scenario
+from envs.inputs import Table
+from envs.scenario import SCENARIO_DIRECTORY
+from tests.support import ROOT
+
+RESULTS = ROOT / "results"
+GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
+CELLS: list[dict[str, Any]] = json.loads(site.TOUR.read_text(encoding="utf-8"))["cells"]
+SETTINGS = {load_algorithm(name).settings for name in ALGORITHMS}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site of one report, with the API of `envs` alone."""
+    folder = tmp_path_factory.mktemp("site")
+    shutil.copytree(RESULTS / "reproduce", folder / "results" / "reproduce")
+    site.write(folder / "results", folder / "site", ["envs"])
+    return folder / "site"
+
+
+# References
+
+
+@pytest.mark.parametrize("root", [Scenario, Experiment, Extension, *SETTINGS], ids=lambda each: each.__name__)
+def test_every_key_has_a_meaning_and_stands_in_its_reference(root: type[Table]) -> None:
+    text = reference.scenarios() if root is Scenario else reference.experiments()
+    for table in reference.tables_in(root):
+        _, _, section = text.partition(f'<a id="table-{table.__name__.lower()}">')
+        section = section.partition("<a id=")[0]
+        for key, meant in reference.meanings(table).items():
+            assert meant.endswith("."), f"{table.__name__}.{key} has no docstring below it"
+            is_file = key == "name" and root in (Scenario, Experiment) and table is root
+            assert (f"| `{key}` | " in section and meant in section) != is_file, f"{table.__name__}.{key}"
+
+
+def test_reference_says_what_is_accepted() -> None:
+    rows = reference.scenarios().splitlines()
+    for row in (
+        "| `rows` | whole number, 1 to 1,000 | required | Number of rows; together at most 100,000 cells. |",
+        '| `unit` | "cells" or "metres" | `"cells"` | Of the lengths of shapes; metres need '
+        "`grid.metres_per_cell`. |",
+        "| `noise` | number, above 0, at most 1,000,000 | required | Half the width of the interval that the "
+        "number is drawn from. |",
+        "### `issuer.feedback`, `others[].feedback`: uniform or binary",
+    ):
+        assert row in rows
+
+
+def columns() -> set[tuple[str, str, str]]:
+    """Report, table and name of every published column."""
+    found = set()
+    for manifest in RESULTS.glob(f"*/{MANIFEST}"):
+        name = load_report(Folder(manifest.parent).manifest["report"]["kind"]).name
+        for file in manifest.parent.glob("*.csv*"):
+            found |= {(name, file.name.partition(".")[0], column) for column in reference.header(file)}
+    return found
+
+
+def test_every_published_column_has_a_meaning() -> None:
+    published = columns()
+    assert len(published) > 300
+    assert {each for each in published if not meaning(*each)} == set()
+    text = reference.columns(RESULTS)
+    assert {each for each in published if f"`{each[2]}`" not in text} == set()
+
+
+def test_meanings_of_columns_are_short_and_end_alike() -> None:
+    for each in sorted(columns()):
+        text = str(meaning(*each))
+        assert len(text) < 250, each
+        assert not text.endswith("."), each
+        assert "{" not in text, each
+    assert all(text.count("{") for text in AFFIXES.values())
+
+
+# Pages
+
+
+def test_every_link_of_the_site_leads_to_a_file(built: Path) -> None:
+    documents = [
+        path for path in built.rglob("*.html") if path.parent.name != "results" or path.name != "index.html"
+    ]
+    assert len(documents) > 15
+    for path in documents:
+        html = path.read_text(encoding="utf-8")
+        html = re.sub(r"<script.*?</script>|<style.*?</style>", "", html, flags=re.DOTALL)
+        for link in re.findall(r'(?:href|src)="([^"#]+)', html):
+            if not re.match("[a-z]+:", link):
+                assert (path.parent / unquote(link)).exists(), f"{path.name}: {link}"
+        anchors = {*re.findall(r'id="([^"]+)"', html)}
+        assert {*re.findall(r'href="#(table-[^"]+)', html)} <= anchors, path.name
+
+
+def test_site_has_page_documents_and_api(built: Path) -> None:
+    names = {path.relative_to(built).as_posix() for path in built.rglob("*") if path.is_file()}
+    documents = {
+        f"{name}.html" for name in ("index", "tour", "scenarios", "experiments", "columns", "results")
+    }
+    results = {f"results/{name}" for name in ("index.html", "reproduce.html", "reproduce/claims.csv")}
+    assert names >= documents | results | {"contributing.html", "tour.ipynb", "search.js"}
+    assert names >= {"envs.html", "envs/model.html"}
+    assert "keeps bumping into a" in (built / "envs.html").read_text(encoding="utf-8")
+    assert "The largest distance that belongs to" in (built / "scenarios.html").read_text(encoding="utf-8")
+    index = (built / "index.html").read_text(encoding="utf-8")
+    assert 'href="contributing.html"' in index
+    assert "CITATION.cff" in index
+    assert 'href="CITATION.cff"' not in index  # the site has no such file
+
+
+# What readers run
+
+
+def test_tour_has_ten_cells_without_outputs() -> None:
+    assert len(CELLS) == 10
+    code = [cell for cell in CELLS if cell["cell_type"] == "code"]
+    assert [cell["outputs"] for cell in code] == [[]] * len(code)
+    assert {cell["execution_count"] for cell in code} == {None}
+
+
+def test_tour_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict[str, Any] = {}
+    for cell in CELLS:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+    printed = capsys.readouterr().out
+    assert "PING [0.11111111 0.09090909] -0.4 wrong_ping" in printed
+    assert "success              1" in printed
+    lines = names["axis"].lines
+    assert [line.get_label() for line in lines] == ["table", "net"]
+    assert all(line.get_ydata()[-1] > 0.5 for line in lines)  # both have learned
+
+
+def test_example_of_the_guide_to_scenarios_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (toml,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
+    (session,) = re.findall(r"```pycon\n(.*?)```", GUIDE, flags=re.DOTALL)
+    (tmp_path / "Corridor.toml").write_text(toml, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    test = doctest.DocTestParser().get_doctest(session, {}, "README", None, 0)
+    said: list[str] = []
+    result = doctest.DocTestRunner().run(test, out=said.append)
+    assert result.attempted == 5
+    assert not result.failed, "".join(said)
+
+
+def test_what_the_guide_says_of_counted_and_delayed_pings_is_right() -> None:
+    env = ProxemicEnv("Counted", "coordinates")
+    env.reset(seed=0)
+    steps = [env.step(4) for _ in range(5)]
+    assert [round(float(step[0][2]) * 4) for step in steps] == [1, 2, 3, 4, 4]  # type: ignore[index]
+    assert [step[4]["wrong_pings"] for step in steps] == [1, 2, 3, 4, 5]
+    assert [step[2] for step in steps] == [False] * 4 + [True]
+
+    env = ProxemicEnv("Delayed")
+    env.reset(seed=0)
+    steps = [env.step(action) for action in (4, 0, 0)]  # at (0, 0), the start, and against the wall
+    assert [EVENTS[step[4]["event"]] for step in steps] == ["wrong_ping", "move", "move"]
+    assert [step[4]["issuer_reward"] for step in steps] == [0.0, -1.0, 0.0]
