@@ -38,11 +38,13 @@ class Schedule:
     """When policies and values are recorded during training, in units of the learner's budget."""
 
     budget: int
-    evaluation_steps: tuple[int, ...] = ()  # (T,) when policies are recorded: rising, from 0 to the budget
-    map_steps: tuple[int, ...] = ()  # (V,) those of them when the values of all observations are, too
-    # Asked at every evaluation step, with its place and the table (O, A) there: whether training may end.
-    # Tables do not ask. After an early end, the remaining evaluations repeat the last one.
+    evaluation_steps: tuple[int, ...] = ()
+    """(T,) when policies are recorded: rising, from 0 to at most the budget."""
+    map_steps: tuple[int, ...] = ()
+    """(V,) those of them when the values of all observations are, too."""
     may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
+    """Asked at every evaluation step, with its place and the table (O, A) there: whether training may end.
+    Tables do not ask. After an early end, the remaining evaluations repeat the last one."""
 
     def __post_init__(self) -> None:
         """Refuses, by a ValueError, steps that are not as described."""
@@ -65,29 +67,35 @@ class Training:
     Subclasses may add fields; their first axis is N.
     """
 
-    # (N, T, O) masks of greedy actions, see `agents.policy`
     greedy: NDArray[np.uint8]
-    # (N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns none
+    """(N, T, O) masks of greedy actions, see `agents.policy`."""
     q: NDArray[np.float64]
-    # (N, T, O, A) probabilities of the policy that the algorithm acts by and improves, if that is neither
-    # greedy nor greedy with a fixed share of exploration; else (N, 0, O, A)
+    """(N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns none."""
     stochastic: NDArray[np.float64]
-    # (N, V, O, A) at the map steps: probabilities if there are any, else action values; NaN after divergence
+    """(N, T, O, A) probabilities of the policy that the algorithm acts by and improves, if that is neither
+    greedy nor greedy with a fixed share of exploration; else (N, 0, O, A)."""
     values: NDArray[np.float32]
-    disagreements: NDArray[np.int64]  # (N, T) wrong PINGs so far
-    cpu_time_s: NDArray[np.float64]  # (N, T) CPU seconds spent on training so far
-    updates: NDArray[np.int64]  # (N,) updates of the table, or gradient steps
-    parameters: NDArray[np.int64]  # (N,) learned parameters
-    # (N,) the first evaluation step whose policy was not finite, or -1. From that step on the policy counts
-    # as the uniform random one.
+    """(N, V, O, A) at the map steps: probabilities if there are any, else action values; NaN after
+    divergence."""
+    disagreements: NDArray[np.int64]
+    """(N, T) wrong PINGs so far."""
+    cpu_time_s: NDArray[np.float64]
+    """(N, T) CPU seconds spent on training so far."""
+    updates: NDArray[np.int64]
+    """(N,) updates of the table, or gradient steps."""
+    parameters: NDArray[np.int64]
+    """(N,) learned parameters."""
     diverged_at: NDArray[np.int64]
+    """(N,) the first evaluation step whose policy was not finite, or -1. From that step on the policy counts
+    as the uniform random one."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DeepTraining(Training):
     """What training N nets returns in addition."""
 
-    weights: NDArray[np.uint8]  # (N, 32) SHA-256 of all final weights
+    weights: NDArray[np.uint8]
+    """(N, 32) SHA-256 of all final weights."""
 
 
 def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], schedule: Schedule) -> None:
@@ -103,14 +111,20 @@ class Algorithm(ABC):
     """A method of learning: its settings, where it runs, and how it trains. A subclass sets what differs."""
 
     settings: type[LearnerSettings]
-    family: Literal["tabular", "deep", "planner"] = "tabular"  # a planner knows the model
-    version: int = 1  # part of every run's identity; raised when a change alters what is learned
-    observations: tuple[str, ...] = ("index", "offset")  # the forms that it accepts, see `envs.observations`
-    packages: tuple[str, ...] = ()  # that it needs beyond the usual ones; a record names their versions
-    batch_size: int = 1  # how many agents one call of `train` should get
-    # Where to call `train`: in a thread if it releases Python's global lock, else in a process.
+    family: Literal["tabular", "deep", "planner"] = "tabular"
+    """What kind of learner it is; a planner knows the model."""
+    version: int = 1
+    """Part of every run's identity; raised when a change alters what is learned."""
+    observations: tuple[str, ...] = ("index", "offset")
+    """The forms that it accepts, see `envs.observations`."""
+    packages: tuple[str, ...] = ()
+    """Packages that it needs beyond the usual ones; a record names their versions."""
+    batch_size: int = 1
+    """How many agents one call of `train` should get."""
     placement: Literal["thread", "process"] = "process"
-    writes_logs: bool = False  # whether it can write TensorBoard logs
+    """Where to call `train`: in a thread if it releases Python's global lock, else in a process."""
+    writes_logs: bool = False
+    """Whether it can write TensorBoard logs."""
 
     @abstractmethod
     def train(
@@ -140,7 +154,8 @@ class Algorithm(ABC):
 class SequentialAlgorithm(Algorithm):
     """An algorithm that trains one agent after another."""
 
-    training: type[Training] = Training  # what `train` returns
+    training: type[Training] = Training
+    """What `train` returns."""
 
     @abstractmethod
     def train_agent(

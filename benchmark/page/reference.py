@@ -100,7 +100,8 @@ def _accepted(schema: Mapping[str, Any]) -> str:
             return "[ROW, COLUMN]" if kinds == ["whole number"] * 2 else f"[{', '.join(kinds)}]"
         case "array":
             n = _range(schema, "minItems", "maxItems", " item")
-            return f"list of {_accepted(schema['items'])}{n and f' ({n[2:]})'}"
+            items = _accepted(schema["items"]).replace("[a table]", "[tables]")
+            return f"list of {items}{n and f' ({n[2:]})'}"
         case "object" if isinstance(schema.get("additionalProperties"), dict):
             return f"{_accepted(schema['additionalProperties'])} for each name"
         case "object":

@@ -99,7 +99,7 @@ def _documents(results: Path) -> Iterator[tuple[str, str, Path, str]]:
         reference.columns(results),
     )
     yield "contributing", "Contributing", *file(ROOT / "CONTRIBUTING.md")
-    yield "results", "Results", *file(results / "README.md")
+    yield "results", "Folders of results", *file(results / "README.md")
     for folder in _folders(results):
         yield f"results.{folder.name}", folder.name, *file(folder / "README.md")
 
