@@ -52,6 +52,7 @@ class Variant(Table):
     """
 
     algorithm: str
+    title: Annotated[Line, Field(max_length=60)] = ""  # what readers call it; by default its name
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1, le=100_000)]  # runs per scenario and condition
     first_seed: Annotated[int, Field(ge=0, le=900_000)] = 0  # the others follow it
