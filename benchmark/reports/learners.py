@@ -1,4 +1,4 @@
-"""What readers call learners: the title of a variant, and what it observes. CSV files keep the short names."""
+"""What readers call learners: a variant's title and what it observes. CSV files keep the short names."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,8 @@ class Names:
     def __call__(self, variant: str, observation: str) -> str:
         """Returns what readers call a learner.
 
-        >>> names = Names({"q": "Q-learning table", "dqn": "DQN"}, {"q": "tabular", "dqn": "deep", "mine": "deep"})
+        >>> families = {"q": "tabular", "dqn": "deep", "mine": "deep"}
+        >>> names = Names({"q": "Q-learning table", "dqn": "DQN"}, families)
         >>> names("q", "index"), names("q", "offset"), names("dqn", "coordinates"), names("mine", "one_hot")
         ('Q-learning table', 'Q-learning table of offsets', 'DQN on coordinates', 'mine on one-hot cells')
         """
