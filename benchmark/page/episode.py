@@ -86,11 +86,9 @@ def moving(scene: Scene, steps: Sequence[Step]) -> Markup:
     signs, rules = [], [f"@keyframes agent{{{frames}}}", f".walker,.sign{{animation-duration:{n * _SECONDS}s}}"]
     for step in steps:
         if step.event in _SIGNS:
-            here, gone = 100 * step.number / n, 100 * (step.number + (3 if step is steps[-1] else 1)) / n
-            rules.append(
-                f"@keyframes sign{step.number}{{0%,{here - 0.01:.2f}%{{opacity:0}}{here:.2f}%,{gone - 0.01:.2f}%{{"
-                f"opacity:1}}{min(gone, 100):.2f}%,100%{{opacity:{int(gone >= 100)}}}}}"
-            )
+            shown = f"0%{{opacity:0}}{100 * step.number / n:.2f}%{{opacity:1}}"
+            gone = "" if step is steps[-1] else f"{100 * (step.number + 1) / n:.2f}%{{opacity:0}}"
+            rules.append(f"@keyframes sign{step.number}{{{shown}{gone}}}")
             signs.append(_sign(scene, step, f' style="animation-name:sign{step.number}"'))
     walker = f'<g class="walker" style="transform:translate({_at(scene, steps[-1].after)})">{_AGENT}</g>'
     return _svg(scene, f"<style>{''.join(rules)}</style>{walker}{''.join(signs)}", _title(steps))
