@@ -194,7 +194,11 @@ class _Part:
             return None
         names = Names.from_manifest(self.folder.manifest)
         looks = {
-            f"{variant}, {observation}": {"name": names(variant, observation), "colour": "var(--ink)", "dash": ""}
+            f"{variant}, {observation}": {
+                "name": names(variant, observation),
+                "colour": "var(--ink)",
+                "dash": "",
+            }
             for variant, declared in self.folder.manifest["algorithms"].items()
             for observation in declared["settings"]
         }
@@ -235,7 +239,7 @@ class _Part:
             if token.type == "heading_open" and (token.tag == "h2" or following.content == _FOLDED):
                 sections.append((self._html([following]), f"{self.name}-{_slug(following.content)}", []))
                 continue
-            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 1}", token.tag)
+            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
             sections[-1][2].append(token)
             if token.type == "heading_close" and len(sections[-1][2]) == 2:
                 sections[-1][2].clear()  # of the section itself
@@ -294,7 +298,11 @@ def _render(parts: Sequence[_Part]) -> str:
     templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters |= {"slug": _slug, "signed": lambda number: f"{number:.3g}".replace("-", "−")}
     names = {part.link(path.name) for part in parts for path in part.folder.path.glob("*.csv")}
-    templates.globals |= {"inside": names, "root": "results/" if parts[0].prefix else parts[0].root, **about()}
+    templates.globals |= {
+        "inside": names,
+        "root": "results/" if parts[0].prefix else parts[0].root,
+        **about(),
+    }
     reports = []
     for part in parts:
         with part.folder.reading():
@@ -324,7 +332,9 @@ def _render(parts: Sequence[_Part]) -> str:
         "agents": [(part.name, part.prefix, _agents(part.folder)) for part in explored],
         "maps_link": explored[0].link("README.md") if explored else "",
         "command": "make report" if len(parts) > 1 else manifests[0]["command"],
-        "year": max(manifest["last_started_at"][:4] for manifest in manifests if "last_started_at" in manifest),
+        "year": max(
+            manifest["last_started_at"][:4] for manifest in manifests if "last_started_at" in manifest
+        ),
         "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
         "js": Markup(_script()),
     }

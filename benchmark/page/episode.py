@@ -83,7 +83,10 @@ def moving(scene: Scene, steps: Sequence[Step]) -> Markup:
         (n, steps[-1].after),
     ]
     frames = "".join(f"{100 * at / n:.2f}%{{transform:translate({_at(scene, cell)})}}" for at, cell in stops)
-    signs, rules = [], [f"@keyframes agent{{{frames}}}", f".walker,.sign{{animation-duration:{n * _SECONDS}s}}"]
+    signs, rules = (
+        [],
+        [f"@keyframes agent{{{frames}}}", f".walker,.sign{{animation-duration:{n * _SECONDS}s}}"],
+    )
     for step in steps:
         if step.event in _SIGNS:
             shown = f"0%{{opacity:0}}{100 * step.number / n:.2f}%{{opacity:1}}"
@@ -121,7 +124,9 @@ def _sign(scene: Scene, step: Step, attributes: str) -> str:
     sign, kind = _SIGNS[step.event]
     row, column = scene.centre(scene.cells_of("issuer")[0])
     x, y = (column + 1.1) * _UNIT, (row - 1.1) * _UNIT
-    bubble = f'<circle cx="{x:g}" cy="{y:g}" r="{0.75 * _UNIT:g}"/><text x="{x:g}" y="{y + 6:g}">{sign}</text>'
+    bubble = (
+        f'<circle cx="{x:g}" cy="{y:g}" r="{0.75 * _UNIT:g}"/><text x="{x:g}" y="{y + 6:g}">{sign}</text>'
+    )
     return f'<g class="sign {kind}"{attributes}>{bubble}</g>'
 
 
