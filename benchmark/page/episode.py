@@ -1,4 +1,4 @@
-"""An episode of the paper's scenario S1, as the page tells it: what the person feels, and what the agent learns.
+"""An episode of the paper's scenario S1, as the page tells it: what the person feels, and the agent learns.
 
 Events and rewards are those of the compiled scenario. Its pictures are SVG, which style sheets move.
 """
@@ -48,7 +48,7 @@ class Step(NamedTuple):
 
 
 def episode() -> tuple[Scene, list[Step]]:
-    """Returns the map and the steps; values are those of Q-learning from 0 (Sutton and Barto 2018, eq. 6.8)."""
+    """Returns the map and the steps, with the values of Q-learning from 0 (Sutton and Barto 2018, eq. 6.8)."""
     model = compile_scenario(load_scenario(SCENARIO))
     scene, q = scene_of(model), np.zeros((model.n_observations, len(ACTIONS)))
     steps: list[Step] = []
@@ -111,7 +111,7 @@ _AGENT: Final = f'<circle class="agent" r="{0.34 * _UNIT}"/>'
 
 def _title(steps: Sequence[Step]) -> str:
     n_wrong = sum(step.event == "wrong_ping" for step in steps)
-    return f"An agent walks towards a person and asks {n_wrong} times at a wrong distance, then at the right one."
+    return f"An agent walks to a person, asks {n_wrong} times at a wrong distance, and then at the right one."
 
 
 def _at(scene: Scene, cell: int, unit: str = "px") -> str:
