@@ -48,7 +48,7 @@ class Step(NamedTuple):
 
 
 def episode() -> tuple[Scene, list[Step]]:
-    """Returns the map and the steps, with the values of Q-learning from 0 (Sutton and Barto 2018, eq. 6.8)."""
+    """Returns the map and the steps, with values of Q-learning from 0 (Sutton and Barto 2018, eq. 6.8)."""
     model = compile_scenario(load_scenario(SCENARIO))
     scene, q = scene_of(model), np.zeros((model.n_observations, len(ACTIONS)))
     steps: list[Step] = []
