@@ -53,6 +53,8 @@ class Variant(Table):
 
     algorithm: str
     """One of the algorithms below, or `module:attribute` of any other."""
+    title: Annotated[Line, Field(max_length=60)] = ""
+    """What readers call it; by default its name."""
     observations: Annotated[tuple[str, ...], Field(min_length=1)]
     """Forms of observation; each makes a learner."""
     seeds: Annotated[int, Field(ge=1, le=100_000)]

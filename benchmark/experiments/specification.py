@@ -357,6 +357,7 @@ def digest_of_search(search: Experiment) -> str:
     """Returns a digest of what a search depends on: what its file declares but texts, scenarios, versions."""
     content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
     for each in content["algorithms"].values():
+        del each["title"]
         for axis in each["search"].values():
             del axis["why"]
     content["scenarios"] = [load_scenario(each).model_dump(mode="json") for each in search.scenarios]

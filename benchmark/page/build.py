@@ -10,8 +10,11 @@ import gzip
 import io
 import json
 import re
+import tomllib
 import zlib
 from collections.abc import Iterable, Sequence
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,22 +27,23 @@ from PIL import Image
 
 from benchmark.drawing.tables import inert
 from benchmark.execution.provenance import digest_of_file, digest_of_source
+from benchmark.page import episode
 from benchmark.reports import explorer, files, sameness
 from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Item
+from benchmark.reports.learners import Names
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
 # The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
 PUBLISHED: Final = ("when", "compare_deep", "beyond", "reproduce")
 _SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
-_MAP: Final = ("cells", "contrasts", "cpu", "runs")  # tables that the script of a map reads
-_CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks up mean scores
 _TEMPLATES: Final = Path(__file__).parent / "templates"
+_TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
 _LEADING_COLOURS: Final = 96  # of a leading one, which has more of them
-_MOST_ROWS: Final = 60  # of a table that is shown at once; longer ones are shown on demand
+_MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
 _PLACED: Final = re.compile(f"(?:<p>)?{_PLACE}([^{_PLACE}]*){_PLACE}(?:</p>)?")
@@ -47,7 +51,6 @@ _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
-_LINKED: Final = re.compile(r'href="([^"#]*\.csv)#row=')  # a file whose rows the page links to
 _IMPORT: Final = re.compile(r'^import (?:\{[^}]*\} from )?"\./(\w+\.js)";\n', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
 
@@ -134,10 +137,15 @@ class _Part:
         self.folder = self.document.folder
         self.name = path.name
         self.prefix = prefix
+        self.root = f"results/{path.name}/"  # in the repository
         self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
 
     def report(self, templates: jinja2.Environment) -> dict[str, Any]:
-        """Returns what the page shows of the report."""
+        """Returns what the page shows of the report.
+
+        Args:
+          templates: Those of the page, with what all of them need among their globals.
+        """
         document, items = self.document, {item.name: item for item in self.document.items}
         lead = items.get(document.report.lead)
         has_lead = lead is not None and document.has_figure(lead)
@@ -157,8 +165,9 @@ class _Part:
                 item=item,
                 table=table,
                 figure=figure,
-                is_folded=item.name in folded or (table is not None and len(table["rows"]) > _MOST_ROWS),
-                link=self.link,
+                is_folded=item.name in folded,
+                most_rows=_MOST_ROWS,
+                source=self.link(f"{item.name}.csv"),
             )
             return text.strip()
 
@@ -183,7 +192,17 @@ class _Part:
         """Returns what the page's map needs but for its tables; None if this is no map."""
         if self.folder.manifest["report"]["kind"] != "map":
             return None
-        return {"folder": self.prefix}
+        names = Names.from_manifest(self.folder.manifest)
+        looks = {
+            f"{variant}, {observation}": {
+                "name": names(variant, observation),
+                "colour": "var(--ink)",
+                "dash": "",
+            }
+            for variant, declared in self.folder.manifest["algorithms"].items()
+            for observation in declared["settings"]
+        }
+        return {"folder": self.prefix, "looks": looks}
 
     def link(self, file: str) -> str:
         """Returns where a file of the folder is, seen from the page."""
@@ -194,13 +213,20 @@ class _Part:
         return self._html(self._parser.parseInline(text))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
-        """Returns parsed Markdown as HTML, with links from the page to the folder's files."""
+        """Returns parsed Markdown as HTML, with links from the page to what can be reached from it."""
+        is_bare = False
         for token in [child for each in tokens for child in (each.children or [])]:
             target = str(token.attrGet("href") or "")
+            if token.type == "link_close" and is_bare:
+                token.tag, is_bare = "span", False
             if target and ":" not in target and not target.startswith(("#", "/")):
-                token.attrSet("href", self.link(target))
-                if ".csv#row=" in target:
-                    token.attrSet("class", "n")
+                if ".csv" in target:
+                    token.attrSet("href", self.link(target))
+                    token.attrSet("class", "n" if "#row=" in target else "file")
+                elif repository := about()["repository"]:
+                    token.attrSet("href", f"{repository}/blob/main/{self.root}{target}")
+                else:  # a file that the page does not hold
+                    token.tag, token.attrs, is_bare = "span", {"title": f"{self.root}{target}"}, True
             if token.type == "text":
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
@@ -213,7 +239,7 @@ class _Part:
             if token.type == "heading_open" and (token.tag == "h2" or following.content == _FOLDED):
                 sections.append((self._html([following]), f"{self.name}-{_slug(following.content)}", []))
                 continue
-            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 1}", token.tag)
+            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
             sections[-1][2].append(token)
             if token.type == "heading_close" and len(sections[-1][2]) == 2:
                 sections[-1][2].clear()  # of the section itself
@@ -240,7 +266,7 @@ class _Part:
         }
 
     def _figure(self, item: Item, n_colours: int = _FIGURE_COLOURS) -> dict[str, Any]:
-        """Returns a figure small enough for the page; the link leads to the drawing itself."""
+        """Returns a figure small enough for the page."""
         with Image.open(self.folder.path / f"{item.name}.png") as image:
             small = image.convert("RGB").quantize(n_colours, dither=Image.Dither.NONE).convert("RGB")
         buffer = io.BytesIO()
@@ -248,7 +274,7 @@ class _Part:
         return {
             "caption": self.inline(item.caption),
             "alt": item.caption,
-            "source": self.link(f"{item.name}.png"),
+            "type": "image/webp",
             "data": _base64(buffer.getvalue()),
             "width": small.width,
             "height": small.height,
@@ -270,16 +296,33 @@ def _kind(name: str, texts: Iterable[str]) -> str:
 def _render(parts: Sequence[_Part]) -> str:
     """Returns the page."""
     templates = templates_in(_TEMPLATES, is_html=True)
-    templates.filters["slug"] = _slug
+    templates.filters |= {"slug": _slug, "signed": lambda number: f"{number:.3g}".replace("-", "−")}
+    names = {part.link(path.name) for part in parts for path in part.folder.path.glob("*.csv")}
+    templates.globals |= {
+        "inside": names,
+        "root": "results/" if parts[0].prefix else parts[0].root,
+        **about(),
+    }
     reports = []
     for part in parts:
         with part.folder.reading():
             reports.append(part.report(templates))
     explored = [part for part in parts if explorer.FILE in part.folder]
     manifests = [part.folder.manifest for part in parts]
+    texts = {
+        part.link(path.name): path.read_text(encoding="utf-8")
+        for part in parts
+        for path in sorted(part.folder.path.glob("*.csv"))
+    }
+    scene, steps = episode.episode()
     content = {
         "reports": reports,
         "partial": [part.inline(note) for part in parts if (note := part.folder.manifest.get("partial"))],
+        "task": parts[0].inline(_TASK.read_text(encoding="utf-8")),
+        "moving": episode.moving(scene, steps),
+        "steps": [(step, episode.still(scene, steps, step)) for step in episode.told(steps)],
+        "rate": episode.RATE,
+        "discount": episode.DISCOUNT,
         "scenarios": {
             name: part.inline(inert(declared["description"]))
             for part in parts
@@ -289,25 +332,26 @@ def _render(parts: Sequence[_Part]) -> str:
         "agents": [(part.name, part.prefix, _agents(part.folder)) for part in explored],
         "maps_link": explored[0].link("README.md") if explored else "",
         "command": "make report" if len(parts) > 1 else manifests[0]["command"],
+        "year": max(
+            manifest["last_started_at"][:4] for manifest in manifests if "last_started_at" in manifest
+        ),
         "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
         "js": Markup(_script()),
     }
-    template = templates.get_template("page.html")
-    linked = {*_LINKED.findall(template.render(**content, data=""))}
-    linked |= {part.link(name) for part in explored for name in _CURVES}
-    linked |= {
-        part.link(f"{name}.csv")
-        for part, each in zip(parts, reports, strict=True)
-        if each["map"]
-        for name in _MAP
+    return templates.get_template("page.html").render(**content, data=pack(texts))
+
+
+@cache
+def about() -> dict[str, str]:
+    """Returns the version of this project, and the address of its repository, which may be empty."""
+    try:
+        declared = tomllib.loads((_TEMPLATES.parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    except OSError:  # an installed package
+        return {"version": metadata.version("proxemic-benchmark"), "repository": ""}
+    return {
+        "version": declared["project"]["version"],
+        "repository": declared["tool"]["proxemic-benchmark"]["repository"].rstrip("/"),
     }
-    texts = {
-        part.link(path.name): path.read_text(encoding="utf-8")
-        for part in parts
-        for path in sorted(part.folder.path.glob("*.csv"))
-        if part.link(path.name) in linked
-    }
-    return template.render(**content, data=pack(texts))
 
 
 def pack(data: object) -> str:

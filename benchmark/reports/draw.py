@@ -260,6 +260,7 @@ def _manifest(
         "algorithms": {
             run.variant: {
                 "algorithm": run.algorithm,
+                "title": experiment.algorithms[run.variant].title,
                 "family": experiment.algorithms[run.variant].family or load_algorithm(run.algorithm).family,
                 "packages": load_algorithm(run.algorithm).packages,
                 "reference_for": experiment.algorithms[run.variant].reference_for,

@@ -9,8 +9,7 @@ if (box) {
   const [PLOT, TOP] = [560, 12]; // right of it are the names
   const BUDGETS = [1000, 2000, 5000, 10000, 20000, 50000, 100000, 200000, 500000, 1000000];
   const UNITS = { steps: "steps", disagreements: "wrong PINGs", cpu_time_s: "seconds of CPU time" };
-  const INK = ["var(--soft)", "var(--ink)", "var(--good)", "var(--accent)", "var(--link)", "var(--bad)"];
-  const DASHES = ["", "6 3", "2 3", "", "6 3", "2 3"];
+  const looks = JSON.parse(box.dataset.looks); // name, colour and dash of every learner
 
   // The rows of a table as objects, each with its line in the file.
   function table(name) {
@@ -79,38 +78,43 @@ if (box) {
       }
       box.querySelector(".chart").replaceChildren(chart(cells.filter(here), names, value, currency(), chosen.places));
       byId("map-sentence").replaceChildren(...sentence());
+      byId("map-table").replaceChildren(...learned());
     }
 
-    // Runs of a grid that has this cell; those of a contrast may be more than of others.
+    const isChosen = (row) => here(row) && Number(row.places) === chosen.places;
+
+    // How the contrast ended, if there is one here.
     function sentence() {
+      const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room} cells`;
+      const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
+      const row = contrasts.find((each) => isPlain(each) && isChosen(each));
+      if (!row) return [`With ${where}${code}: no declared contrast.`];
+      const [x, y] = [row.x, row.y].map((name) => looks[name].name);
+      const words = { faster: `${x} needs fewer steps than the ${y}`, slower: `${x} needs more steps than the ${y}`,
+        "equally fast": `${x} and the ${y} need equally many steps`, "neither learns": `neither ${x} nor the ${y} learns`,
+        undecided: `it is undecided which of ${x} and the ${y} needs fewer steps` };
+      return [`With ${where}${code}, after `, sourced(row.file, row.line, row.n), ` pairs of runs: ${words[row.verdict]}.`];
+    }
+
+    // The runs of every learner here; those of a contrast may be more than of others.
+    function learned() {
       const rows = new Map();
-      for (const row of cells.filter((each) => here(each) && Number(each.places) === chosen.places)) {
+      for (const row of cells.filter(isChosen)) {
         if (!rows.has(learner(row))) rows.set(learner(row), row);
       }
-      const parts = [];
-      for (const [name, row] of rows) {
+      const parts = [...rows].map(([name, row]) => {
         const steps = runs.get(`${row.grid}/${row.point}/${name}`) ?? [];
         const budget = Math.min(chosen.budget, Number(row.budget));
         const solved = steps.filter((each) => each <= budget).length;
-        const limit = budget < chosen.budget ? ` (of a budget of ${grouped(budget)})` : "";
-        const took = value(row, currency());
-        parts.push([solved / steps.length, `${name} `, sourced(row.file, row.line, `${solved} of ${steps.length}`),
-          Number.isFinite(took) ? `${limit}, median of all runs ${short(took)} ${UNITS[currency()]}` : `${limit}, most never learn`]);
-      }
-      parts.sort((a, b) => b[0] - a[0]);
-      const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room} cells`;
-      const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
-      const text = [`With ${where}${code}, runs that have learned within ${grouped(chosen.budget)} steps: `];
-      parts.forEach(([, ...part], i) => text.push(...(i ? ["; "] : []), ...part));
-      text.push(". ");
-      for (const row of contrasts.filter((each) => isPlain(each) && here(each) && Number(each.places) === chosen.places).slice(0, 1)) {
-        const { x, y, verdict } = row;
-        const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
-          "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
-          undecided: `it is undecided which of ${x} and ${y} needs fewer steps` };
-        text.push("After ", sourced(row.file, row.line, row.n), ` pairs of runs: ${words[verdict]}.`);
-      }
-      return text;
+        const limit = budget < chosen.budget ? ` (within ${grouped(budget)})` : "";
+        return { name, row, limit, solved, n: steps.length, took: value(row, currency()) };
+      });
+      parts.sort((a, b) => b.solved / b.n - a.solved / a.n || a.took - b.took);
+      const line = (kind, texts) => element("tr", {}, ...texts.map((text, i) => element(kind, i ? { class: "number" } : {}, ...[text].flat())));
+      const body = parts.map(({ name, row, limit, solved, n, took }) =>
+        line("td", [looks[name].name, [sourced(row.file, row.line, `${solved} of ${n}`), limit], Number.isFinite(took) ? short(took) : "most never learn"]));
+      const head = line("th", ["learner", `runs that learned within ${grouped(chosen.budget)} steps`, `median ${UNITS[currency()]}`]);
+      return [element("thead", {}, head), element("tbody", {}, ...body)];
     }
 
     for (const [name, slider] of sliders) {
@@ -142,14 +146,14 @@ if (box) {
     image.append(drawn("text", { x: (LEFT + PLOT) / 2, y: HIGH - 6, "text-anchor": "middle" }, "places in which the person may stand"));
     image.append(drawn("line", { class: "now", x1: x(marked), x2: x(marked), y1: TOP, y2: HIGH - BOTTOM }));
     const ends = [];
-    names.forEach((name, i) => {
+    names.forEach((name) => {
       const own = new Map(rows.filter((row) => learner(row) === name).map((row) => [Number(row.places), value(row, kind)]));
       const points = [...own].sort(([a], [b]) => a - b).filter(([, v]) => !Number.isNaN(v))
         .map(([n, v]) => [x(n), Number.isFinite(v) ? y(Math.max(v, 10 ** low)) : TOP, Number.isFinite(v)]);
       if (!points.length) return;
-      const colour = INK[i % INK.length];
+      const { colour, dash } = looks[name];
       image.append(drawn("polyline", { points: points.map(([a, b]) => `${a},${b}`).join(" "), fill: "none",
-        style: `stroke: ${colour}`, "stroke-width": 2, "stroke-dasharray": DASHES[i % DASHES.length] }));
+        style: `stroke: ${colour}`, "stroke-width": 2, "stroke-dasharray": dash }));
       for (const [a, b, isKnown] of points) {
         image.append(drawn("circle", { cx: a, cy: b, r: 4, style: `stroke: ${colour}; fill: ${isKnown ? colour : "var(--paper)"}`, "stroke-width": 1.5 }));
       }
@@ -158,7 +162,7 @@ if (box) {
     let last = -Infinity;
     for (const end of ends.sort((a, b) => a.y - b.y)) {
       last = Math.max(end.y, last + 15);
-      image.append(drawn("text", { x: PLOT + 10, y: last + 4, style: `fill: ${end.colour}` }, end.name));
+      image.append(drawn("text", { x: PLOT + 10, y: last + 4, style: `fill: ${end.colour}` }, looks[end.name].name));
     }
     return element("figure", {}, image, element("figcaption", {}, `${title} Hollow, at the top: most runs never learn within their budget.`));
   }

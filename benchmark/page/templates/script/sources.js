@@ -1,5 +1,6 @@
 // Sources: a click on a number opens a dialog with the lines of the CSV file that it comes from.
 import { byId, element } from "./elements.js";
+import { csv } from "./data.js";
 import { holds, rowsOf } from "./csv.js";
 
 // The line numbers of a selection such as "3;7-9".
@@ -54,7 +55,20 @@ function showSource(text, file, selection) {
   return true;
 }
 
+// A file that the page holds is saved from the page, which may be alone.
+function save(name) {
+  const address = URL.createObjectURL(new Blob([csv[name]], { type: "text/csv" }));
+  element("a", { href: address, download: name.replaceAll("/", "_") }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 60000);
+}
+
 document.addEventListener("click", (event) => {
+  const name = event.target.closest("a.file")?.getAttribute("href").split("#")[0];
+  if (name && holds(name)) {
+    save(name);
+    event.preventDefault();
+    return;
+  }
   const link = event.target.closest("a.n");
   if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
   const [file, selection] = link.getAttribute("href").split("#row=");
