@@ -67,7 +67,7 @@ class Document:
 
     def shown(self, item: Item) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts."""
-        return item.display(self.folder.frame(item.name))
+        return item.display(self.folder.names.in_table(self.folder.frame(item.name)))
 
     def render(self, place: Place, template: Path | None = None, **more: object) -> str:
         """Returns the document as Markdown.

@@ -312,6 +312,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         "every_cell_success": "success from any cell",
     },
     where=lambda frame: frame if frame["scenario"].nunique() <= figures.FEW else no_rows(frame),
+    best="success",
 )
 def summary(runs: Runs) -> Iterator[dict[str, Any]]:
     """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
@@ -421,6 +422,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         "unbounded_score": "score without bounds",
         "iqm": "its interquartile mean",
     },
+    best="success",
 )
 def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
     """`iqm` is rliable's interquartile mean of the scores without bounds; only if scenarios are pooled."""
@@ -479,6 +481,7 @@ def scores(runs: Runs, directory: Path) -> None:
     "region",
     "cells where an agent values PING, compared with the target region",
     {**CELL, "cells_marked": "cells marked", "precision": "", "recall": "", "overlap": ""},
+    best="overlap",
 )
 def region(runs: Runs) -> Iterator[dict[str, Any]]:
     """Means over agents; precision is of those that mark a cell, overlap is intersection over union."""

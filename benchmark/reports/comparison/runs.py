@@ -26,7 +26,7 @@ Place = tuple[str, str, Learner]  # scenario, condition and learner
 Listed = Mapping[Place, Sequence[RunSpecification]]  # the runs of cells
 
 SB3: Final = "Stable-Baselines3 itself"  # what trains references, as readers see it
-CELL: Final = dict.fromkeys(("scenario", "condition", "algorithm", "observation"), "")  # columns, unlabelled
+CELL: Final = dict.fromkeys(("scenario", "condition", "learner"), "")  # columns, unlabelled
 EFFORT: Final = {  # columns
     "settings_tried": "settings tried",
     "search_steps": "steps of the search",

@@ -91,6 +91,7 @@ def _first_step(is_good: NDArray[np.bool_]) -> NDArray[np.int_]:
         "step": "step of the mean over runs",
         "final_success": "final mean",
     },
+    best="-step",
 )
 def steps(runs: Runs) -> Iterator[dict[str, Any]]:
     """`step` is that of the mean success over runs, and `below_at` the last evaluation before it."""
@@ -169,6 +170,7 @@ def _ratio(x: Cell, y: Cell) -> dict[str, Any]:
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
     {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
     where=lambda frame: frame[frame["ratio"] >= 1],
+    best="ratio",
 )
 def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     """Of every deep learner against every table, and of every table against every deep learner."""
@@ -267,6 +269,7 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
         **EFFORT,
     },
     is_measured=True,
+    best="-cpu_time_s",
 )
 def cost(runs: Runs) -> Iterator[dict[str, Any]]:
     """Medians over all scenarios, and the range of CPU time."""

@@ -17,7 +17,7 @@ from benchmark.reports.map.data import Maps, median
 from envs.words import listed
 
 POINT: Final = {"grid": "", "point": ""}
-LEARNER: Final = {"algorithm": "", "observation": ""}
+LEARNER: Final = {"learner": ""}
 _SPENT: Final = {"steps": "steps", "disagreements": "wrong PINGs", "cpu_time_s": "CPU seconds"}
 _IN_WORDS: Final = {
     BETTER: "faster",
@@ -41,6 +41,7 @@ _IN_WORDS: Final = {
         "disagreements": "median wrong PINGs",
         "unseen_success": "success in unseen places",
     },
+    best="-steps",
 )
 def cells(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates all populations. A run that never solves its scenario takes infinitely many steps."""
@@ -206,6 +207,7 @@ def _crossings(data: Maps, currencies: tuple[str, ...]) -> Iterator[dict[str, An
     "exponents of median steps along an axis",
     {"grid": "", **LEARNER, "n": "values", "exponent": ""},
     where=lambda frame: frame[frame["exponent"].notna()],
+    best="-exponent",
 )
 def exponents(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates slopes of straight lines through the logarithms of medians, with intervals over runs."""

@@ -15,7 +15,7 @@ from benchmark.analysis.intervals import Estimate, interval, resample
 from benchmark.analysis.search import Searched
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import COLOURS, figure_of
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import decimals_of, link
 from benchmark.experiments.search import Choice, Space, Span
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, Frames, drawing, entry, item, no_rows
@@ -47,6 +47,7 @@ _CLOSE: Final = 0.05  # areas that differ by less are close to each other
         "sensitivity": "gain per scenario",
         "found": "mean on the first runs",
     },
+    best="chosen",
 )
 def chosen(data: Searches) -> Iterator[dict[str, Any]]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
@@ -128,11 +129,13 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
     """Shows a row per learner: some numbers of trials, and how many come close to all of them."""
     n = int(table["trials"].max())
     shown = []
-    for (algorithm, observation), rows in table.groupby([*KEY], sort=False):
-        row: dict[str, Any] = {"algorithm": algorithm, "observation": observation}
+    groups = [rows for _, rows in table.groupby("learner", sort=False)]
+    digits = decimals_of(table["expected"], is_bounded=True)
+    for rows in sorted(groups, key=lambda rows: -rows["expected"].iloc[-1]):
+        row: dict[str, Any] = {"learner": rows["learner"].iloc[0]}
         for b in dict.fromkeys([*(b for b in _SOME if b < n), n]):
             (_, one), *_ = rows[rows["trials"] == b].iterrows()
-            row[f"best of {b}"] = entry(one, "expected", "best_of")
+            row[f"best of {b}"] = entry(one, "expected", "best_of", digits)
         is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
         row[f"trials needed to come within {_CLOSE} of the best of {n}"] = (
             f"{rows.loc[is_close, 'trials'].iloc[0]}"
@@ -153,6 +156,7 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
         "cpu_ms": "CPU ms per run",
     },
     is_measured=True,
+    best="-cpu_time_s",
 )
 def cost(data: Searches) -> Iterator[dict[str, Any]]:
     """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
