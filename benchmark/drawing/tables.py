@@ -104,7 +104,7 @@ def to_latex(frame: pd.DataFrame) -> str:
 
 
 def show(value: object, decimals: int | None = None) -> str:
-    """Returns a value as text: with so many decimals if it is below 1,000, else with three significant digits.
+    """Returns a value as text, with three significant digits, or below 1,000 with so many decimals.
 
     >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7, "S1")]
     ['0.123', '1,000', '52,600,000', 'inf', '-', '7', 'S1']

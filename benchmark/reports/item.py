@@ -204,7 +204,8 @@ def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> 
     if text == _NO_NUMBER:
         return text
     low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
-    ends = "" if low is None or high is None or math.isnan(low) else f" [{show(low, decimals)}, {show(high, decimals)}]"
+    is_open = low is None or high is None or math.isnan(low) or math.isinf(low)
+    ends = "" if is_open else f" [{show(low, decimals)}, {show(high, decimals)}]"
     return link(text, table, row) + ends
 
 

@@ -45,12 +45,11 @@ class Names:
         for variant, each in declared.items():
             for observation in each.observations:
                 name, arm = names(variant, observation), f"{variant}, {observation}"
-                if name in first:
+                if (other := first.setdefault(name, arm)) != arm:
                     raise InputError(
-                        f'{experiment.argument}: algorithms: "{name}" is the name of {first[name]} and of {arm}; '
+                        f'{experiment.argument}: algorithms: "{name}" is the name of {other} and of {arm}; '
                         "accepted: titles that differ."
                     )
-                first[name] = arm
         return names
 
     @classmethod
@@ -109,7 +108,5 @@ class Names:
             ]
             frame.insert(frame.columns.get_loc("algorithm"), "learner", learners)
         for column in {"learner", "x", "y"} & {*frame}:
-            frame[column] = [
-                self.of_side(each) if isinstance(each, str) else each for each in frame[column]
-            ]
+            frame[column] = [self.of_side(each) if isinstance(each, str) else each for each in frame[column]]
         return frame

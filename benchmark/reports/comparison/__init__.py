@@ -22,6 +22,7 @@ REPORT = Report(
     load=load,
     items=(
         results.contrasts,
+        results.verdicts,
         results.summary,
         results.aggregate,
         classes,

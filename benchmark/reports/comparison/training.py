@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
 from benchmark.drawing import film
-from benchmark.drawing.tables import duration, link
+from benchmark.drawing.tables import link
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner
 from benchmark.reports.comparison.runs import CELL, EFFORT, PAIR, Cell, Runs
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
+from benchmark.reports.learners import Names
 from envs.words import listed
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
-_EARLY: Final = 0.15  # of training
+_MOST_RATIOS: Final = 2  # that a sentence has
 
 
 @item("curves", "success, score and wrong PINGs over training, against environment steps", where=no_rows)
@@ -123,7 +124,8 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
         winners.setdefault(kind, {})[str(scenario)] = best if len(best) else here
     told = {
-        kind: f"{link(str(len(found)), 'steps', *found.values())} ({listed([*found])})"
+        kind: link(str(len(found)), "steps", *found.values())
+        + f" ({listed([*found])})" * (len(found) <= figures.FEW)
         for kind, found in winners.items()
     }
     kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation"}
@@ -184,24 +186,31 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
 @speedups.sentence
 def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
-    families = Declared.from_manifest(folder.manifest).families
-    found: dict[str, list[str]] = {"deep": [], "tabular": []}
+    families, names = Declared.from_manifest(folder.manifest).families, folder.names
+    found: dict[str, dict[str, pd.Series]] = {"deep": {}, "tabular": {}}
     for scenario, here in table.groupby(words.scenario_labels(table), sort=False):
         fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0][["x", "y"]]
         for _, row in here[here["x"].isin(fastest) & here["y"].isin(fastest)].iterrows():
             if row["ratio_low"] > 1:
-                bound = "at least " * math.isinf(row["y_step"])
-                times = link(f"{bound}{words.times(row['ratio'])}", "speedups", row)
-                ends = f"[{words.times(row['ratio_low'])}, {words.times(row['ratio_high'])}]"
-                text = f"{scenario} ({times} times {ends}: `{row['y']}` against `{row['x']}`)"
-                found[families[Learner.of(row["x"])]].append(text)
+                found[families[Learner.of(row["x"])]][str(scenario)] = row
     for family, (side, other) in {"deep": ("net", "table"), "tabular": ("table", "net")}.items():
-        if found[family]:
+        if rows := found[family]:
+            where = link(str(len(rows)), "speedups", *rows.values())
+            if len(rows) <= _MOST_RATIOS:
+                where = listed(f"{scenario} ({_times(row, names)})" for scenario, row in rows.items())
             yield (
                 f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
-                f"needs more steps than the fastest {side} in {listed(found[family])}. Brackets hold 95 % "
-                "intervals over runs and evaluations, not adjusted."
+                f"needs more steps than the fastest {side} in {where}, by 95 % intervals over runs and "
+                "evaluations, not adjusted."
             )
+
+
+def _times(row: pd.Series, names: Names) -> str:
+    """Returns how many times as many steps y needs as x, and who they are."""
+    bound = "at least " * math.isinf(row["y_step"])
+    times = link(f"{bound}{words.times(row['ratio'])}", "speedups", row)
+    ends = f"[{words.times(row['ratio_low'])}, {words.times(row['ratio_high'])}]"
+    return f"{times} times {ends}: {names.told(row['y'])} against {names.told(row['x'])}"
 
 
 @item("ahead", "exploratory: at which steps one learner of a contrast succeeds more often than the other")
@@ -238,24 +247,6 @@ def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
     }
 
 
-@ahead.sentence
-def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
-    """Says who is ahead early in training, whoever that is."""
-    limit = _EARLY * table["largest_at"].max()
-    first = table[table["first_step"] <= limit]
-    if len(table["scenario"].unique()) <= 1:
-        return
-    parts = [
-        f"`{x}` is ahead of `{y}` in {link(str(len(rows)), 'ahead', rows)}"
-        for (x, y), rows in first.groupby(["x", "y"], sort=False)
-    ]
-    if parts:
-        yield (
-            f"Exploratory: early in training, at some step up to {limit:,.0f}, by 95 % intervals, not "
-            f"adjusted: of {table['scenario'].nunique()} scenarios, {'; '.join(parts)}."
-        )
-
-
 @item(
     "cost",
     "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
@@ -289,16 +280,6 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
             "peak_memory_mb": np.median(memory) if memory else np.nan,
             **runs.effort(learner),
         }
-
-
-@cost.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says what runs of the learners compared cost."""
-    parts = [
-        f"`{words.name_of(row)}` {link(duration(row['cpu_time_s']), 'cost', row)}"
-        for _, row in words.compared(table, folder).iterrows()
-    ]
-    return f"CPU time of a run, median: {listed(parts)}." if parts else None
 
 
 @writing(

@@ -7,30 +7,32 @@ from benchmark.drawing.tables import link
 from benchmark.reports.comparison.declared import Declared, Learner
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
+from benchmark.reports.learners import Names
 from envs.words import listed
 
 _IN_WORDS = {
-    BETTER: "is better than {} in success",
-    WORSE: "is worse than {} in success",
-    EQUIVALENT: "is equivalent to {} in success",
-    MIXED: "and {} are mixed in success",
-    NO_VERDICT: "and {} have no verdict in success",
+    BETTER: "{} is better than {} in success",
+    WORSE: "{} is worse than {} in success",
+    EQUIVALENT: "{} is equivalent to {} in success",
+    MIXED: "the difference in success between {} and {} is mixed",
+    NO_VERDICT: "there is no verdict on {} against {} in success",
 }
 
 
-def verdict(row: pd.Series) -> Finding:
+def verdict(row: pd.Series, names: Names) -> Finding:
     """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
     found = str(row["success_verdict"])
-    where = f"In {place(row)}, " if place(row) else ""
+    where = f"in {place(row)}, " if place(row) else ""
     if isinstance(row.get("algorithm"), str):
-        where += f"{'for' if where else 'For'} `{name_of(row)}`, "
-    x, y = (f"`{row[side]}`" for side in "xy")
+        where += f"for {names.told(name_of(row))}, "
+    x, y = (names.told(row[side]) for side in "xy")
     if row["policy_x"] != row["policy_y"]:
         x, y = f"{x} ({row['policy_x']} policy)", f"{y} ({row['policy_y']} policy)"
-    text = _IN_WORDS.get(found, "against {} is undecided in success").format(y)
-    text = f"{where}{x} {text}: {difference(row, 'success', 'contrasts')}"
-    if found == EQUIVALENT and row["success_p_different"] <= 0.05:
-        text += f", which is measurable but smaller than {row['success_margin']:g}"
+    told = _IN_WORDS.get(found, "it is undecided whether {} is better than {} in success").format(x, y)
+    if is_measurable(row):
+        worse = "better" if row["success_difference"] > 0 else "worse"
+        told = f"{x} is within {row['success_margin']:g} of {y} in success, but measurably {worse}"
+    text = capitalised(f"{where}{told}: {difference(row, 'success', 'contrasts')}")
     if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
         text += "; both succeed less often than that margin"
     if (apart := str(row.get("success_except", ""))) not in ("", "nan"):
@@ -44,6 +46,20 @@ def verdict(row: pd.Series) -> Finding:
     return Finding(text, found)
 
 
+def is_measurable(row: pd.Series) -> bool:
+    """Returns whether a difference in success is smaller than the margin and yet shown not to be 0."""
+    return bool(row["success_verdict"] == EQUIVALENT and row["success_p_different"] <= 0.05)
+
+
+def capitalised(text: str) -> str:
+    """Returns a sentence with a capital, in front of which a name may stand.
+
+    >>> capitalised("default DQN is better"), capitalised("[0.5](a.csv#row=2) is more")
+    ('Default DQN is better', '[0.5](a.csv#row=2) is more')
+    """
+    return text[:1].upper() + text[1:]
+
+
 def place(row: pd.Series) -> str:
     """Returns the scenario and the condition of a row, as far as it names them.
 
@@ -52,12 +68,6 @@ def place(row: pd.Series) -> str:
     """
     names = (row.get(key) for key in ("scenario", "condition"))
     return " under ".join(name for name in names if isinstance(name, str))
-
-
-def case(row: pd.Series) -> str:
-    """Returns the scenario, condition and learner of a row, as far as it names them."""
-    names = [place(row), f"`{name_of(row)}`" if isinstance(row.get("algorithm"), str) else ""]
-    return ", ".join(filter(None, names))
 
 
 def scenario_labels(table: pd.DataFrame) -> pd.Series:
@@ -109,7 +119,7 @@ def compared(table: pd.DataFrame, folder: Folder) -> pd.DataFrame:
 
 
 def name_of(row: pd.Series) -> str:
-    """Returns the learner of a row as readers see it."""
+    """Returns the learner of a row, as CSV files name it."""
     return str(Learner(row["algorithm"], row["observation"]))
 
 

@@ -21,12 +21,12 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, Frames, drawing, entry, item, no_rows
 from benchmark.reports.search.runs import KEY, Searches, expected_best, gain, mean
 from envs import compile_scenario
-from envs.words import listed
 
 _AREA: Final = "mean area under the curve of success"
 _COLOURS: Final = {"tabular": COLOURS[1], "deep": COLOURS[0]}
 _MARKERS: Final = {"tabular": "s", "deep": "o"}
 _TITLES: Final = {"tabular": "tables", "deep": "nets"}
+_KINDS: Final = {"tabular": "table", "deep": "net"}
 _COLUMNS: Final = 5  # of panels
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
@@ -68,23 +68,22 @@ def chosen(data: Searches) -> Iterator[dict[str, Any]]:
 
 
 def headline(folder: Folder) -> Finding:
-    """Says the smallest and the largest area, with default and with chosen settings."""
+    """Says what the best table and the best net gain by chosen settings."""
     table, search = folder.frame("chosen"), folder.manifest["facts"]["search"]
 
-    def told(key: str) -> str:
-        values = table[key].round(2)
-        ends = []
-        for value in (values.min(), values.max()):
-            rows = table[values == value]
-            names = listed([f"`{_name(row)}`" for _, row in rows.iterrows()])
-            ends.append(f"{link(f'{value:.2f}', 'chosen', rows)} ({names})")
-        return " to ".join(ends)
-
+    families, parts = folder.manifest["facts"]["families"], []
+    for family, kind in _KINDS.items():
+        rows = table[[families[_name(row)] == family for _, row in table.iterrows()]]
+        if len(rows):
+            best = rows.loc[rows["chosen"].idxmax()]
+            ends = [link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen")]
+            parts.append(
+                f"for the best {kind}, {folder.names.told(_name(best))}, from {ends[0]} to {ends[1]}"
+            )
     return Finding(
-        f"With default settings, success averaged over training (the area under its curve) ranges from "
-        f"{told('default')}; with the chosen settings (the best of the defaults and {search['trials']} "
-        f"trials), from {told('chosen')}. Means are over {len(folder.manifest['scenarios'])} scenarios, with "
-        f"{search['seeds']} fresh runs in each."
+        f"With the best of {search['trials']} trials in place of default settings, success averaged over "
+        f"training goes {' and '.join(parts)}. Means are over {len(folder.manifest['scenarios'])} scenarios, "
+        f"with {search['seeds']} fresh runs in each."
     )
 
 
