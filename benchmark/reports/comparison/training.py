@@ -295,7 +295,8 @@ def learning(runs: Runs, directory: Path) -> None:
         for family, row in films.items():
             if cell.learner == first.get(family):
                 agent = typical_agent(cell.population)
-                title = f"{cell.scenario}: {cell.learner}, seed {cell.population.seeds[agent]} (median)"
+                learner, seed = runs.names(*cell.learner), cell.population.seeds[agent]
+                title = f"{cell.scenario}: {learner}, seed {seed} (median)"
                 row.append(film.film_of(title, cell.population, agent))
     film.write(film.learning([row for row in films.values() if row]), directory / "learning.webp")
 

@@ -110,7 +110,7 @@ def _steps(folder: Folder, line: _Line) -> str:
     if np.isfinite(best["steps"]) and name not in (line.net, line.table):
         least = link(f"{best['steps']:,.0f}", "cells", best)
         text += (
-            f"With {line.where}, the smallest median is that of {_named(folder, name)}: {least} steps, "
+            f"But with {line.where}, the smallest median is that of {_named(folder, name)}: {least} steps, "
             f"against {net} of the net and {table} of the first table (not tested)."
         )
     else:

@@ -77,13 +77,12 @@ def headline(folder: Folder) -> Finding:
         if len(rows):
             best = rows.loc[rows["chosen"].idxmax()]
             ends = [link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen")]
-            parts.append(
-                f"for the best {kind}, {folder.names.told(_name(best))}, from {ends[0]} to {ends[1]}"
-            )
+            name = folder.names.told(_name(best))
+            parts.append(f"from {ends[0]} to {ends[1]} for the best {kind}, {name}")
     return Finding(
-        f"With the best of {search['trials']} trials in place of default settings, success averaged over "
-        f"training goes {' and '.join(parts)}. Means are over {len(folder.manifest['scenarios'])} scenarios, "
-        f"with {search['seeds']} fresh runs in each."
+        f"The chosen settings, the best of the defaults and {search['trials']} trials, change success "
+        f"averaged over training {', and '.join(parts)}. Means are over {len(folder.manifest['scenarios'])} "
+        f"scenarios, with {search['seeds']} fresh runs in each."
     )
 
 
