@@ -58,7 +58,7 @@ class Names:
         declared = manifest.get("algorithms", {})
         return cls(
             {name: each.get("title", "") for name, each in declared.items()},
-            {name: each["family"] for name, each in declared.items()},
+            {name: each.get("family", "") for name, each in declared.items()},
         )
 
     def __call__(self, variant: str, observation: str) -> str:

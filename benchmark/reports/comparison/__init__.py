@@ -22,7 +22,6 @@ REPORT = Report(
     load=load,
     items=(
         results.contrasts,
-        results.verdicts,
         results.summary,
         results.aggregate,
         classes,
@@ -30,6 +29,7 @@ REPORT = Report(
         training.steps,
         training.speedups,
         training.ahead,
+        results.verdicts,
         results.effects,
         results.scenarios,
         results.region,

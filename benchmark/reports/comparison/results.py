@@ -53,15 +53,7 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
 
 
 def _in_words(frame: pd.DataFrame) -> pd.DataFrame:
-    """Says of which differences within the margin it is shown that they are not 0."""
-    verdicts = [
-        f"within {row['success_margin']:g}, but measurably "
-        f"{'better' if row['success_difference'] > 0 else 'worse'}"
-        if words.is_measurable(row)
-        else row["success_verdict"]
-        for _, row in frame.iterrows()
-    ]
-    return frame.assign(success_verdict=verdicts)
+    return frame.assign(success_verdict=[words.in_words(row) for _, row in frame.iterrows()])
 
 
 contrasts = item(

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, WORSE
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, WORSE
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison.declared import Declared, Learner
 from benchmark.reports.folder import Folder
@@ -10,29 +10,18 @@ from benchmark.reports.item import Finding
 from benchmark.reports.learners import Names
 from envs.words import listed
 
-_IN_WORDS = {
-    BETTER: "{} is better than {} in success",
-    WORSE: "{} is worse than {} in success",
-    EQUIVALENT: "{} is equivalent to {} in success",
-    MIXED: "the difference in success between {} and {} is mixed",
-    NO_VERDICT: "there is no verdict on {} against {} in success",
-}
-
 
 def verdict(row: pd.Series, names: Names) -> Finding:
     """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
-    found = str(row["success_verdict"])
-    where = f"in {place(row)}, " if place(row) else ""
+    found, where = str(row["success_verdict"]), f", in {place(row)}" if place(row) else ""
     if isinstance(row.get("algorithm"), str):
-        where += f"for {names.told(name_of(row))}, "
+        where += f", of {names.told(name_of(row))}"
     x, y = (names.told(row[side]) for side in "xy")
     if row["policy_x"] != row["policy_y"]:
         x, y = f"{x} ({row['policy_x']} policy)", f"{y} ({row['policy_y']} policy)"
-    told = _IN_WORDS.get(found, "it is undecided whether {} is better than {} in success").format(x, y)
-    if is_measurable(row):
-        worse = "better" if row["success_difference"] > 0 else "worse"
-        told = f"{x} is within {row['success_margin']:g} of {y} in success, but measurably {worse}"
-    text = capitalised(f"{where}{told}: {difference(row, 'success', 'contrasts')}")
+    text = (
+        f"Success of {x} compared with {y}{where}: {in_words(row)}, {difference(row, 'success', 'contrasts')}"
+    )
     if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
         text += "; both succeed less often than that margin"
     if (apart := str(row.get("success_except", ""))) not in ("", "nan"):
@@ -46,18 +35,17 @@ def verdict(row: pd.Series, names: Names) -> Finding:
     return Finding(text, found)
 
 
-def is_measurable(row: pd.Series) -> bool:
-    """Returns whether a difference in success is smaller than the margin and yet shown not to be 0."""
-    return bool(row["success_verdict"] == EQUIVALENT and row["success_p_different"] <= 0.05)
+def in_words(row: pd.Series) -> str:
+    """Returns the verdict on success; within the margin, it also says if the difference is shown not to be 0.
 
-
-def capitalised(text: str) -> str:
-    """Returns a sentence with a capital, in front of which a name may stand.
-
-    >>> capitalised("default DQN is better"), capitalised("[0.5](a.csv#row=2) is more")
-    ('Default DQN is better', '[0.5](a.csv#row=2) is more')
+    >>> row = {"success_verdict": "equivalent", "success_p_different": 0.01, "success_difference": -0.05}
+    >>> in_words(pd.Series(row | {"success_margin": 0.1}))
+    'within 0.1, but measurably worse'
     """
-    return text[:1].upper() + text[1:]
+    if row["success_verdict"] != EQUIVALENT or row["success_p_different"] > 0.05:
+        return str(row["success_verdict"])
+    than = BETTER if row["success_difference"] > 0 else WORSE
+    return f"within {row['success_margin']:g}, but measurably {than}"
 
 
 def place(row: pd.Series) -> str:

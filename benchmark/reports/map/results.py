@@ -10,7 +10,6 @@ import pandas as pd
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.analysis.looks import NEITHER, Cell, identities
-from benchmark.drawing.tables import link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import item, no_rows
 from benchmark.reports.map.data import Maps, median
@@ -145,9 +144,9 @@ def looks(data: Maps) -> Iterator[dict[str, Any]]:
 @looks.sentence
 def _(table: pd.DataFrame, _: Folder) -> str:
     """Says how sure verdicts are."""
-    n = link(f"{table['contrasts'].sum():,}", "looks", table)
     return (
-        f"Of {n} distinct contrasts, {table['undecided'].sum()} are undecided. The probability of any wrong "
+        f"Of {table['contrasts'].sum():,} distinct contrasts, {table['undecided'].sum()} are undecided. "
+        "The probability of any wrong "
         "verdict among all of them is at most 5 %."
     )
 
