@@ -106,7 +106,7 @@ class Names:
             learners = [
                 self.of_side(f"{row['algorithm']}, {row['observation']}") for _, row in frame.iterrows()
             ]
-            frame.insert(frame.columns.get_loc("algorithm"), "learner", learners)
+            frame.insert([*frame].index("algorithm"), "learner", learners)
         for column in {"learner", "x", "y"} & {*frame}:
             frame[column] = [self.of_side(each) if isinstance(each, str) else each for each in frame[column]]
         return frame

@@ -223,7 +223,7 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         if is_worse:
             aside += f" In {where}, the mean success of {x} is lower than that of {y} by {margin:g} or more."
         elif row["success_verdict"] != MIXED:
-            verdict = f"The verdict on {x}{against} ({row['success_verdict']})"
+            verdict = f"The verdict on {x}{against} ({words.in_words(row)})"
             aside += f" {verdict} is for the mean; it is not shown separately in {where}."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)

@@ -131,7 +131,8 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation"}
     if len(table["scenario"].unique()) > 1:
         if first := "; ".join(f"{text} in {told[kind]}" for kind, text in kinds.items() if kind in told):
-            yield f"The first learner whose mean success stays at or above {ENOUGH:g} is {first}."
+            n = len({*words.scenario_labels(own)})
+            yield f"Of {n} scenarios, the first learner whose mean success stays at or above {ENOUGH:g} is {first}."
         if "none" in told:
             yield f"No learner's mean success stays at or above {ENOUGH:g} in {told['none']}."
 
@@ -195,7 +196,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
                 found[families[Learner.of(row["x"])]][str(scenario)] = row
     for family, (side, other) in {"deep": ("net", "table"), "tabular": ("table", "net")}.items():
         if rows := found[family]:
-            where = link(str(len(rows)), "speedups", *rows.values())
+            where = f"{link(str(len(rows)), 'speedups', *rows.values())} scenarios"
             if len(rows) <= _MOST_RATIOS:
                 where = listed(f"{scenario} ({_times(row, names)})" for scenario, row in rows.items())
             yield (

@@ -75,7 +75,7 @@ def headline(folder: Folder) -> Finding:
     for family, kind in _KINDS.items():
         rows = table[[families[_name(row)] == family for _, row in table.iterrows()]]
         if len(rows):
-            best = rows.loc[rows["chosen"].idxmax()]
+            best = rows.iloc[int(rows["chosen"].argmax())]
             ends = [link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen")]
             name = folder.names.told(_name(best))
             parts.append(f"from {ends[0]} to {ends[1]} for the best {kind}, {name}")
