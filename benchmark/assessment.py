@@ -332,7 +332,7 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
         variant for variant, declared in manifest["algorithms"].items() if declared["reference_for"]
     ]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
-    learner = frame["algorithm"] + ", " + frame["observation"]
+    learner = folder.names.in_table(frame)["learner"]
     return [pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})]
 
 

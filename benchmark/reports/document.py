@@ -20,6 +20,7 @@ from benchmark.drawing import tables
 from benchmark.reports import files, load_items, load_report
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Finding, Item, as_written
+from envs.observations import OBSERVATIONS
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"
@@ -67,7 +68,7 @@ class Document:
 
     def shown(self, item: Item) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts."""
-        return item.display(self.folder.frame(item.name))
+        return item.display(self.folder.names.in_table(self.folder.frame(item.name)))
 
     def render(self, place: Place, template: Path | None = None, **more: object) -> str:
         """Returns the document as Markdown.
@@ -117,6 +118,24 @@ class Document:
             return "\n\n".join(parts)
 
         return self.render(place, _FRAME, body=self.render(place)) + "\n"
+
+    @property
+    def learners(self) -> str:
+        """A Markdown table of the learners: their names, and where their settings come from; or empty."""
+        manifest, rows = self.folder.manifest, []
+        for variant, each in manifest["algorithms"].items():
+            source = f"search `{each['tuned_by'].partition(':')[0]}`" if each.get("tuned_by") else "declared"
+            for observation in each["settings"]:
+                if observation in OBSERVATIONS:
+                    row = {
+                        "learner": self.folder.names(variant, observation),
+                        "name in CSV files": f"`{variant}, {observation}`",
+                        "policy": each["policy"],
+                        "settings": "searched here" if "search" in manifest["facts"] else source,
+                        "runs": each.get("runs"),
+                    }
+                    rows.append({key: value for key, value in row.items() if value is not None})
+        return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
 
     @property
     def listed(self) -> str:

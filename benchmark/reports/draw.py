@@ -31,6 +31,7 @@ from benchmark.experiments import (
 from benchmark.reports import document, files, load_items, load_report, sameness
 from benchmark.reports.folder import MANIFEST
 from benchmark.reports.item import Data, Frames, Item, Report, as_written
+from benchmark.reports.learners import Names
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
@@ -121,7 +122,7 @@ def export(
             if form != "tex":
                 draw_figure(item, frames, data, path)
             elif item.name in frames:
-                frame = item.display(frames[item.name]).map(as_written)
+                frame = item.display(Names.of(experiment).in_table(frames[item.name])).map(as_written)
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 
@@ -133,7 +134,8 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
       is_drawn: Whether it is drawn now, so that its packages have to be there.
 
     Raises:
-      InputError: It has none, or asks for something else than the experiment has, or a package is missing.
+      InputError: It has none, or asks for something else than the experiment has, or a package is missing,
+        or two learners have the same name.
     """
     declared = experiment.report
     if declared is None:
@@ -152,6 +154,7 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
             where = f"{experiment.argument}: {key} with report.kind = {declared.kind}"
             raise InputError(f"{where}: accepted: report.kind = map.")
     report.check(experiment)
+    Names.of(experiment)  # which have to differ
     return report, items
 
 
@@ -266,6 +269,7 @@ def _manifest(
                 "reference_for": experiment.algorithms[run.variant].reference_for,
                 "policy": experiment.algorithms[run.variant].policy,
                 "tuned_by": experiment.algorithms[run.variant].tuned_by,
+                "runs": sizes[run.population],  # in a scenario
                 "settings": {
                     each.observation: each.settings.model_dump(mode="json")
                     for each in default

@@ -39,7 +39,7 @@ from envs.scene import COLOUR_MAP
 from envs.words import listed
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
-_MOST_TOLD: Final = 10  # contrasts that have a sentence each
+_MOST_TOLD: Final = 6  # contrasts that have a sentence each
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
@@ -50,6 +50,10 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "undecided": "it is undecided in",
     "no verdict": "there is no verdict in",
 }
+
+
+def _in_words(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.assign(success_verdict=[words.in_words(row) for _, row in frame.iterrows()])
 
 
 contrasts = item(
@@ -67,6 +71,7 @@ contrasts = item(
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },
+    where=_in_words,
 )(contrasts_of)
 
 
@@ -83,19 +88,10 @@ def _(tables: Frames, _: Runs) -> Figure | None:
 
 
 @contrasts.sentence
-def _(table: pd.DataFrame, __: Folder) -> Iterator[Finding]:
-    """Tells every contrast; if there are many, those of the same two sides in one sentence."""
-    for (x, y), rows in table.groupby(["x", "y"], sort=False):
-        if len(rows) == 1 or len(table) <= _MOST_TOLD:
-            yield from (words.verdict(row) for _, row in rows.iterrows())
-            continue
-        parts = []
-        for verdict in [each for each in VERDICTS if each in {*rows["success_verdict"]}]:
-            ended = rows[rows["success_verdict"] == verdict]
-            names = listed([words.case(row) for _, row in ended.iterrows()])
-            count = link(f"{len(ended)}", "contrasts", ended)
-            parts.append(f"{verdict} in {count}{f' ({names})' * (len(ended) <= figures.FEW)}")
-        yield Finding(f"Success of `{x}` compared with `{y}`: {listed(parts)}.", "several")
+def _(table: pd.DataFrame, folder: Folder) -> Iterator[Finding]:
+    """Tells every contrast, if they are few."""
+    if len(table) <= _MOST_TOLD:
+        yield from (words.verdict(row, folder.names) for _, row in table.iterrows())
 
 
 @contrasts.sentence
@@ -125,6 +121,22 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     return f"{start} are: {told}." if told else None
 
 
+@item(
+    "verdicts",
+    "how many verdicts on success each contrast has, over scenarios",
+    {"x": "", "y": "", "n": "contrasts", **dict.fromkeys(VERDICTS, "")},
+)
+def verdicts(runs: Runs) -> Iterator[dict[str, Any]]:
+    """Counts contrasts of the same two sides, if they are many."""
+    rows = pd.DataFrame(contrasts_of(runs))
+    if len(rows) <= _MOST_TOLD or not rows.duplicated(["x", "y"]).any():
+        return
+    found = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
+    for (x, y), here in rows.groupby(["x", "y"], sort=False):
+        counts = {verdict: int((here["success_verdict"] == verdict).sum()) for verdict in found}
+        yield {"x": x, "y": y, "n": len(here), **counts}
+
+
 def headline(folder: Folder) -> Finding | None:
     """Answers whether deep RL earns its keep, for which budget and in which scenarios."""
     declared = Declared.from_manifest(folder.manifest)
@@ -141,19 +153,20 @@ def headline(folder: Folder) -> Finding | None:
     by_outcome: dict[Outcome, list[str]] = {}
     for place, rows in table[places != ""].groupby(places, sort=False):
         by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
-    told = [key for key in _OUTCOMES if key in by_outcome]
     tables = "table" if len(declared.baselines) == 1 else "tables"
     parts = []
     for key, text in _OUTCOMES.items():
         if names := by_outcome.get(key):
             count = link(str(len(names)), "contrasts", table[places.isin(names)])
-            is_rest = len(names) > figures.FEW and key == told[-1] != told[0]
-            which = f"the other {count}" if is_rest else f"{count} ({listed(names)})"
-            parts.append(f"{text.format(tables)} {which}")
+            which = f" ({listed(names)})" if len(names) <= figures.FEW else ""
+            parts.append(f"{text.format(tables)} {count}{which}")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
-    deep = listed([f"`{learner}`" for learner in declared.decisive])
-    beaten = listed([*(f"than `{baseline}`" for baseline in declared.baselines), "than the random policy"])
+    told = folder.names.told
+    deep = listed(told(str(learner)) for learner in declared.decisive)
+    beaten = listed(
+        [*(f"than {told(str(baseline))}" for baseline in declared.baselines), "than the random policy"]
+    )
     rule = (
         f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there {beaten}, with a "
         f"policy of the same class{' as one of these tables' * (tables == 'tables')} and a score that is not "
@@ -171,15 +184,16 @@ def headline(folder: Folder) -> Finding | None:
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
     """Answers for the mean over scenarios, or for the only one."""
-    rows, names = decisive_rows(declared, table), [f"`{baseline}`" for baseline in declared.baselines]
+    rows, called = decisive_rows(declared, table), folder.names.told
+    names = [called(str(baseline)) for baseline in declared.baselines]
     found, standing = outcome(declared, table), standings(declared, rows)
     margin, is_one = declared.reporting.margins.success, len(names) == 1
-    won = [f"`{x}`" for x in winners(rows)["x"].unique()]
+    won = [called(x) for x in winners(rows)["x"].unique()]
     more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than {listed(names)}"
     n_deep = rows["x"].nunique()
     subject = "the deep learner" if n_deep == 1 else f"each of the {n_deep} deep learners compared"
     counts = "; ".join(
-        f"against `{baseline}`, {counted(rows[rows['y'] == str(baseline)])}"
+        f"against {called(str(baseline))}, {counted(rows[rows['y'] == str(baseline)])}"
         for baseline in declared.baselines
     )
     text = {
@@ -199,33 +213,28 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     for (_, row), is_worse in zip(rows.iterrows(), is_worse_in_some(rows), strict=True):
         if row["success_verdict"] != standing.get(row["x"]):
             continue  # other contrasts decide
-        against = "" if is_one else f" against `{row['y']}`"
+        x, y = called(row["x"]), called(row["y"])
+        against = "" if is_one else f" against {y}"
         if row["success_verdict"] == BETTER and row["score_verdict"] in (WORSE, MIXED):
-            aside += f" In score{against}, `{row['x']}` is {row['score_verdict']}."
+            aside += f" In score{against}, {x} is {row['score_verdict']}."
         if (apart := str(row.get("success_except", "nan"))) in ("", "nan"):
             continue
-        where, x, y = listed(apart.split(", ")), row["x"], row["y"]
+        where = listed(apart.split(", "))
         if is_worse:
-            aside += (
-                f" In {where}, the mean success of `{x}` is lower than that of `{y}` by {margin:g} or more."
-            )
+            aside += f" In {where}, the mean success of {x} is lower than that of {y} by {margin:g} or more."
         elif row["success_verdict"] != MIXED:
-            verdict = f"The verdict on `{x}`{against} ({row['success_verdict']})"
+            verdict = f"The verdict on {x}{against} ({words.in_words(row)})"
             aside += f" {verdict} is for the mean; it is not shown separately in {where}."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
-    reached = [
-        f"`{name}` {words.interval(learners[name], 'success', 'aggregate')}"
-        for name in [*map(str, declared.baselines), *rows["x"].unique()]
-    ]
     best = max(map(str, declared.baselines), key=lambda name: float(learners[name]["success"]))
     room = 1 - learners[best]["success"]
     ceiling = ""
     if room < margin and found not in ("earns", "another class"):
         how = "always succeeds" if room < 1e-6 else f"fails in {room:.3f} of episodes"
-        ceiling = f" As `{best}` {how}, no learner could have been better by the margin of {margin:g}."
-    return Finding(f"{start}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
+        ceiling = f"\n\nAs {called(best)} {how}, no learner could have been better by {margin:g}."
+    return Finding(f"{start}, {text}.{aside}{ceiling}", found)
 
 
 effects = item(
@@ -278,21 +287,13 @@ def _(tables: Frames, runs: Runs) -> Figure | None:
 
 @effects.sentence
 def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
-    """Tells where an effect on success excludes 0, and all effects that are not one per learner."""
-    compared = {str(learner) for learner in Declared.from_manifest(folder.manifest).compared}
-    for name, rows in table.groupby("effect", sort=False):
-        parts = []
-        for _, row in rows.iterrows():
-            is_of_learner = isinstance(row.get("algorithm"), str)
-            is_shown = row["success_difference_low"] > 0 or row["success_difference_high"] < 0
-            if not is_of_learner or (is_shown and words.name_of(row) in compared):
-                learner = f"`{words.name_of(row)}` " if is_of_learner else ""
-                parts.append(f"{learner}{words.difference(row, 'success', 'effects', 2)}")
-        if parts:
-            first = rows.iloc[0]
+    """Tells the effects that are not one per learner; the figure shows the others."""
+    for _, row in table.iterrows():
+        if not isinstance(row.get("algorithm"), str):
+            x, y = (folder.names.of_side(row[side]) for side in "xy")
             yield (
-                f"Exploratory, {name}: the difference in success, {first['x']} minus {first['y']}, is "
-                f"{listed(parts)} (95 % intervals, not adjusted)."
+                f"Exploratory, {row['effect']}: the difference in success, {x} minus {y}, is "
+                f"{words.difference(row, 'success', 'effects', 2)} (95 % interval, not adjusted)."
             )
 
 
@@ -304,6 +305,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         "policy": "",
         "n": "runs",
         "success": "success probability",
+        "greedy_success": "of the greedy policy",
         "score": "score, clipped",
         "unbounded_score": "score without bounds",
         "steps": "",
@@ -312,6 +314,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         "every_cell_success": "success from any cell",
     },
     where=lambda frame: frame if frame["scenario"].nunique() <= figures.FEW else no_rows(frame),
+    best="success",
 )
 def summary(runs: Runs) -> Iterator[dict[str, Any]]:
     """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
@@ -390,23 +393,6 @@ def _heat(tables: Frames, runs: Runs) -> Figure:
     return figure
 
 
-@summary.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says what the other policy of a stochastic learner does."""
-    if "condition" in table:
-        return None
-    parts, shown = [], words.compared(table, folder)
-    for key, rows in shown[shown["policy"] == "stochastic"].groupby(["algorithm", "observation"], sort=False):
-        both = [link(f"{rows[name].mean():.2f}", "summary", rows) for name in ("success", "greedy_success")]
-        parts.append(f"`{', '.join(map(str, key))}` {' and '.join(both)}")
-    if not parts:
-        return None
-    means = ", means over scenarios" * (table["scenario"].nunique() > 1)
-    return (
-        f"Success of stochastic policies and of the greedy ones derived from them{means}: {'; '.join(parts)}."
-    )
-
-
 @item(
     "aggregate",
     "every learner over all scenarios, after training",
@@ -421,6 +407,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         "unbounded_score": "score without bounds",
         "iqm": "its interquartile mean",
     },
+    best="success",
 )
 def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
     """`iqm` is rliable's interquartile mean of the scores without bounds; only if scenarios are pooled."""
@@ -439,19 +426,6 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
         row["unbounded_score"] = np.mean([values.mean() for values in final])
         row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
         yield row
-
-
-@aggregate.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says what was learned away from the path from the start."""
-    if "every_cell_success" not in table or "condition" in table:
-        return None
-    parts = [
-        f"`{words.name_of(row)}` {words.interval(row, 'every_cell_success', 'aggregate')} against "
-        f"{link(f'{row.success:.2f}', 'aggregate', row)}"
-        for _, row in words.compared(table, folder).iterrows()
-    ]
-    return f"Success from a random cell against that from the start cell: {'; '.join(parts)}."
 
 
 @writing("scores", "every run at the end of training, compressed", SCORES)
@@ -479,6 +453,7 @@ def scores(runs: Runs, directory: Path) -> None:
     "region",
     "cells where an agent values PING, compared with the target region",
     {**CELL, "cells_marked": "cells marked", "precision": "", "recall": "", "overlap": ""},
+    best="overlap",
 )
 def region(runs: Runs) -> Iterator[dict[str, Any]]:
     """Means over agents; precision is of those that mark a cell, overlap is intersection over union."""
@@ -557,16 +532,11 @@ def _(table: pd.DataFrame, __: Folder) -> str | None:
     if "memoryless_score" not in table:
         return None
     short = table[table["memoryless_score"] < 1 - _NEARLY]
-    parts = [
-        f"{row['scenario']} {link(f'{row.memoryless_score:.2f}', 'scenarios', row)} "
-        f"(hidden: {row['hidden']}; success {row['memoryless_success']:.2f})"
-        for _, row in short.iterrows()
-    ]
-    rest, n = len(table) - len(short), int(table["restarts"].max())
-    others = f"in {rest} of {len(table)} scenarios {1 - _NEARLY:g} or more"
+    found = link(str(len(table) - len(short)), "scenarios", table.drop(short.index))
+    where = f"; not in {listed(short['scenario'])}" if len(short) else ""
     return (
-        f"Scores of the memoryless policy with the best return found in {n} local searches per scenario (1: "
-        f"the optimum of an agent that knows the state): {'; '.join([*parts, others])}. Better policies may "
+        f"In {found} of {len(table)} scenarios, a policy over observations alone was found whose score comes "
+        f"within {_NEARLY:g} of 1, the optimum of an agent that knows the state{where}. Better policies may "
         "exist, and others succeed more often with a lower return."
     )
 

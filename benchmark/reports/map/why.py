@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from agents.hardness import REGULARISER, Hardness, hardness
+from agents.hardness import Hardness, hardness
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
@@ -147,17 +147,15 @@ def _(table: pd.DataFrame, _: Folder) -> Finding | None:
         if rows["correlation"].isna().all():
             continue
         best = rows.iloc[int(np.nanargmax(rows["correlation"].abs()))]
-        value, n = f"{best['correlation']:.2f}", best["n"]
+        value = f"{best['correlation']:.2f}"
         name = _MEASURES[str(best["measure"])].replace("\n", " ")
         parts.append(
             f"for {family}, the {name} ({link(value, 'predictors', best)} "
-            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {n} points, of "
-            f"{len(rows)} measures)"
+            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}])"
         )
     if not parts:
         return None
     return Finding(
         f"Exploratory: the measure with the largest rank correlation with median steps is, "
-        f"{' and, '.join(parts)}. Intervals do not account for this choice. Action gaps below "
-        f"{REGULARISER:g} count as {REGULARISER:g}."
+        f"{' and, '.join(parts)}. Intervals do not account for this choice."
     )

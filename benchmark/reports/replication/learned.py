@@ -49,7 +49,7 @@ def figure(frames: Frames, data: Data) -> Figure | None:
             band = {"color": COLOURS[9], "alpha": 0.55, "lw": 0, "label": "least to largest agent"}
             axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
             axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9, label="mean of the agents")
-            axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a right PING pays in S1")
+            axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a correct PING pays in S1")
             axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
             axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
             axis.set(ylim=(bottom - room, top + room))

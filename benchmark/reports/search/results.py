@@ -15,18 +15,18 @@ from benchmark.analysis.intervals import Estimate, interval, resample
 from benchmark.analysis.search import Searched
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import COLOURS, figure_of
-from benchmark.drawing.tables import link
+from benchmark.drawing.tables import decimals_of, link
 from benchmark.experiments.search import Choice, Space, Span
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, Frames, drawing, entry, item, no_rows
 from benchmark.reports.search.runs import KEY, Searches, expected_best, gain, mean
 from envs import compile_scenario
-from envs.words import listed
 
 _AREA: Final = "mean area under the curve of success"
 _COLOURS: Final = {"tabular": COLOURS[1], "deep": COLOURS[0]}
 _MARKERS: Final = {"tabular": "s", "deep": "o"}
 _TITLES: Final = {"tabular": "tables", "deep": "nets"}
+_KINDS: Final = {"tabular": "table", "deep": "net"}
 _COLUMNS: Final = 5  # of panels
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
@@ -47,6 +47,7 @@ _CLOSE: Final = 0.05  # areas that differ by less are close to each other
         "sensitivity": "gain per scenario",
         "found": "mean on the first runs",
     },
+    best="chosen",
 )
 def chosen(data: Searches) -> Iterator[dict[str, Any]]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
@@ -67,23 +68,21 @@ def chosen(data: Searches) -> Iterator[dict[str, Any]]:
 
 
 def headline(folder: Folder) -> Finding:
-    """Says the smallest and the largest area, with default and with chosen settings."""
+    """Says what the best table and the best net gain by chosen settings."""
     table, search = folder.frame("chosen"), folder.manifest["facts"]["search"]
 
-    def told(key: str) -> str:
-        values = table[key].round(2)
-        ends = []
-        for value in (values.min(), values.max()):
-            rows = table[values == value]
-            names = listed([f"`{_name(row)}`" for _, row in rows.iterrows()])
-            ends.append(f"{link(f'{value:.2f}', 'chosen', rows)} ({names})")
-        return " to ".join(ends)
-
+    families, parts = folder.manifest["facts"]["families"], []
+    for family, kind in _KINDS.items():
+        rows = table[[families[_name(row)] == family for _, row in table.iterrows()]]
+        if len(rows):
+            best = rows.iloc[int(rows["chosen"].argmax())]
+            ends = [link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen")]
+            name = folder.names.told(_name(best))
+            parts.append(f"from {ends[0]} to {ends[1]} for the best {kind}, {name}")
     return Finding(
-        f"With default settings, success averaged over training (the area under its curve) ranges from "
-        f"{told('default')}; with the chosen settings (the best of the defaults and {search['trials']} "
-        f"trials), from {told('chosen')}. Means are over {len(folder.manifest['scenarios'])} scenarios, with "
-        f"{search['seeds']} fresh runs in each."
+        f"The chosen settings, the best of the defaults and {search['trials']} trials, change success "
+        f"averaged over training {', and '.join(parts)}. Means are over {len(folder.manifest['scenarios'])} "
+        f"scenarios, with {search['seeds']} fresh runs in each."
     )
 
 
@@ -128,11 +127,13 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
     """Shows a row per learner: some numbers of trials, and how many come close to all of them."""
     n = int(table["trials"].max())
     shown = []
-    for (algorithm, observation), rows in table.groupby([*KEY], sort=False):
-        row: dict[str, Any] = {"algorithm": algorithm, "observation": observation}
+    groups = [rows for _, rows in table.groupby("learner", sort=False)]
+    digits = decimals_of(table["expected"], is_bounded=True)
+    for rows in sorted(groups, key=lambda rows: -rows["expected"].iloc[-1]):
+        row: dict[str, Any] = {"learner": rows["learner"].iloc[0]}
         for b in dict.fromkeys([*(b for b in _SOME if b < n), n]):
             (_, one), *_ = rows[rows["trials"] == b].iterrows()
-            row[f"best of {b}"] = entry(one, "expected", "best_of")
+            row[f"best of {b}"] = entry(one, "expected", "best_of", digits)
         is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
         row[f"trials needed to come within {_CLOSE} of the best of {n}"] = (
             f"{rows.loc[is_close, 'trials'].iloc[0]}"
@@ -153,6 +154,7 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
         "cpu_ms": "CPU ms per run",
     },
     is_measured=True,
+    best="-cpu_time_s",
 )
 def cost(data: Searches) -> Iterator[dict[str, Any]]:
     """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
