@@ -58,3 +58,16 @@ class Names:
     def of_arm(self, arm: str) -> str:
         """Returns what readers call a learner that is given as `variant, observation`."""
         return self(*arm.split(", "))
+
+    def of_side(self, side: str) -> str:
+        """Returns a side of a contrast, or any other text, with the names of the learners in it.
+
+        >>> names = Names({"q": "Q-learning table"}, {"q": "tabular"})
+        >>> names.of_side("q, offset @ S1"), names.of_side("S1"), names.of_side("q")
+        ('Q-learning table of offsets @ S1', 'S1', 'q')
+        """
+        parts = [(part, *part.partition(", ")) for part in side.split(" @ ")]
+        return " @ ".join(
+            self(variant, observation) if observation and variant in self.families else part
+            for part, variant, _, observation in parts
+        )
