@@ -224,9 +224,14 @@ def in_words(parts: Sequence[str]) -> str:
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     """Draws a map of the regions, with all starts of the agent and the way of an issuer who moves."""
     scene, n_phases = scene_of(model, context), len(model.scenario.stages)
-    colours = np.array([_RGB[zone] for zone in scene.zone]).reshape(scene.rows, scene.columns, 3)
-    edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
-    axis.pcolormesh(*edges, colours, edgecolors=_RGB["line"], linewidth=0.25)
+    zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
+    axis.set_facecolor(_RGB["outside"])
+    for zone in dict.fromkeys(scene.zone):
+        if zone != "outside":
+            _add_path(axis, outlines(zones == zone), {"fc": _RGB[zone], "lw": 0})
+    lines = {"colors": [_RGB["line"]], "lw": 0.25, "zorder": 1.1}
+    axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
+    axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if model.scenario.moves:
         way = np.array([people[0].cell for people in model.scenario.people[context // n_phases]])
         axis.plot(*np.vstack([way, way[:1]])[:, ::-1].T, **_WAY)

@@ -46,7 +46,11 @@ _DASHES: Final[Mapping[str, Any]] = {  # of forms of observation; others are sol
     "offset_coordinates": (0, (4, 1.2, 1, 1.2)),
     **dict.fromkeys(("offset", "offset_one_hot"), (0, (1, 1.2))),
 }
-_TINTS: Final = {"coordinates": 0.3, "offset_coordinates": 0.15}  # how much lighter a learner is drawn
+_TINTS: Final[Mapping[str, float]] = {  # how much lighter a learner is drawn
+    "coordinates": 0.45,
+    "offset_coordinates": 0.25,
+    **dict.fromkeys(("offset", "offset_one_hot"), 0.4),
+}
 _RC: Final = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),

@@ -19,8 +19,8 @@ _NUMBER: Final = re.compile(r"-?\d*\.\d+(?:e-?\d+)?")
 _ID: Final = re.compile(r' id="([^"]*)"')
 _STYLE: Final = re.compile(r' style="([^"]*)"')
 _COLOUR: Final = re.compile("#[0-9a-f]{6}")
-_ALONE: Final = re.compile(r"<g>\s*(<[^<>]*/>)\s*</g>")  # a group of one
-_EMPTY: Final = re.compile(r"<(g|defs)>\s*</\1>")
+_ALONE: Final = re.compile(r"<g>\s*(<[^<>]*/>|<text[^<]*</text>)\s*</g>")  # a group of one
+_EMPTY: Final = re.compile(r"<(g|defs)>\s*</\1>|<(g|defs) ?/>")
 
 
 def compact(text: str, in_dark: Mapping[str, str]) -> str:
@@ -31,6 +31,7 @@ def compact(text: str, in_dark: Mapping[str, str]) -> str:
       in_dark: What becomes of colours other than grey, as "#rrggbb"; others stay.
     """
     text = _TAG.sub(_rounded, _LEFT_OUT.sub("", text))
+    text = re.sub(r' transform="rotate\(-?0 [^"]*"', "", text)
     # Ids are digests of numbers with all digits, which may differ in the last one.
     used = {*re.findall(r'(?:href="|url\()#([^")]*)', text)}
     numbers = {name: f"i{i}" for i, name in enumerate(name for name in _ID.findall(text) if name in used)}
@@ -41,9 +42,9 @@ def compact(text: str, in_dark: Mapping[str, str]) -> str:
         text = shorter
     plain = "".join(f".{name}{{{style}}}" for style, name in classes.items())
     dark = "".join(
-        f".{name}{{{other}}}"
+        f".{name}{{{';'.join(other)}}}"
         for style, name in classes.items()
-        if (other := _COLOUR.sub(lambda match: _dark(match[0], in_dark), style)) != style
+        if (other := _in_dark(style, in_dark))
     )
     dark = f"@media (prefers-color-scheme:dark){{svg{{fill:{_hex(_DARK_INK)}}}{dark}}}"
     text = re.sub("<style.*?</style>", "", text, flags=re.DOTALL)
@@ -77,6 +78,12 @@ def _classes(text: str) -> tuple[str, dict[str, str]]:
         return f' class="{classes[style]}"'
 
     return _STYLE.sub(name, text), classes
+
+
+def _in_dark(style: str, in_dark: Mapping[str, str]) -> list[str]:
+    """Lists the parts of a style that are different in the dark."""
+    parts = [(part, _COLOUR.sub(lambda match: _dark(match[0], in_dark), part)) for part in style.split(";")]
+    return [other for part, other in parts if other != part]
 
 
 def _dark(colour: str, in_dark: Mapping[str, str]) -> str:

@@ -113,7 +113,8 @@ class Document:
         def place(item: Item, is_folded: bool) -> str:
             if is_folded:
                 return ""
-            parts = [f"![{item.caption}]({self.figure(item)})"] if self.has_figure(item) else []
+            file = self.figure(item)
+            parts = [f"![{item.caption}]({file})"] if file else []
             frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
             if not frame.empty:
                 frame = frame.map(as_written)  # `to_markdown` escapes it
@@ -127,7 +128,11 @@ class Document:
         """A Markdown table of the files."""
         rows = []
         for item in self.items:
-            ends = [end for end in (".csv", *(f".{form}" for form in PICTURES)) if f"{item.name}{end}" in self.folder]
+            ends = [
+                end
+                for end in (".csv", *(f".{form}" for form in PICTURES))
+                if f"{item.name}{end}" in self.folder
+            ]
             names = [name for name in item.files if name in self.folder] or [
                 f"{item.name}{', '.join(ends)}"
             ] * bool(ends)

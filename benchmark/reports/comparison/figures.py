@@ -118,7 +118,6 @@ def curve_panels(
             axis.set(xlim=(float(shown["step"].min()), float(shown["step"].max())))
             axis.xaxis.set_major_locator(MaxNLocator(4 if is_few else 2))
             axis.xaxis.set_major_formatter(EngFormatter(sep=""))
-            axis.yaxis.set_major_locator(MaxNLocator(4 if is_few else 2))
         for axis in axes.flat[len(places) :]:
             axis.set_axis_off()
         for i, axis in enumerate(axes.flat[: len(places)]):
@@ -128,7 +127,7 @@ def curve_panels(
                 axis.tick_params(labelleft=False)
             if i + n_columns < len(places):
                 axis.tick_params(labelbottom=False)
-            else:
+            if i // n_columns == n_rows - 1:
                 axis.set(xlabel="environment step")
         yield figure, axes.flat[: len(places)]
         drawn = list(dict.fromkeys(learner for panel in panels.values() for learner in panel))

@@ -123,7 +123,7 @@ class Runs:
     references: Mapping[Learner, Learner]  # reference implementations to their learners
     missing: str = ""  # which runs are missing; empty if none is
     seeds_note: str = ""  # which seeds there are instead of those declared
-    names: Names = Names({}, {})  # what readers call learners
+    names: Names = field(default_factory=lambda: Names({}, {}))  # what readers call learners
     # What a search has chosen, of learners that have their settings from one.
     searches: Mapping[Learner, Chosen] = field(default_factory=dict)
 

@@ -50,7 +50,7 @@ def _(tables: Frames, runs: Runs) -> Figure:
     with figures.curve_panels(frame, runs, panels, "success", "success", signs) as (figure, axes):
         for axis in axes:
             axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
-            axis.set(ylim=(-0.03, 1.03))
+            axis.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
     return figure
 
 
