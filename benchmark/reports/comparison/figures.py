@@ -41,6 +41,7 @@ _STYLES: Final[dict[str, dict[str, Any]]] = {
 _N_MARKERS: Final = 6  # of a curve
 _N_POINTS: Final = 4  # of a reference
 _COLUMNS: Final = 6  # of panels, if there are many scenarios
+_CHARACTERS: Final = 140  # that a line of a legend has room for
 FEW: Final = 4  # scenarios that have a column each
 
 
@@ -142,7 +143,9 @@ def legend(figure: Figure, learners: Sequence[Learner], runs: Runs, title: str, 
         Line2D([], [], label=runs.names(*each), lw=1.3, ms=5, **style_of(each, runs) | style)
         for each in learners
     ]
-    place: dict[str, Any] = {"loc": "outside lower center", "ncols": 4, "frameon": False}
+    widest = max(len(handle.get_label()) for handle in handles)
+    columns = min(max(_CHARACTERS // (widest + 9), 1), 4)
+    place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns, "frameon": False}
     figure.legend(handles=handles, **place, handlelength=3, title=title)
 
 

@@ -78,7 +78,7 @@ def test_published_list_is_what_the_code_makes(published: Path) -> None:
 def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Path) -> None:
     page = Page(results / "index.html")
     assert build.write(results).read_text(encoding="utf-8") == page.source
-    starts = ["<h1>", 'id="finding"', 'href="compare_deep/curves.png"', '<p class="lead">', "<nav",
+    starts = ["<h1>", 'id="finding"', 'href="compare_deep/curves.svg"', '<p class="lead">', "<nav",
               'id="task"', 'id="compare_deep"', 'id="reproduce"', 'id="explorer"', 'id="speed"',
               'id="made"']  # fmt: skip
     places = [page.source.index(start) for start in starts]
@@ -89,7 +89,7 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     assert document.headline is not None
     for text in (*document.headline.text.split("\n\n"), *(each.text for each in document.findings)):
         assert as_shown(plain(text).replace("`", "")) in in_one_line(page.words)
-    assert page.source.count('href="compare_deep/curves.png"') == 1  # the lead
+    assert page.source.count('href="compare_deep/curves.svg"') == 1  # the lead
     assert len(re.findall(r"<details><summary>Mean score over training \(\d+ rows\)", page.source)) == 2
     assert "score: 0 is the random policy, -1 is worse & 2 < 3." in page.words
     for element in ("<em>learner</em>", "<h3>After training</h3>", "<h4>In detail</h4>", "<summary>Terms<"):
@@ -155,7 +155,7 @@ def test_every_number_is_in_the_row_that_it_links_to(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "content"),
     [("manifest.json", None), ("summary.csv", None)]
-    + [(name, b"{}") for name in ("manifest.json", "summary.csv", "curves.png", "agents.json.gz")]
+    + [(name, b"{}") for name in ("manifest.json", "summary.csv", "curves.svg", "agents.json.gz")]
     + [("manifest.json", b"{")],
 )
 def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, content: bytes | None) -> None:
