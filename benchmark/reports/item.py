@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 Rows = Iterable[Mapping[str, Any]] | pd.DataFrame | None
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
+PICTURES: Final = ("svg", "png")  # forms of a figure, of which a folder has the smaller one
 _NO_NUMBER: Final = "-"
 _PLACES: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
@@ -107,7 +108,7 @@ class Item:
 
     def patterns(self) -> tuple[str, ...]:
         """Lists the names that its files can have, as patterns."""
-        return self.files or tuple(f"{self.name}.{end}" for end in ("csv", "tex", "png", "svg", "pdf"))
+        return self.files or tuple(f"{self.name}.{end}" for end in ("csv", "tex", *PICTURES, "pdf"))
 
     def _chosen(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Shows the chosen columns of a table: numbers with their intervals, and with links to their rows."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -50,6 +51,16 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "undecided": "it is undecided in",
     "no verdict": "there is no verdict in",
 }
+# Groups of scenarios in a figure, from top to bottom
+_GROUPS: Final[Mapping[Outcome, str]] = {
+    "earns": "a net is better than the tables",
+    "another class": "a net with a policy of another class is better",
+    "mixed": "mixed",
+    "undecided": "undecided",
+    "does not earn": "no net is better than the tables",
+    "neither learned": "neither learned",
+    "no verdict": "no verdict",
+}
 
 
 def _in_words(frame: pd.DataFrame) -> pd.DataFrame:
@@ -75,15 +86,15 @@ contrasts = item(
 )(contrasts_of)
 
 
-@contrasts.figure("The contrasts, with intervals, margins and verdicts.")
-def _(tables: Frames, _: Runs) -> Figure | None:
+@contrasts.figure("The contrasts: differences with their intervals, and verdicts.")
+def _(tables: Frames, runs: Runs) -> Figure | None:
     if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
         return None
     frame = tables["contrasts"]
-    names = [
-        ", ".join(filter(None, [f"{row['x']}\nagainst {row['y']}", words.place(row)]))
-        for _, row in frame.iterrows()
-    ]
+    names = []
+    for _, row in frame.iterrows():
+        x, y = (runs.names.of_side(str(row[key])) for key in "xy")
+        names.append(", ".join(filter(None, [f"{x}\nagainst {y}", words.place(row)])))
     return figures.differences(frame, names, dict(_LABELS))
 
 
@@ -254,7 +265,7 @@ effects = item(
 )(effects_of)
 
 
-@effects.figure("Differences between two scenarios, by learner.")
+@effects.figure("What changes between two scenarios, by learner.")
 def _(tables: Frames, runs: Runs) -> Figure | None:
     frame = tables.get("effects", pd.DataFrame())
     if "algorithm" not in frame:
@@ -262,26 +273,30 @@ def _(tables: Frames, runs: Runs) -> Figure | None:
     frame = frame[frame["algorithm"].notna()]
     if "condition" in frame:
         frame = frame.assign(effect=frame["effect"] + ", " + frame["condition"].fillna("all conditions"))
-    learners = runs.declared.compared or figures.learners_in(frame, runs)
+    own = runs.own
+    learners = runs.declared.compared or figures.learners_in(frame, own)
     names = list(frame["effect"].unique())
     labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
     frame = frame.rename(columns=lambda name: str(name).replace("_difference", ""))
-    size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
-    with figure_of(len(names), len(labels), size) as (figure, axes):
-        for i, name in enumerate(names):
-            part = frame[frame["effect"] == name]
-            for j, (key, label) in enumerate(labels.items()):
-                axis = axes[i, j]
-                axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-                figures.dots(axis, part, key, learners, runs)
-                figures.rows(axis, learners, first=j == 0)
-                reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max()) or 1.0
-                axis.set(xlim=(-reach, reach))
-                if i == len(names) - 1:
-                    axis.set(xlabel=f"difference in {label}")
-            pair = f"{part['x'].iloc[0]} − {part['y'].iloc[0]}"
-            axes[i, 0].set_title(f"{name}: {pair}", loc="left", fontweight="bold")
-        figure.supxlabel("bar: 95 % interval, not adjusted; exploratory", fontsize="small")
+    step = 0.8 / len(learners)
+    size = (11.0, (0.11 * len(learners) + 0.2) * len(names) + 1.4)
+    with figure_of(1, len(labels), size) as (figure, axes):
+        for axis, (key, label) in zip(axes[0], labels.items(), strict=True):
+            axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+            for y, name in enumerate(names):
+                for place, learner in enumerate(learners):
+                    rows = frame[(frame["effect"] == name) & figures.is_of(frame, learner)]
+                    at = y + step * (place - (len(learners) - 1) / 2)
+                    figures.dot(axis, rows, key, at, figures.style_of(learner, own))
+            pairs = frame.groupby("effect", sort=False)[["x", "y"]].first()
+            rows = [f"{name}:\n{pairs['x'][name]} − {pairs['y'][name]}" for name in names]
+            figures.rows(axis, rows, first=axis is axes[0, 0])
+            axis.grid(visible=False, axis="y")
+            for y in range(len(names) - 1):
+                axis.axhline(y + 0.5, color="0.85", lw=0.6)
+            reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max()) or 1.0
+            axis.set(xlim=(-reach, reach), xlabel=f"difference in {label}")
+        figures.legend(figure, learners, own, "bar: 95 % interval, not adjusted; exploratory", ls="")
     return figure
 
 
@@ -332,7 +347,7 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
         yield row | runs.effort(cell.learner)
 
 
-@summary.figure("How often each learner succeeds after training, and the verdicts.")
+@summary.figure("How often each learner succeeds after training.")
 def _(tables: Frames, runs: Runs) -> Figure:
     is_few = words.by_place(tables["summary"])["scenario"].nunique() <= figures.FEW
     return (_dots if is_few else _heat)(tables, runs)
@@ -346,50 +361,74 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
     if "aggregate" in tables and len(runs.scenarios) > 1:
         means = words.by_place(tables["aggregate"].assign(scenario="mean over scenarios"))
         panels |= {str(place): rows for place, rows in means.groupby("scenario", sort=False)}
-    height = (0.44 if runs.references else 0.3) * len(learners) + 1.5
+    height = (0.34 if runs.references else 0.26) * len(learners) + 1.3
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
             figures.dots(axis, panel, "success", learners, runs)
-            figures.rows(axis, learners, first=axis is axes[0, 0])
+            figures.rows(axis, [runs.names(*each) for each in learners], first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
             for at in [learners.index(each) for each in runs.declared.baselines if each in learners]:
                 axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
+        if runs.declared.baselines:
+            text += "; grey: the tables to beat"
         figure.supxlabel(figures.with_references(text, runs), fontsize="small")
     return figure
 
 
 def _heat(tables: Frames, runs: Runs) -> Figure:
-    """Draws a row per scenario and a column per learner, with the signs of verdicts."""
+    """Draws a row per scenario, sorted by outcome and success, and a column per learner, with verdicts."""
     frame, contrasts, declared = words.by_place(tables["summary"]), tables.get("contrasts"), runs.declared
-    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
+    learners = figures.learners_in(frame, runs)
+    groups: dict[str, list[str]] = {"": list(frame["scenario"].unique())}
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
+        found: dict[str, str] = {}
         for place, rows in contrasts.groupby(words.scenario_labels(contrasts), sort=False):
             verdicts |= {(str(place), str(x)): each for x, each in standings(declared, rows).items()}
+            found[str(place)] = outcome(declared, rows) if declared.baselines else ""
+        titles = {each: title for each, title in _GROUPS.items() if each in found.values()}
+        groups = {titles[each]: [name for name in groups[""] if found.get(name) == each] for each in titles}
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
+    own = [each for each in learners if each in declared.decisive] or learners
+    scenarios: list[str] = []
+    for names in groups.values():
+        scenarios += sorted(names, key=lambda name: -sum(values[name, *each] for each in own))
     table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
-    with figure_of(1, 1, (0.95 * len(learners) + 2.2, 0.32 * len(scenarios) + 2.4)) as (figure, axes):
+    size = (min(0.62 * len(learners) + 2.4, 11.0), 0.27 * len(scenarios) + 3.0)
+    with figure_of(1, 1, size) as (figure, axes):
         axis = axes[0, 0]
-        axis.imshow(table, cmap=COLOUR_MAP, vmin=0, vmax=1, aspect="auto")
+        edges = np.arange(len(learners) + 1) - 0.5, np.arange(len(scenarios) + 1) - 0.5
+        axis.pcolormesh(*edges, table, cmap=COLOUR_MAP, vmin=0, vmax=1, edgecolors="white", linewidth=0.8)
         for (row, column), value in np.ndenumerate(table):
             sign = figures.SIGNS.get(verdicts.get((scenarios[row], str(learners[column])), ""), "")
-            ink = "white" if value < 0.55 else "black"
-            axis.text(column, row, f"{value:.2f} {sign}".strip(), ha="center", va="center", color=ink)
+            text = f"{value:.2f} {sign}".strip()
+            figures.text_on(axis, column, row, text, is_dark=value < 0.55)
+        axis.set(ylim=(len(scenarios) - 0.5, -0.5))
         budgets = frame.groupby(["algorithm", "observation"], sort=False)["budget"].first()
-        names = [f"{learner.algorithm}\n{learner.observation}\n{budgets[learner]:,}" for learner in learners]
-        axis.set_xticks(range(len(learners)), names, rotation=30, ha="left", rotation_mode="anchor")
+        usual = budgets.mode()[0]
+        names = [
+            runs.names(*each) + ("" if budgets[each] == usual else f" ({budgets[each]:,})")
+            for each in learners
+        ]
+        axis.set_xticks(range(len(learners)), names, rotation=40, ha="left", rotation_mode="anchor")
         axis.set_yticks(range(len(scenarios)), scenarios)
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
-        text = "success probability after training, mean over runs; below each name, steps of training"
+        at = 0
+        for title, names in groups.items():
+            if title:
+                axis.text(1.01, at - 0.3, fill(title, 22), va="top", transform=axis.get_yaxis_transform())
+                axis.axhline(at - 0.5, color="black", lw=1.2) if at else None
+            at += len(names)
+        lines = [f"success probability after {usual:,} steps of training, mean over runs"]
         if verdicts:
-            than, end = ({}, "; ") if len(declared.baselines) == 1 else (figures.THAN, ";\n")
+            than = {} if len(declared.baselines) == 1 else figures.THAN
             signs = ", ".join(f"{sign} {each}{than.get(each, '')}" for each, sign in figures.SIGNS.items())
-            text += f"\nagainst {listed(declared.baselines)}: {signs}{end}no sign: undecided, no verdict or "
-            text += "not compared"
-        figure.supxlabel(text, fontsize="small")
+            against = listed([runs.names(*each) for each in declared.baselines])
+            lines += [f"against {against}:", f"{signs}; no sign: undecided or not compared"]
+        figure.supxlabel("\n".join(lines), fontsize="small")
     return figure
 
 

@@ -42,23 +42,23 @@ def curves(runs: Runs) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@curves.figure("Success probability over training, with its 95 % interval.")
+@curves.figure("How often each learner succeeds while it learns.")
 def _(tables: Frames, runs: Runs) -> Figure:
     frame = tables["curves"]
-    longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], runs)
-    drawn = [*dict.fromkeys([*(runs.declared.compared or figures.learners_in(frame, runs)), *longest])]
+    few = words.by_place(frame)["scenario"].nunique() <= figures.FEW
+    panels = runs.panels if few else {"": runs.declared.compared or figures.learners_in(frame, runs)}
     signs = f"; dotted: {ENOUGH:g}"
-    with figures.curve_panels(frame, runs, drawn, "success", "success", signs) as (figure, axes):
+    with figures.curve_panels(frame, runs, panels, "success", "success", signs) as (figure, axes):
         for axis in axes:
             axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
-            axis.set(ylim=(-0.03, 1.03))
+            axis.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
     return figure
 
 
 @drawing(
     "wrong_pings",
     "wrong PINGs per 1,000 steps while agents learn",
-    "Wrong PINGs per 1,000 steps of training.",
+    "How often a person is disturbed while agents learn: wrong PINGs per 1,000 steps.",
 )
 def wrong_pings(tables: Frames, runs: Runs) -> Figure | None:
     """Draws how often the issuer disagreed while agents learned."""
@@ -67,9 +67,10 @@ def wrong_pings(tables: Frames, runs: Runs) -> Figure | None:
     frame = tables["curves"]
     drawn = runs.declared.compared or figures.learners_in(frame, runs)
     label = "wrong PINGs\nper 1,000 steps"
-    with figures.curve_panels(frame, runs, drawn, "wrong_pings", label) as (figure, axes):
+    with figures.curve_panels(frame, runs.own, {"": drawn}, "wrong_pings", label) as (figure, axes):
+        shown = frame[figures.is_of_any(frame, drawn, runs.own)]
         for axis in axes:
-            axis.set(ylim=(0, float(frame["wrong_pings"].max()) * 1.05))
+            axis.set(ylim=(0, float(shown["wrong_pings"].max()) * 1.05))
     return figure
 
 

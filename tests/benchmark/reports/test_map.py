@@ -154,7 +154,7 @@ def test_document_and_figures(made: Path) -> None:
         in text
     )
     assert re.search(r" of 1[26] runs of the net learn within 30,000 steps \(without it: ", text)
-    assert {"map.png", "predictors.png"} <= {path.name for path in made.iterdir()}
+    assert {"map.svg", "predictors.svg"} <= {path.name for path in made.iterdir()}
     reference = pd.read_csv(made / "reference.csv")
     assert {*reference["y"]} == {"check, index"}
     assert "5 %" in (made / "README.md").read_text(encoding="utf-8")
