@@ -132,8 +132,8 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation"}
     if len(table["scenario"].unique()) > 1:
         if first := "; ".join(f"{text} in {told[kind]}" for kind, text in kinds.items() if kind in told):
-            n = len({*words.scenario_labels(own)})
-            yield f"Of {n} scenarios, the first learner whose mean success stays at or above {ENOUGH:g} is {first}."
+            start = f"Of {len({*words.scenario_labels(own)})} scenarios"
+            yield f"{start}, the first learner whose mean success stays at or above {ENOUGH:g} is {first}."
         if "none" in told:
             yield f"No learner's mean success stays at or above {ENOUGH:g} in {told['none']}."
 
