@@ -18,7 +18,7 @@ from envs.inputs import needed_by, shortened
 from envs.model import PING
 from envs.observations import compile_seen, observation_table
 from envs.scenario import ScenarioLike
-from envs.scene import COLOURS, cell_map
+from envs.scene import cell_map
 
 with needed_by("benchmark.assessment"):
     import pandas as pd
@@ -332,7 +332,7 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
         variant for variant, declared in manifest["algorithms"].items() if declared["reference_for"]
     ]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
-    learner = frame["algorithm"] + ", " + frame["observation"]
+    learner = folder.names.in_table(frame)["learner"]
     return [pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})]
 
 
@@ -348,7 +348,6 @@ def draw_map(assessment: Assessment) -> Figure:
     with figure_of(1, 1, (6.0, 2.1 + 4.6 * scene.rows / scene.columns)) as (figure, axes):
         figure.set_layout_engine("compressed")  # the colour scale gets the height of the map
         axis = axes[0, 0]
-        axis.set_facecolor(np.array(COLOURS["over"]) / 255)
         heat(axis, scene, np.where(scene.is_over, np.nan, policy[:, PING]), norm)
         for action, name in enumerate(ACTIONS[:PING]):
             arrowheads(axis, cells[is_likeliest[:, action] & ~scene.is_over].assign(action=name))

@@ -49,7 +49,7 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
         assert "dqn, coordinates" in (tmp_path / "tuning_smoke" / "README.md").read_text()
     elif target == "when":
         assert made >= {"runs.db", "when_smoke"}
-        assert (tmp_path / "when_smoke" / "map.png").is_file()
+        assert (tmp_path / "when_smoke" / "map.svg").is_file()
         reference = pd.read_csv(tmp_path / "when_smoke" / "reference.csv")
         assert [*reference["y"]] == ["sb3_ppo, coordinates"]
     elif target in ("speed", "growth"):

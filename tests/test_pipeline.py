@@ -13,6 +13,7 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
+from benchmark.reports.item import PICTURES
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
 from tests.support import make, mistyped_columns
@@ -36,7 +37,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_everything_is_there(results: Path) -> None:
     tables = ("claims", "sensitivity", "learning", "optimal")
-    names = {f"{figure}.png" for figure in ("figure", *tables)}
+    names = {path.name for form in PICTURES for path in (results / "reproduce_smoke").glob(f"*.{form}")}
+    assert {name.partition(".")[0] for name in names} == {"figure", *tables[1:]}  # the table shows claims
+    assert len(names) == len(tables)
     names |= {f"{frame}.csv" for frame in (*tables, "q_values", "max_q", "claim_sets")}
     names |= {"README.md", "agents.json.gz", "manifest.json", "index.html"}
     assert contents(results / "reproduce_smoke").keys() == names

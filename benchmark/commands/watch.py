@@ -28,6 +28,7 @@ from benchmark.experiments import (
     load_experiment,
     specifications,
 )
+from benchmark.reports.learners import Names
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
 from envs.render import Window
@@ -60,13 +61,19 @@ def specification(
     return specifications(experiment, DEFAULT_CONDITION, paths[scenario], variant, observation, [seed])[0]
 
 
-def load_film(watched: RunSpecification, store: Store) -> Film:
+def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:
     """Returns the film of a run; a missing run is trained and stored.
+
+    Args:
+      watched: The run.
+      store: Where it is stored.
+      learner: What readers call its learner; by default, its variant and its observation.
 
     Raises:
       InputError: Training failed.
     """
-    title = f"{watched.scenario.name}: {watched.variant}, {watched.observation}, seed {watched.seed}"
+    learner = learner or f"{watched.variant}, {watched.observation}"
+    title = f"{watched.scenario.name}: {learner}, seed {watched.seed}"
     store.discard_damaged([watched.digest])
     if pending([watched], store):
         print(f"training {title} ...", file=sys.stderr)
@@ -141,7 +148,7 @@ def main(options: argparse.Namespace) -> int:
         check_file(options.save, *ANIMATIONS)
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
-        film = load_film(watched, store)
+        film = load_film(watched, store, Names.of(experiment)(watched.variant, watched.observation))
     if options.save is not None:
         write([picture(film, end_of(film, place), 32) for place in range(len(film.steps))], options.save)
         print(f"{film.title}: {options.save}")

@@ -46,6 +46,9 @@ _WALL: Final[dict[str, Any]] = {"fc": _RGB["wall"], "ec": _RGB["line"], "lw": 0,
 _ONE_OF_MANY: Final[dict[str, Any]] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 _WAY: Final[dict[str, Any]] = {"color": _RGB["person"], "lw": 0.9, "ls": ":"}
 
+_DIVERGING: Final = "PuOr"  # of values of both signs, whose middle is zero
+_OVER: Final = _RGB["over"]  # where there is no value
+
 # Of the gallery
 _COLUMNS: Final = 6
 _CHARACTERS: Final = 30  # of a line of text below one map
@@ -56,7 +59,8 @@ _MAP, _GAP, _LINE, _LEGEND = 1.36, 0.07, 0.125, 0.65  # inches: a map, between m
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
     """Draws one value per cell, (O,)."""
     edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
-    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), cmap=COLOUR_MAP, norm=norm)
+    axis.set_facecolor(_OVER)
+    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), cmap=_colour_map(norm), norm=norm)
     _dress(axis, scene, _ON_VALUES)
 
 
@@ -65,7 +69,7 @@ def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, va
 
     The frame has columns row, column, action (moves alone) and the one that is drawn.
     """
-    style: dict[str, Any] = {"cmap": COLOUR_MAP, "norm": norm, "edgecolors": "face", "linewidths": 0.2}
+    style: dict[str, Any] = {"cmap": _colour_map(norm), "norm": norm, "edgecolors": "face", "linewidths": 0.2}
     axis.add_collection(PolyCollection(_shapes(frame, TRIANGLES), array=frame[value].to_numpy(), **style))
     _dress(axis, scene, _ON_VALUES)
 
@@ -100,15 +104,20 @@ def dots(axis: Axes, cells: pd.DataFrame) -> None:
     axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
 
 
+def _colour_map(norm: Normalize) -> str:
+    """Returns the colours of a scale: of one with zero in its middle, white is zero."""
+    return _DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
+
+
 def colour_bar(
     figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
 ) -> None:
     """Draws the colour scale that a row of maps shares."""
-    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=COLOUR_MAP)
+    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_colour_map(norm))
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if 0 < norm(0.0) < 1:
-        bar.ax.axhline(0.0, color="white", lw=1.5)  # marks where the sign changes
+        bar.ax.axhline(0.0, color="black", lw=1)  # marks where the sign changes
 
 
 def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = None) -> None:
@@ -215,9 +224,14 @@ def in_words(parts: Sequence[str]) -> str:
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     """Draws a map of the regions, with all starts of the agent and the way of an issuer who moves."""
     scene, n_phases = scene_of(model, context), len(model.scenario.stages)
-    colours = np.array([_RGB[zone] for zone in scene.zone]).reshape(scene.rows, scene.columns, 3)
-    edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
-    axis.pcolormesh(*edges, colours, edgecolors=_RGB["line"], linewidth=0.25)
+    zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
+    axis.set_facecolor(_RGB["outside"])
+    for zone in dict.fromkeys(scene.zone):
+        if zone != "outside":
+            _add_path(axis, outlines(zones == zone), {"fc": _RGB[zone], "lw": 0})
+    lines = {"colors": [_RGB["line"]], "lw": 0.25, "zorder": 1.1}
+    axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
+    axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if model.scenario.moves:
         way = np.array([people[0].cell for people in model.scenario.people[context // n_phases]])
         axis.plot(*np.vstack([way, way[:1]])[:, ::-1].T, **_WAY)

@@ -1,6 +1,6 @@
-"""What all figures share: style, colours, markers, and how they are written."""
+"""What all figures share: style, colours and marks, a learner's among them, and how they are written."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -12,21 +12,50 @@ mpl.use("Agg")
 import pandas as pd
 import seaborn as sns
 from matplotlib import pyplot as plt
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
+from benchmark.drawing.svg import compact
 from envs import InputError
 
 COLOURS: Final = sns.color_palette("colorblind")
-# Of an experiment's variants, in their order. `compare_deep` declares its tables first: black and grey.
-_VARIANT_COLOURS: Final = ("black", "0.5", *(COLOURS[i] for i in (0, 2, 3, 9, 1, 4)))
-_VARIANT_MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
+INK: Final = ("#000001", "#fffffe")  # of texts on colours, which are the same in the dark; greys are not
+# Colour and mark of the variants of published experiments: tables black, grey and green, the kin of DQN blue,
+# and that of PPO orange. Of the same kin, brightness and mark differ.
+_KNOWN: Final[Mapping[str, tuple[str, str]]] = {
+    "q_learning": ("#000000", "o"),
+    "q_learning_tuned": ("#707070", "s"),
+    "q_learning_long": ("#a0a0a0", "8"),
+    "watkins_q_lambda": ("#00856a", "D"),
+    "expected_sarsa": ("#4d5d3a", "d"),
+    "softmax_table": ("#79c36a", "P"),
+    "memoryless": ("#b8b8b8", "*"),
+    **dict.fromkeys(("dqn", "dqn_offset"), ("#0173b2", "^")),
+    "dqn_linear": ("#16206b", "p"),
+    "dqn_default": ("#8a63d2", "v"),
+    **dict.fromkeys(("ppo", "ppo_offset"), ("#de7400", "X")),
+    "ppo_default": ("#7a3b12", "h"),
+}
+# Of other variants, in their order.
+_COLOURS: Final = ("#c2418f", "#17a2b8", "#8f1d2c", "#b59b00", "#5b5b5b", "#e58fc0", "#3f7f93", "#d98880")
+_MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
+_DASHES: Final[Mapping[str, Any]] = {  # of forms of observation; others are solid
+    "coordinates": (0, (4, 1.5)),
+    "offset_coordinates": (0, (4, 1.2, 1, 1.2)),
+    **dict.fromkeys(("offset", "offset_one_hot"), (0, (1, 1.2))),
+}
+_TINTS: Final[Mapping[str, float]] = {  # how much lighter a learner is drawn
+    "coordinates": 0.45,
+    "offset_coordinates": 0.25,
+    **dict.fromkeys(("offset", "offset_one_hot"), 0.4),
+}
 _RC: Final = {
     **sns.axes_style("ticks"),
     **sns.plotting_context("paper", font_scale=1.1),
     "svg.hashsalt": "proxemic",  # otherwise equal figures get different identifiers
+    "svg.fonttype": "none",  # texts stay texts
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": "medium",
@@ -59,8 +88,10 @@ def save_figure(figure: Figure, path: Path, **options: Any) -> None:
         ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     }.get(path.suffix.lower(), {"Software": None})
     with plt.rc_context(_RC):
-        dpi: Any = 160 if path.suffix.lower() == ".png" else "figure"
+        dpi: Any = 144 if path.suffix.lower() == ".png" else "figure"
         figure.savefig(path, dpi=dpi, metadata=metadata, **options)
+    if path.suffix.lower() == ".svg":
+        path.write_text(compact(path.read_text(encoding="utf-8"), _IN_DARK), encoding="utf-8")
 
 
 @contextmanager
@@ -78,17 +109,53 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
                 axis.label_outer()  # the maps of a figure share their axes
 
 
-def variant_style(place: int) -> dict[str, Any]:
-    """Returns the colour and marker of a variant by its place in the experiment; no two share both.
+def variant_style(variant: str, variants: Sequence[str]) -> dict[str, Any]:
+    """Returns the colour and mark of a variant; no two of an experiment share both.
 
-    Colours and markers are each used in turn. Their numbers, 8 and 15, have no common divisor, so that
-    all 120 pairs come up before one returns. From there on the marker is the place itself.
+    Those that are not known take their place in what remains. Colours and marks are each used in turn. Their
+    numbers, 8 and 15, have no common divisor, so that all 120 pairs come up before one returns. From there on
+    the mark is the place itself.
     """
-    n_pairs = len(_VARIANT_COLOURS) * len(_VARIANT_MARKERS)
-    marker = _VARIANT_MARKERS[place % len(_VARIANT_MARKERS)] if place < n_pairs else f"${place}$"
-    return {"color": _VARIANT_COLOURS[place % len(_VARIANT_COLOURS)], "marker": marker}
+    if variant in _KNOWN:
+        colour, marker = _KNOWN[variant]
+        return {"color": colour, "marker": marker}
+    place = [name for name in variants if name not in _KNOWN].index(variant)
+    n_pairs = len(_COLOURS) * len(_MARKERS)
+    marker = _MARKERS[place % len(_MARKERS)] if place < n_pairs else f"${place}$"
+    return {"color": _COLOURS[place % len(_COLOURS)], "marker": marker}
+
+
+def learner_style(variant: str, observation: str, variants: Sequence[str]) -> dict[str, Any]:
+    """Returns the colour, mark and dash of a learner: those of its variant, by its observation."""
+    style = variant_style(variant, variants)
+    if tint := _TINTS.get(observation):
+        style["color"] = _lighter(style["color"], tint)
+    return {**style, "ls": _DASHES.get(observation, "-")}
+
+
+def _lighter(colour: Any, share: float) -> str:
+    return to_hex([part + share * (1 - part) for part in to_rgb(colour)])
+
+
+def _readable(colour: str) -> str:
+    """Returns a colour as it is seen on a dark ground: the darker, the more it is lightened."""
+    red, green, blue = to_rgb(colour)
+    brightness = 0.3 * red + 0.59 * green + 0.11 * blue
+    return _lighter(colour, max(0.0, 0.75 - 1.3 * brightness))
+
+
+_DRAWN: Final = [
+    _lighter(colour, tint)
+    for colour in (*(colour for colour, _ in _KNOWN.values()), *_COLOURS, *map(to_hex, COLOURS))
+    for tint in (0, *_TINTS.values())
+]
+_IN_DARK: Final = {colour: _readable(colour) for colour in _DRAWN}
 
 
 def norm_of(values: pd.Series) -> Normalize:
-    """Returns the colour scale that spans all these values."""
-    return Normalize(float(values.min()), float(values.max()))
+    """Returns the colour scale that spans all these values; of both signs, its middle is zero."""
+    low, high = float(values.min()), float(values.max())
+    if low < 0 < high:
+        high = max(-low, high)
+        low = -high
+    return Normalize(low, high)

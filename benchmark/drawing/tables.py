@@ -103,19 +103,43 @@ def to_latex(frame: pd.DataFrame) -> str:
     return f"{_LATEX}{table}}}\n"
 
 
-def show(value: object) -> str:
-    """Returns a value as text, with three significant digits.
+def show(value: object, decimals: int | None = None) -> str:
+    """Returns a value as text, with three significant digits, or below 1,000 with so many decimals.
 
     >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7, "S1")]
     ['0.123', '1,000', '52,600,000', 'inf', '-', '7', 'S1']
+    >>> [show(value, 2) for value in (0.12345, 1.0, -0.001, 2345.6)]
+    ['0.12', '1.00', '0.00', '2,350']
     """
     value = _clean(value)
     if not isinstance(value, float):
         return str(value)
     if math.isnan(value):
         return "-"
+    if decimals is not None and abs(value) < 1000:
+        return f"{round(value, decimals) + 0.0:.{decimals}f}"
     shown = f"{value:.{_SHOWN_DIGITS}g}"
     return f"{float(shown):,.0f}" if 1000 <= abs(float(shown)) < math.inf else shown
+
+
+def decimals_of(column: pd.Series, *, is_bounded: bool = False) -> int | None:
+    """Returns how many decimals show three significant digits of the largest number of a column.
+
+    It is None if there is no such number, or if another one would be shown as 0; unless it has bounds, which
+    say how uncertain it is.
+
+    >>> decimals_of(pd.Series([0.5, 1.0, math.inf])), decimals_of(pd.Series([12.5, 1.0]))
+    (2, 1)
+    >>> decimals_of(pd.Series([1.0, 1e-5])), decimals_of(pd.Series([1.0, 1e-5]), is_bounded=True)
+    (None, 2)
+    """
+    if not pd.api.types.is_float_dtype(column):
+        return None
+    sizes = [abs(value) for value in column if 1e-12 < abs(value) < math.inf]
+    if not sizes:
+        return None
+    decimals = max(0, _SHOWN_DIGITS - 1 - math.floor(math.log10(max(sizes))))
+    return decimals if is_bounded or min(sizes) >= 0.5 * 10**-decimals else None
 
 
 def duration(seconds: float) -> str:

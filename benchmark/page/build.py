@@ -41,8 +41,7 @@ PUBLISHED: Final = ("when", "compare_deep", "beyond", "reproduce")
 _SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
-_FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
-_LEADING_COLOURS: Final = 96  # of a leading one, which has more of them
+_SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
@@ -177,7 +176,7 @@ class _Part:
             "question": document.question,
             "headline": [self.inline(text) for text in headline.text.split("\n\n")] if headline else [],
             "map": self._map(),
-            "lead": self._figure(lead, _LEADING_COLOURS) if lead is not None and has_lead else None,
+            "lead": self._figure(lead) if lead is not None and has_lead else None,
             "description": self.inline(inert(self.folder.manifest["description"])),
             "note": self.inline(inert(self.folder.manifest.get("note", ""))),
             "findings": [self.inline(inert(finding.text)) for finding in document.findings],
@@ -265,19 +264,26 @@ class _Part:
             "n_keys": n_keys,
         }
 
-    def _figure(self, item: Item, n_colours: int = _FIGURE_COLOURS) -> dict[str, Any]:
-        """Returns a figure small enough for the page."""
-        with Image.open(self.folder.path / f"{item.name}.png") as image:
-            small = image.convert("RGB").quantize(n_colours, dither=Image.Dither.NONE).convert("RGB")
-        buffer = io.BytesIO()
-        small.save(buffer, "WEBP", lossless=True, method=4)
+    def _figure(self, item: Item) -> dict[str, Any]:
+        """Returns a figure as the page shows it: an SVG as it is, another one as WebP, without any loss."""
+        path = self.folder.path / self.document.figure(item)
+        content = path.read_bytes()
+        if path.suffix == ".svg":
+            form = "image/svg+xml"
+            width, height = (round(float(each) * 4 / 3) for each in _SIZE.findall(content.decode())[:2])
+        else:
+            form, buffer = "image/webp", io.BytesIO()
+            with Image.open(path) as image:
+                width, height = image.size
+                image.convert("RGB").save(buffer, "WEBP", lossless=True, method=4)
+            content = buffer.getvalue()
         return {
             "caption": self.inline(item.caption),
             "alt": item.caption,
-            "type": "image/webp",
-            "data": _base64(buffer.getvalue()),
-            "width": small.width,
-            "height": small.height,
+            "type": form,
+            "data": _base64(content),
+            "width": width,
+            "height": height,
         }
 
 

@@ -19,7 +19,8 @@ import pandas as pd
 from benchmark.drawing import tables
 from benchmark.reports import files, load_items, load_report
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Finding, Item, as_written
+from benchmark.reports.item import PICTURES, Finding, Item, as_written
+from envs.observations import OBSERVATIONS
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"
@@ -63,11 +64,15 @@ class Document:
 
     def has_figure(self, item: Item) -> bool:
         """Returns whether an item has a figure here."""
-        return bool(item.caption) and f"{item.name}.png" in self.folder
+        return bool(self.figure(item))
+
+    def figure(self, item: Item) -> str:
+        """Returns the name of the file with an item's figure; empty if there is none here."""
+        return _figure(self.folder, item.name) if item.caption else ""
 
     def shown(self, item: Item) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts."""
-        return item.display(self.folder.frame(item.name))
+        return item.display(self.folder.names.in_table(self.folder.frame(item.name)))
 
     def render(self, place: Place, template: Path | None = None, **more: object) -> str:
         """Returns the document as Markdown.
@@ -109,7 +114,8 @@ class Document:
         def place(item: Item, is_folded: bool) -> str:
             if is_folded:
                 return ""
-            parts = [f"![{item.caption}]({item.name}.png)"] if self.has_figure(item) else []
+            file = self.figure(item)
+            parts = [f"![{item.caption}]({file})"] if file else []
             frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
             if not frame.empty:
                 frame = frame.map(as_written)  # `to_markdown` escapes it
@@ -119,11 +125,33 @@ class Document:
         return self.render(place, _FRAME, body=self.render(place)) + "\n"
 
     @property
+    def learners(self) -> str:
+        """A Markdown table of the learners: their names, and where their settings come from; or empty."""
+        manifest, rows = self.folder.manifest, []
+        for variant, each in manifest["algorithms"].items():
+            source = f"search `{each['tuned_by'].partition(':')[0]}`" if each.get("tuned_by") else "declared"
+            for observation in each["settings"]:
+                if observation in OBSERVATIONS:
+                    row = {
+                        "learner": self.folder.names(variant, observation),
+                        "name in CSV files": f"`{variant}, {observation}`",
+                        "policy": each["policy"],
+                        "settings": "searched here" if "search" in manifest["facts"] else source,
+                        "runs": each.get("runs"),
+                    }
+                    rows.append({key: value for key, value in row.items() if value is not None})
+        return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
+
+    @property
     def listed(self) -> str:
         """A Markdown table of the files."""
         rows = []
         for item in self.items:
-            ends = [end for end in (".csv", ".png") if f"{item.name}{end}" in self.folder]
+            ends = [
+                end
+                for end in (".csv", *(f".{form}" for form in PICTURES))
+                if f"{item.name}{end}" in self.folder
+            ]
             names = [name for name in item.files if name in self.folder] or [
                 f"{item.name}{', '.join(ends)}"
             ] * bool(ends)
@@ -131,6 +159,11 @@ class Document:
                 rows.append((", ".join(names), item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
+
+
+def _figure(folder: Folder, name: str) -> str:
+    """Returns the name of the file with an item's figure in a folder; empty if there is none."""
+    return next((file for form in PICTURES if (file := f"{name}.{form}") in folder), "")
 
 
 def front(results: Path) -> str:
@@ -167,7 +200,10 @@ def front(results: Path) -> str:
     def manifest(name: str) -> object:
         return Folder(results / name).manifest
 
-    functions = [interval, runs, duration, headline, manifest]
+    def figure(name: str, item: str) -> str:
+        return f"results/{name}/{_figure(Folder(results / name), item)}"
+
+    functions = [figure, interval, runs, duration, headline, manifest]
     with Folder(results / "compare_deep").reading():
         return (
             templates_in(_FRONT.parent)

@@ -30,12 +30,13 @@ from benchmark.experiments import (
 )
 from benchmark.reports import document, files, load_items, load_report, sameness
 from benchmark.reports.folder import MANIFEST
-from benchmark.reports.item import Data, Frames, Item, Report, as_written
+from benchmark.reports.item import PICTURES, Data, Frames, Item, Report, as_written
+from benchmark.reports.learners import Names
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
 
-FORMATS: Final = ("svg", "pdf", "tex")  # beside those that every folder of results has: csv and png
+FORMATS: Final = ("svg", "pdf", "tex")  # beside those that every folder of results has: csv, and svg or png
 
 
 class Made(NamedTuple):
@@ -102,7 +103,7 @@ def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mappin
     for name, frame in frames.items():
         tables.write_csv(frame, directory / f"{name}.csv")
     for item in items:
-        draw_figure(item, frames, data, directory / f"{item.name}.png")
+        draw_figure(item, frames, data, *(directory / f"{item.name}.{form}" for form in PICTURES))
         if item.write is not None:
             item.write(data, directory)
     document.write(directory)
@@ -121,7 +122,7 @@ def export(
             if form != "tex":
                 draw_figure(item, frames, data, path)
             elif item.name in frames:
-                frame = item.display(frames[item.name]).map(as_written)
+                frame = item.display(Names.of(experiment).in_table(frames[item.name])).map(as_written)
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 
@@ -133,7 +134,8 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
       is_drawn: Whether it is drawn now, so that its packages have to be there.
 
     Raises:
-      InputError: It has none, or asks for something else than the experiment has, or a package is missing.
+      InputError: It has none, or asks for something else than the experiment has, or a package is missing,
+        or two learners have the same name.
     """
     declared = experiment.report
     if declared is None:
@@ -152,6 +154,7 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
             where = f"{experiment.argument}: {key} with report.kind = {declared.kind}"
             raise InputError(f"{where}: accepted: report.kind = map.")
     report.check(experiment)
+    Names.of(experiment)  # which have to differ
     return report, items
 
 
@@ -176,14 +179,20 @@ def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
     return {item.name: frame for item in items if (frame := item.table(data)) is not None}
 
 
-def draw_figure(item: Item, frames: Frames, data: Data, path: Path) -> None:
-    """Draws an item's figure, if there is one; of a partial report it is marked."""
+def draw_figure(item: Item, frames: Frames, data: Data, *paths: Path) -> None:
+    """Draws an item's figure, if there is one; of a partial report it is marked.
+
+    Of several files, in different forms, the smallest one stays.
+    """
     figure = None if item.draw is None else item.draw(frames, data)
     if figure is not None:
         if data.is_incomplete:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
-        save_figure(figure, path)
+        for path in paths:
+            save_figure(figure, path)
         plt.close(figure)
+        for path in sorted(paths, key=lambda each: each.stat().st_size)[1:]:
+            path.unlink()
 
 
 # What a folder is made of
@@ -266,6 +275,7 @@ def _manifest(
                 "reference_for": experiment.algorithms[run.variant].reference_for,
                 "policy": experiment.algorithms[run.variant].policy,
                 "tuned_by": experiment.algorithms[run.variant].tuned_by,
+                "runs": sizes[run.population],  # in a scenario
                 "settings": {
                     each.observation: each.settings.model_dump(mode="json")
                     for each in default

@@ -11,6 +11,7 @@ from typing import Any, Final
 import pandas as pd
 
 from benchmark.drawing.tables import read_csv
+from benchmark.reports.learners import Names
 from envs import InputError
 
 MANIFEST: Final = "manifest.json"
@@ -42,6 +43,11 @@ class Folder:
                 f"results again: python -m benchmark run {self.path.name} --report"
             ) from error
         return dict(found)
+
+    @cached_property
+    def names(self) -> Names:
+        """What readers call the learners."""
+        return Names.from_manifest(self.manifest)
 
     def __contains__(self, file: str) -> bool:
         """Returns whether there is a file of this name, or one that matches this pattern."""

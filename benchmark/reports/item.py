@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import pandas as pd
 
 from benchmark.analysis.intervals import Estimate as Estimate
-from benchmark.drawing.tables import inert, link, plain, show
+from benchmark.drawing.tables import decimals_of, inert, link, plain, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 
 Rows = Iterable[Mapping[str, Any]] | pd.DataFrame | None
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
+PICTURES: Final = ("svg", "png")  # forms of a figure, of which a folder has the smaller one
 _NO_NUMBER: Final = "-"
+_PLACES: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Item:
     columns: Mapping[str, str] | None = None  # that readers see; by default all
     where: Callable[[pd.DataFrame], pd.DataFrame] | None = None
     is_measured: bool = False
+    best: str = ""  # the column by which readers see rows sorted within a place; "-": the smallest first
     files: tuple[str, ...] = ()  # of another form
     write: Callable[[Any, Path], None] | None = None
     caption: str = ""  # of the figure
@@ -105,19 +108,36 @@ class Item:
 
     def patterns(self) -> tuple[str, ...]:
         """Lists the names that its files can have, as patterns."""
-        return self.files or tuple(f"{self.name}.{end}" for end in ("csv", "tex", "png", "svg", "pdf"))
+        return self.files or tuple(f"{self.name}.{end}" for end in ("csv", "tex", *PICTURES, "pdf"))
 
     def _chosen(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Shows the chosen columns of a table: numbers with their intervals, and with links to their rows."""
         if self.where is not None:
             frame = self.where(frame)
-        columns = self.columns or {str(name): "" for name in frame}
+        columns = self.columns or {
+            str(name): ""
+            for name in frame
+            if "learner" not in frame or name not in ("algorithm", "observation")
+        }
+        decimals = {
+            key: decimals_of(frame[key], is_bounded=f"{key}_low" in frame) for key in columns if key in frame
+        }
+        rows = [row for _, row in self._sorted(frame).iterrows()]
         shown = {
-            label or key.replace("_", " "): [entry(row, key, self.name) for _, row in frame.iterrows()]
-            for key, label in columns.items()
-            if key in frame
+            columns[key] or key.replace("_", " "): [entry(row, key, self.name, digits) for row in rows]
+            for key, digits in decimals.items()
         }
         return pd.DataFrame(shown)
+
+    def _sorted(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Returns the rows with the best first; those of a place stay together."""
+        by = self.best.removeprefix("-")
+        if by not in frame or frame.empty:
+            return frame
+        is_ascending = by != self.best
+        places = [key for key in _PLACES if key in frame]
+        parts = frame.groupby(places, sort=False, dropna=False) if places else [("", frame)]
+        return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
 
 
 def item(
@@ -127,6 +147,7 @@ def item(
     *,
     where: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
     is_measured: bool = False,
+    best: str = "",
 ) -> Callable[[Callable[[Any], Rows]], Item]:
     """Makes an item of the function that computes its table.
 
@@ -139,8 +160,10 @@ def item(
       columns: Those that readers see, with their labels ("": the name); by default all.
       where: Chooses the rows that readers see.
       is_measured: Whether it holds measured times or memory, which differ every time.
+      best: The column by which readers see the rows of a place sorted, the largest first; with "-" before it,
+        the smallest. The CSV file has them in the order in which they are yielded.
     """
-    return lambda function: Item(function, name, description, columns, where, is_measured)
+    return lambda function: Item(function, name, description, columns, where, is_measured, best)
 
 
 def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
@@ -173,16 +196,17 @@ def expanded(row: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def entry(row: pd.Series, key: str, table: str) -> str:
+def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> str:
     """Returns an entry of a table as Markdown: a text, or a number with its interval and a link."""
     value = row[key]
     if isinstance(value, str):
         return inert(value)
-    text = number(value)
+    text = number(value, decimals)
     if text == _NO_NUMBER:
         return text
     low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
-    ends = "" if low is None or high is None or math.isnan(low) else f" [{show(low)}, {show(high)}]"
+    is_open = low is None or high is None or math.isnan(low) or math.isinf(low)
+    ends = "" if is_open else f" [{show(low, decimals)}, {show(high, decimals)}]"
     return link(text, table, row) + ends
 
 
@@ -195,8 +219,8 @@ def as_written(entry: str) -> str:
     return html.unescape(plain(entry))
 
 
-def number(value: Any) -> str:
-    """Returns a number as readers see it.
+def number(value: Any, decimals: int | None = None) -> str:
+    """Returns a number as readers see it, see `show`.
 
     >>> number(0.7), number(math.nan), number(math.inf), number(1200)
     ('0.7', '-', 'never', '1,200')
@@ -205,7 +229,7 @@ def number(value: Any) -> str:
         return _NO_NUMBER
     if isinstance(value, float) and math.isinf(value):
         return "never"  # of steps until something happens
-    return f"{value:,}" if isinstance(value, int) else show(value)
+    return f"{value:,}" if isinstance(value, int) else show(value, decimals)
 
 
 class Data(Protocol):

@@ -4,8 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
+import pandas as pd
+
 from agents import load_algorithm
 from benchmark.experiments import Experiment
+from envs import InputError
 
 _OBSERVED: Final = {
     "index": " on the cells' index",
@@ -28,20 +31,34 @@ class Names:
 
     @classmethod
     def of(cls, experiment: Experiment) -> Self:
-        """Returns the names in an experiment."""
+        """Returns the names in an experiment.
+
+        Raises:
+          InputError: Two of its learners have the same name.
+        """
         declared = experiment.algorithms
         families = {
             name: each.family or load_algorithm(each.algorithm).family for name, each in declared.items()
         }
-        return cls({name: each.title for name, each in declared.items()}, families)
+        names = cls({name: each.title for name, each in declared.items()}, families)
+        first: dict[str, str] = {}
+        for variant, each in declared.items():
+            for observation in each.observations:
+                name, arm = names(variant, observation), f"{variant}, {observation}"
+                if (other := first.setdefault(name, arm)) != arm:
+                    raise InputError(
+                        f'{experiment.argument}: algorithms: "{name}" is the name of {other} and of {arm}; '
+                        "accepted: titles that differ."
+                    )
+        return names
 
     @classmethod
     def from_manifest(cls, manifest: Mapping[str, Any]) -> Self:
         """Returns the names in published results."""
-        declared = manifest["algorithms"]
+        declared = manifest.get("algorithms", {})
         return cls(
             {name: each.get("title", "") for name, each in declared.items()},
-            {name: each["family"] for name, each in declared.items()},
+            {name: each.get("family", "") for name, each in declared.items()},
         )
 
     def __call__(self, variant: str, observation: str) -> str:
@@ -58,3 +75,38 @@ class Names:
     def of_arm(self, arm: str) -> str:
         """Returns what readers call a learner that is given as `variant, observation`."""
         return self(*arm.split(", "))
+
+    def of_side(self, side: str) -> str:
+        """Returns a side of a contrast, or any other text, with the names of the learners in it.
+
+        >>> names = Names({"q": "Q-learning table"}, {"q": "tabular"})
+        >>> names.of_side("q, offset @ S1"), names.of_side("S1"), names.of_side("q")
+        ('Q-learning table of offsets @ S1', 'S1', 'q')
+        """
+        parts = [(part, *part.partition(", ")) for part in side.split(" @ ")]
+        return " @ ".join(
+            self(variant, observation) if observation and variant in self.families else part
+            for part, variant, _, observation in parts
+        )
+
+    def told(self, side: str) -> str:
+        """Returns the same for a sentence: a table has an article.
+
+        >>> names = Names({"q": "Q-learning table", "dqn": "DQN"}, {"q": "tabular", "dqn": "deep"})
+        >>> names.told("q, index"), names.told("dqn, coordinates")
+        ('the Q-learning table', 'DQN on coordinates')
+        """
+        name = self.of_side(side)
+        return f"the {name}" if "table" in name.split() else name
+
+    def in_table(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Returns a table with a column of learners, and with their names for sides of contrasts."""
+        frame = frame.copy()
+        if {"algorithm", "observation"} <= {*frame} and "learner" not in frame:
+            learners = [
+                self.of_side(f"{row['algorithm']}, {row['observation']}") for _, row in frame.iterrows()
+            ]
+            frame.insert([*frame].index("algorithm"), "learner", learners)
+        for column in {"learner", "x", "y"} & {*frame}:
+            frame[column] = [self.of_side(each) if isinstance(each, str) else each for each in frame[column]]
+        return frame

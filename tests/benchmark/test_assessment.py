@@ -251,7 +251,12 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
         "partial": "",
         "scenarios": {"S1": load_scenario("S1").model_dump(mode="json")},
         "algorithms": {
-            variant: {"reference_for": of} for variant, of in (("table", ""), ("net", ""), ("same", "net"))
+            variant: {"reference_for": of, "family": family, "title": title}
+            for variant, of, family, title in (
+                ("table", "", "tabular", "Q-learning table"),
+                ("net", "", "deep", ""),
+                ("same", "net", "deep", ""),
+            )
         },
     }
     folder.mkdir()
@@ -275,7 +280,11 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
 
     assert standing() is None
     publish(tmp_path / "some", SCORES)
-    expected = [["table, index", 2, 0.5], ["net, one_hot", 1, 0.25], ["net, coordinates", 1, 0.0]]
+    expected = [
+        ["Q-learning table", 2, 0.5],
+        ["net on one-hot cells", 1, 0.25],
+        ["net on coordinates", 1, 0.0],
+    ]
     assert standing().learners[["learner", "runs", "score"]].to_numpy().tolist() == expected
     publish(tmp_path / "some_seeds_0-9", SCORES, experiment="some")
     publish(tmp_path / "some_smoke", SCORES)

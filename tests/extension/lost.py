@@ -8,7 +8,7 @@ from benchmark.drawing.tables import link
 from benchmark.reports.item import item
 
 
-@item("lost", "runs without any success", {"scenario": "", "algorithm": "", "share": "share of runs"})
+@item("lost", "runs without any success", {"scenario": "", "learner": "", "share": "share of runs"})
 def lost(runs: Any) -> Any:
     return [cell.row(share=proportion(cell.final("success") == 0)) for cell in runs]
 

@@ -97,13 +97,13 @@ def test_an_item_is_one_short_file_with_table_figure_and_sentence(tmp_path: Path
     folder = drawn(
         tmp_path, f'{{ kind = "comparison", omit = {names}, items = ["tests.extension.lost:lost"] }}'
     )
-    assert {f"lost.{end}" for end in ("csv", "png")} <= {file.name for file in folder.iterdir()}
+    assert {f"lost.{end}" for end in ("csv", "svg")} <= {file.name for file in folder.iterdir()}
     shares = pd.read_csv(folder / "lost.csv")
     assert shares["scenario"].tolist() == ["S1", "S3"] * 2
     assert ((shares["share_low"] <= shares["share"]) & (shares["share"] <= shares["share_high"])).all()
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert "| lost.csv, .png" in readme  # in the list of files
-    assert "![Share of runs without any success.](lost.png)" in readme
+    assert "| lost.csv, .svg" in readme  # in the list of files
+    assert "![Share of runs without any success.](lost.svg)" in readme
     assert f"Mean share without any success: {shares['share'].mean():.3g}." in readme
     (tmp_path / "runs.db").unlink()  # texts can be made again from the files alone
     document.write(folder)

@@ -115,7 +115,7 @@ def test_it_is_compared_like_any_other(corridor: Path, tmp_path: Path) -> None:
     keys = ["scenario", "algorithm", "observation"]
     summary = pd.read_csv(tmp_path / "mine" / "summary.csv").set_index(keys)
     assert 0.9 < summary["unbounded_score"]["corridor", "one", "index"] <= 1  # it has nearly the optimum
-    assert (tmp_path / "mine" / "scenarios.png").exists()
+    assert (tmp_path / "mine" / "scenarios.svg").exists()
     explorer = json.loads(gzip.decompress((tmp_path / "mine" / FILE).read_bytes()))
     shown = {(agent["scenario"], agent["observation"]) for agent in explorer["agents"]}
     cells = {(name, form) for name in ("corridor", "S1") for form in ("index", "offset")}

@@ -29,6 +29,7 @@ REPORT = Report(
         training.steps,
         training.speedups,
         training.ahead,
+        results.verdicts,
         results.effects,
         results.scenarios,
         results.region,

@@ -7,7 +7,7 @@ from typing import Any, Final
 import pandas as pd
 
 from benchmark.analysis.intervals import proportion
-from benchmark.drawing.tables import inert, link
+from benchmark.drawing.tables import decimals_of, inert, link
 from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
@@ -62,9 +62,10 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
     """Shows two by two classes side by side: a row per place and what is seen, below the learners' names."""
     learners: dict[str, dict[str, str]] = {}  # by what they see
     shown: dict[tuple[str, str], dict[str, str]] = {}
+    digits = decimals_of(table["success"], is_bounded=True)
     for _, row in table.iterrows():
         place, sees, title = words.place(row), row["sees"], f"{row['policy']} {row['kind']}"
         learners.setdefault(sees, {"scenario": "learner", "sees": sees})[title] = inert(row["learner"])
         at = shown.setdefault((place, sees), {"scenario": place, "sees": sees})
-        at[title] = link(number(row["success"]), "classes", row)
+        at[title] = link(number(row["success"], digits), "classes", row)
     return pd.DataFrame([*learners.values(), *shown.values()]).fillna("-")

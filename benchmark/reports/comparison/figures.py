@@ -1,25 +1,24 @@
-"""What the figures of a comparison share. A learner has one colour, marker and dash in all of them.
+"""What the figures of a comparison share.
 
-Colour and marker show its algorithm, and tint and dash its observation, so that figures can be read in grey,
-too. A reference implementation is drawn hollow, in the colour of its learner.
+Colour and marker show a learner's algorithm, and tint and dash its observation, see `drawing.style`, so that
+figures can be read in grey, too. A reference implementation is drawn hollow, in the colour of its learner.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, NullFormatter
+from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, UNDECIDED, WORSE
-from benchmark.drawing.style import COLOURS, figure_of, variant_style
+from benchmark.drawing.style import INK, figure_of, learner_style
 from benchmark.reports.comparison import words
 from benchmark.reports.comparison.declared import Learner
 from benchmark.reports.comparison.runs import Runs
@@ -32,21 +31,17 @@ THAN: Final = {
     EQUIVALENT: " to at least one, worse than none",
 }
 _STYLES: Final[dict[str, dict[str, Any]]] = {
-    BETTER: {"marker": "^", "color": COLOURS[2]},
-    WORSE: {"marker": "v", "color": COLOURS[3]},
-    EQUIVALENT: {"marker": "o", "color": COLOURS[0]},
-    MIXED: {"marker": "X", "color": COLOURS[1]},
-    UNDECIDED: {"marker": "o", "color": "0.45", "mfc": "white"},
-    NO_VERDICT: {"marker": "x", "color": "0.45"},
+    BETTER: {"marker": "^", "color": "black"},
+    WORSE: {"marker": "v", "color": "black"},
+    EQUIVALENT: {"marker": "o", "color": "black"},
+    MIXED: {"marker": "X", "color": "black"},
+    UNDECIDED: {"marker": "o", "color": "0.55", "mfc": "white"},
+    NO_VERDICT: {"marker": "x", "color": "0.55"},
 }
-_DASHES: Final[dict[str, Any]] = {  # of forms of observation; others are solid
-    "coordinates": (0, (4, 1.5)),
-    **dict.fromkeys(("offset", "offset_one_hot", "offset_coordinates"), (0, (1, 1.2))),
-}
-_TINTED: Final = ("coordinates", "offset_coordinates")  # observations of the learners that are drawn lighter
 _N_MARKERS: Final = 6  # of a curve
 _N_POINTS: Final = 4  # of a reference
-_COLUMNS: Final = 4  # of panels, if there are many scenarios
+_COLUMNS: Final = 6  # of panels, if there are many scenarios
+_CHARACTERS: Final = 140  # that a line of a legend has room for
 FEW: Final = 4  # scenarios that have a column each
 
 
@@ -62,12 +57,15 @@ def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
     return np.asarray(rows.to_numpy())
 
 
+def is_of_any(frame: pd.DataFrame, learners: Sequence[Learner], runs: Runs) -> NDArray[np.bool_]:
+    """Returns which rows are of these learners or of their references."""
+    every = [*learners, *(each for learner in learners for each in references_of(learner, runs))]
+    return np.logical_or.reduce([is_of(frame, each) for each in every])
+
+
 def style_of(learner: Learner, runs: Runs) -> dict[str, Any]:
     """Returns a learner's colour, marker and dash."""
-    style = variant_style(runs.algorithms.index(learner.algorithm))
-    if learner.observation in _TINTED:
-        style["color"] = tuple(0.5 + 0.5 * part for part in to_rgb(style["color"]))
-    return {**style, "ls": _DASHES.get(learner.observation, "-")}
+    return learner_style(*learner, runs.algorithms)
 
 
 def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, str]) -> Figure:
@@ -86,9 +84,9 @@ def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, 
                 axis.plot(row[difference], y, ms=7, **style)
                 axis.text(1.02, y, verdict, va="center", transform=axis.get_yaxis_transform())
             rows(axis, names, first=axis is axes[0, 0])
-            axis.set(title=label, xlabel="difference")
+            axis.set(title=label, xlabel="difference: right of the line, the first is better")
             axis.locator_params(axis="x", nbins=5)
-        text = "thick: 90 %, thin: 95 % interval, not adjusted; grey band: margin; colour and marker: verdict"
+        text = "thick: 90 %, thin: 95 % interval, not adjusted; grey band: margin of equivalence"
         figure.supxlabel(text, fontsize="small")
     return figure
 
@@ -97,12 +95,12 @@ def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: dict[str, 
 def curve_panels(
     frame: pd.DataFrame,
     runs: Runs,
-    learners: Sequence[Learner],
+    panels: Mapping[str, Sequence[Learner]],
     column: str,
     label: str,
     signs: str = "",
 ) -> Iterator[tuple[Figure, Iterable[Axes]]]:
-    """Draws a column of `curves` over training: panels per place, if few also by groups of learners.
+    """Draws a column of `curves` over training: a panel per place and group of learners.
 
     Yields:
       The figure and its axes, to be completed before the legend is drawn. It also names further signs.
@@ -110,33 +108,45 @@ def curve_panels(
     frame = words.by_place(frame[frame["step"] > 0])
     scenarios = list(frame["scenario"].unique())
     is_few = len(scenarios) <= FEW
-    panels = runs.panels if is_few else {"": learners}
     places = [(scenario, *panel) for panel in panels.items() for scenario in scenarios]
     n_columns = len(scenarios) if is_few else _COLUMNS
     n_rows = math.ceil(len(places) / n_columns)
-    with figure_of(n_rows, n_columns, (11.0, 2.2 * n_rows + 1.0)) as (figure, axes):
+    with figure_of(n_rows, n_columns, (11.0, (2.0 if is_few else 1.55) * n_rows + 1.0)) as (figure, axes):
         for axis, (scenario, title, drawn) in zip(axes.flat, places, strict=False):
-            lines(axis, frame[frame["scenario"] == scenario], "step", column, drawn, runs)
+            shown = frame[(frame["scenario"] == scenario) & is_of_any(frame, drawn, runs)]
+            lines(axis, shown, "step", column, drawn, runs)
             axis.set(title=", ".join(filter(None, [scenario, title])))
-            axis.set(xlim=(float(frame["step"].min()), float(frame["step"].max())))
-            if is_few:
-                axis.xaxis.set_major_locator(MaxNLocator(4))
-            else:
-                axis.set(xscale="log")
-                axis.xaxis.set_minor_formatter(NullFormatter())
+            axis.set(xlim=(float(shown["step"].min()), float(shown["step"].max())))
+            axis.xaxis.set_major_locator(MaxNLocator(4 if is_few else 2))
+            axis.xaxis.set_major_formatter(EngFormatter(sep=""))
         for axis in axes.flat[len(places) :]:
             axis.set_axis_off()
-        for axis in axes[:, 0]:
-            axis.set(ylabel=label)
-        for axis in axes.flat[max(len(places) - n_columns, 0) : len(places)]:
-            axis.set(xlabel="environment step")
+        for i, axis in enumerate(axes.flat[: len(places)]):
+            if i % n_columns == 0:
+                axis.set(ylabel=label)
+            else:
+                axis.tick_params(labelleft=False)
+            if i + n_columns < len(places):
+                axis.tick_params(labelbottom=False)
+            if i // n_columns == n_rows - 1:
+                axis.set(xlabel="environment step")
         yield figure, axes.flat[: len(places)]
         drawn = list(dict.fromkeys(learner for panel in panels.values() for learner in panel))
-        bars = " or bar" if runs.references else ""
-        title = with_references(f"line: mean over runs; shade{bars}: 95 % interval{signs}", runs)
-        handles = [Line2D([], [], label=str(each), lw=1.3, ms=5, **style_of(each, runs)) for each in drawn]
-        place: dict[str, Any] = {"loc": "outside lower center", "ncols": 4, "frameon": False}
-        figure.legend(handles=handles, **place, handlelength=3, title=title)
+        bars = " or bar" if any(references_of(each, runs) for each in drawn) else ""
+        title = f"line: mean over runs; shade{bars}: 95 % interval{signs}"
+        legend(figure, drawn, runs, with_references(title, runs) if bars else title)
+
+
+def legend(figure: Figure, learners: Sequence[Learner], runs: Runs, title: str, **style: Any) -> None:
+    """Names learners below a figure, under a line that says what the signs are."""
+    handles = [
+        Line2D([], [], label=runs.names(*each), lw=1.3, ms=5, **style_of(each, runs) | style)
+        for each in learners
+    ]
+    widest = max(len(handle.get_label()) for handle in handles)
+    columns = min(max(_CHARACTERS // (widest + 9), 1), 4)
+    place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns, "frameon": False}
+    figure.legend(handles=handles, **place, handlelength=3, title=title)
 
 
 def lines(axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Learner], runs: Runs) -> None:
@@ -158,14 +168,26 @@ def lines(axis: Axes, frame: pd.DataFrame, x: str, y: str, learners: Sequence[Le
 def dots(axis: Axes, frame: pd.DataFrame, key: str, learners: Sequence[Learner], runs: Runs) -> None:
     """Draws dots with intervals from top to bottom, those of references below their learners'."""
     for y, learner in enumerate(learners):
-        style, together = style_of(learner, runs), [learner, *references_of(learner, runs)]
+        together = [learner, *references_of(learner, runs)]
         for place, each in enumerate(together):
-            for _, row in frame[is_of(frame, each)].iterrows():
-                at, is_reference = y + 0.4 * (place - (len(together) - 1) / 2), place > 0
-                ends, width = [row[f"{key}_low"], row[f"{key}_high"]], 1.2 if is_reference else 2.2
-                axis.plot(ends, [at, at], color=style["color"], lw=width, alpha=0.6)
-                fill = {"mfc": "white"} if is_reference else {"mec": "white", "mew": 0.6}
-                axis.plot(row[key], at, color=style["color"], marker=style["marker"], ms=5, **fill)
+            at = y + 0.4 * (place - (len(together) - 1) / 2)
+            dot(axis, frame[is_of(frame, each)], key, at, style_of(learner, runs), is_hollow=place > 0)
+
+
+def dot(
+    axis: Axes, frame: pd.DataFrame, key: str, at: float, style: dict[str, Any], *, is_hollow: bool = False
+) -> None:
+    """Draws the numbers of a learner with their intervals, at a height."""
+    for _, row in frame.iterrows():
+        ends, width = [row[f"{key}_low"], row[f"{key}_high"]], 1.2 if is_hollow else 2.2
+        axis.plot(ends, [at, at], color=style["color"], lw=width, alpha=0.6)
+        fill = {"mfc": "white"} if is_hollow else {"mec": "white", "mew": 0.4}
+        axis.plot(row[key], at, color=style["color"], marker=style["marker"], ms=6, **fill)
+
+
+def text_on(axis: Axes, x: float, y: float, text: str, *, is_dark: bool) -> None:
+    """Writes on a coloured cell, which is the same in the dark."""
+    axis.text(x, y, text, ha="center", va="center", color=INK[int(is_dark)])
 
 
 def rows(axis: Axes, names: Sequence[object], *, first: bool) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -39,7 +40,7 @@ from envs.scene import COLOUR_MAP
 from envs.words import listed
 
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
-_MOST_TOLD: Final = 10  # contrasts that have a sentence each
+_MOST_TOLD: Final = 6  # contrasts that have a sentence each
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
@@ -50,6 +51,20 @@ _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "undecided": "it is undecided in",
     "no verdict": "there is no verdict in",
 }
+# Groups of scenarios in a figure, from top to bottom
+_GROUPS: Final[Mapping[Outcome, str]] = {
+    "earns": "a net is better than the tables",
+    "another class": "a net with a policy of another class is better",
+    "mixed": "mixed",
+    "undecided": "undecided",
+    "does not earn": "no net is better than the tables",
+    "neither learned": "neither learned",
+    "no verdict": "no verdict",
+}
+
+
+def _in_words(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame.assign(success_verdict=[words.in_words(row) for _, row in frame.iterrows()])
 
 
 contrasts = item(
@@ -67,35 +82,27 @@ contrasts = item(
         "score_difference": "difference in score",
         "wrong_pings_difference": "difference in wrong PINGs",
     },
+    where=_in_words,
 )(contrasts_of)
 
 
-@contrasts.figure("The contrasts, with intervals, margins and verdicts.")
-def _(tables: Frames, _: Runs) -> Figure | None:
+@contrasts.figure("The contrasts: differences with their intervals, and verdicts.")
+def _(tables: Frames, runs: Runs) -> Figure | None:
     if "contrasts" not in tables or len(tables["contrasts"]) > 2 * _MOST_TOLD:
         return None
     frame = tables["contrasts"]
-    names = [
-        ", ".join(filter(None, [f"{row['x']}\nagainst {row['y']}", words.place(row)]))
-        for _, row in frame.iterrows()
-    ]
+    names = []
+    for _, row in frame.iterrows():
+        x, y = (runs.names.of_side(str(row[key])) for key in "xy")
+        names.append(", ".join(filter(None, [f"{x}\nagainst {y}", words.place(row)])))
     return figures.differences(frame, names, dict(_LABELS))
 
 
 @contrasts.sentence
-def _(table: pd.DataFrame, __: Folder) -> Iterator[Finding]:
-    """Tells every contrast; if there are many, those of the same two sides in one sentence."""
-    for (x, y), rows in table.groupby(["x", "y"], sort=False):
-        if len(rows) == 1 or len(table) <= _MOST_TOLD:
-            yield from (words.verdict(row) for _, row in rows.iterrows())
-            continue
-        parts = []
-        for verdict in [each for each in VERDICTS if each in {*rows["success_verdict"]}]:
-            ended = rows[rows["success_verdict"] == verdict]
-            names = listed([words.case(row) for _, row in ended.iterrows()])
-            count = link(f"{len(ended)}", "contrasts", ended)
-            parts.append(f"{verdict} in {count}{f' ({names})' * (len(ended) <= figures.FEW)}")
-        yield Finding(f"Success of `{x}` compared with `{y}`: {listed(parts)}.", "several")
+def _(table: pd.DataFrame, folder: Folder) -> Iterator[Finding]:
+    """Tells every contrast, if they are few."""
+    if len(table) <= _MOST_TOLD:
+        yield from (words.verdict(row, folder.names) for _, row in table.iterrows())
 
 
 @contrasts.sentence
@@ -125,6 +132,22 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     return f"{start} are: {told}." if told else None
 
 
+@item(
+    "verdicts",
+    "how many verdicts on success each contrast has, over scenarios",
+    {"x": "", "y": "", "n": "contrasts", **dict.fromkeys(VERDICTS, "")},
+)
+def verdicts(runs: Runs) -> Iterator[dict[str, Any]]:
+    """Counts contrasts of the same two sides, if they are many."""
+    rows = pd.DataFrame(contrasts_of(runs))
+    if len(rows) <= _MOST_TOLD or not rows.duplicated(["x", "y"]).any():
+        return
+    found = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
+    for (x, y), here in rows.groupby(["x", "y"], sort=False):
+        counts = {verdict: int((here["success_verdict"] == verdict).sum()) for verdict in found}
+        yield {"x": x, "y": y, "n": len(here), **counts}
+
+
 def headline(folder: Folder) -> Finding | None:
     """Answers whether deep RL earns its keep, for which budget and in which scenarios."""
     declared = Declared.from_manifest(folder.manifest)
@@ -141,19 +164,20 @@ def headline(folder: Folder) -> Finding | None:
     by_outcome: dict[Outcome, list[str]] = {}
     for place, rows in table[places != ""].groupby(places, sort=False):
         by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
-    told = [key for key in _OUTCOMES if key in by_outcome]
     tables = "table" if len(declared.baselines) == 1 else "tables"
     parts = []
     for key, text in _OUTCOMES.items():
         if names := by_outcome.get(key):
             count = link(str(len(names)), "contrasts", table[places.isin(names)])
-            is_rest = len(names) > figures.FEW and key == told[-1] != told[0]
-            which = f"the other {count}" if is_rest else f"{count} ({listed(names)})"
-            parts.append(f"{text.format(tables)} {which}")
+            which = f" ({listed(names)})" if len(names) <= figures.FEW else ""
+            parts.append(f"{text.format(tables)} {count}{which}")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
-    deep = listed([f"`{learner}`" for learner in declared.decisive])
-    beaten = listed([*(f"than `{baseline}`" for baseline in declared.baselines), "than the random policy"])
+    told = folder.names.told
+    deep = listed(told(str(learner)) for learner in declared.decisive)
+    beaten = listed(
+        [*(f"than {told(str(baseline))}" for baseline in declared.baselines), "than the random policy"]
+    )
     rule = (
         f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there {beaten}, with a "
         f"policy of the same class{' as one of these tables' * (tables == 'tables')} and a score that is not "
@@ -171,15 +195,16 @@ def headline(folder: Folder) -> Finding | None:
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
     """Answers for the mean over scenarios, or for the only one."""
-    rows, names = decisive_rows(declared, table), [f"`{baseline}`" for baseline in declared.baselines]
+    rows, called = decisive_rows(declared, table), folder.names.told
+    names = [called(str(baseline)) for baseline in declared.baselines]
     found, standing = outcome(declared, table), standings(declared, rows)
     margin, is_one = declared.reporting.margins.success, len(names) == 1
-    won = [f"`{x}`" for x in winners(rows)["x"].unique()]
+    won = [called(x) for x in winners(rows)["x"].unique()]
     more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than {listed(names)}"
     n_deep = rows["x"].nunique()
     subject = "the deep learner" if n_deep == 1 else f"each of the {n_deep} deep learners compared"
     counts = "; ".join(
-        f"against `{baseline}`, {counted(rows[rows['y'] == str(baseline)])}"
+        f"against {called(str(baseline))}, {counted(rows[rows['y'] == str(baseline)])}"
         for baseline in declared.baselines
     )
     text = {
@@ -199,33 +224,28 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     for (_, row), is_worse in zip(rows.iterrows(), is_worse_in_some(rows), strict=True):
         if row["success_verdict"] != standing.get(row["x"]):
             continue  # other contrasts decide
-        against = "" if is_one else f" against `{row['y']}`"
+        x, y = called(row["x"]), called(row["y"])
+        against = "" if is_one else f" against {y}"
         if row["success_verdict"] == BETTER and row["score_verdict"] in (WORSE, MIXED):
-            aside += f" In score{against}, `{row['x']}` is {row['score_verdict']}."
+            aside += f" In score{against}, {x} is {row['score_verdict']}."
         if (apart := str(row.get("success_except", "nan"))) in ("", "nan"):
             continue
-        where, x, y = listed(apart.split(", ")), row["x"], row["y"]
+        where = listed(apart.split(", "))
         if is_worse:
-            aside += (
-                f" In {where}, the mean success of `{x}` is lower than that of `{y}` by {margin:g} or more."
-            )
+            aside += f" In {where}, the mean success of {x} is lower than that of {y} by {margin:g} or more."
         elif row["success_verdict"] != MIXED:
-            verdict = f"The verdict on `{x}`{against} ({row['success_verdict']})"
+            verdict = f"The verdict on {x}{against} ({words.in_words(row)})"
             aside += f" {verdict} is for the mean; it is not shown separately in {where}."
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
-    reached = [
-        f"`{name}` {words.interval(learners[name], 'success', 'aggregate')}"
-        for name in [*map(str, declared.baselines), *rows["x"].unique()]
-    ]
     best = max(map(str, declared.baselines), key=lambda name: float(learners[name]["success"]))
     room = 1 - learners[best]["success"]
     ceiling = ""
     if room < margin and found not in ("earns", "another class"):
         how = "always succeeds" if room < 1e-6 else f"fails in {room:.3f} of episodes"
-        ceiling = f" As `{best}` {how}, no learner could have been better by the margin of {margin:g}."
-    return Finding(f"{start}, {text}.{aside}\n\nSuccess: {'; '.join(reached)}.{ceiling}", found)
+        ceiling = f"\n\nAs {called(best)} {how}, no learner could have been better by {margin:g}."
+    return Finding(f"{start}, {text}.{aside}{ceiling}", found)
 
 
 effects = item(
@@ -245,7 +265,7 @@ effects = item(
 )(effects_of)
 
 
-@effects.figure("Differences between two scenarios, by learner.")
+@effects.figure("What changes between two scenarios, by learner.")
 def _(tables: Frames, runs: Runs) -> Figure | None:
     frame = tables.get("effects", pd.DataFrame())
     if "algorithm" not in frame:
@@ -253,46 +273,42 @@ def _(tables: Frames, runs: Runs) -> Figure | None:
     frame = frame[frame["algorithm"].notna()]
     if "condition" in frame:
         frame = frame.assign(effect=frame["effect"] + ", " + frame["condition"].fillna("all conditions"))
-    learners = runs.declared.compared or figures.learners_in(frame, runs)
+    own = runs.own
+    learners = runs.declared.compared or figures.learners_in(frame, own)
     names = list(frame["effect"].unique())
     labels = {"success": "success", "wrong_pings": "wrong PINGs per 1,000 steps"}
     frame = frame.rename(columns=lambda name: str(name).replace("_difference", ""))
-    size = (11.0, (0.2 * len(learners) + 0.5) * len(names) + 0.8)
-    with figure_of(len(names), len(labels), size) as (figure, axes):
-        for i, name in enumerate(names):
-            part = frame[frame["effect"] == name]
-            for j, (key, label) in enumerate(labels.items()):
-                axis = axes[i, j]
-                axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
-                figures.dots(axis, part, key, learners, runs)
-                figures.rows(axis, learners, first=j == 0)
-                reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max()) or 1.0
-                axis.set(xlim=(-reach, reach))
-                if i == len(names) - 1:
-                    axis.set(xlabel=f"difference in {label}")
-            pair = f"{part['x'].iloc[0]} − {part['y'].iloc[0]}"
-            axes[i, 0].set_title(f"{name}: {pair}", loc="left", fontweight="bold")
-        figure.supxlabel("bar: 95 % interval, not adjusted; exploratory", fontsize="small")
+    step = 0.8 / len(learners)
+    size = (11.0, (0.11 * len(learners) + 0.2) * len(names) + 1.4)
+    with figure_of(1, len(labels), size) as (figure, axes):
+        for axis, (key, label) in zip(axes[0], labels.items(), strict=True):
+            axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
+            for y, name in enumerate(names):
+                for place, learner in enumerate(learners):
+                    rows = frame[(frame["effect"] == name) & figures.is_of(frame, learner)]
+                    at = y + step * (place - (len(learners) - 1) / 2)
+                    figures.dot(axis, rows, key, at, figures.style_of(learner, own))
+            pairs = frame.groupby("effect", sort=False)[["x", "y"]].first()
+            rows = [f"{name}:\n{pairs['x'][name]} − {pairs['y'][name]}" for name in names]
+            figures.rows(axis, rows, first=axis is axes[0, 0])
+            axis.grid(visible=False, axis="y")
+            for y in range(len(names) - 1):
+                axis.axhline(y + 0.5, color="0.85", lw=0.6)
+            reach = 1.05 * float(frame[[f"{key}_low", f"{key}_high"]].abs().to_numpy().max()) or 1.0
+            axis.set(xlim=(-reach, reach), xlabel=f"difference in {label}")
+        figures.legend(figure, learners, own, "bar: 95 % interval, not adjusted; exploratory", ls="")
     return figure
 
 
 @effects.sentence
 def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
-    """Tells where an effect on success excludes 0, and all effects that are not one per learner."""
-    compared = {str(learner) for learner in Declared.from_manifest(folder.manifest).compared}
-    for name, rows in table.groupby("effect", sort=False):
-        parts = []
-        for _, row in rows.iterrows():
-            is_of_learner = isinstance(row.get("algorithm"), str)
-            is_shown = row["success_difference_low"] > 0 or row["success_difference_high"] < 0
-            if not is_of_learner or (is_shown and words.name_of(row) in compared):
-                learner = f"`{words.name_of(row)}` " if is_of_learner else ""
-                parts.append(f"{learner}{words.difference(row, 'success', 'effects', 2)}")
-        if parts:
-            first = rows.iloc[0]
+    """Tells the effects that are not one per learner; the figure shows the others."""
+    for _, row in table.iterrows():
+        if not isinstance(row.get("algorithm"), str):
+            x, y = (folder.names.of_side(row[side]) for side in "xy")
             yield (
-                f"Exploratory, {name}: the difference in success, {first['x']} minus {first['y']}, is "
-                f"{listed(parts)} (95 % intervals, not adjusted)."
+                f"Exploratory, {row['effect']}: the difference in success, {x} minus {y}, is "
+                f"{words.difference(row, 'success', 'effects', 2)} (95 % interval, not adjusted)."
             )
 
 
@@ -304,6 +320,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         "policy": "",
         "n": "runs",
         "success": "success probability",
+        "greedy_success": "of the greedy policy",
         "score": "score, clipped",
         "unbounded_score": "score without bounds",
         "steps": "",
@@ -312,6 +329,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         "every_cell_success": "success from any cell",
     },
     where=lambda frame: frame if frame["scenario"].nunique() <= figures.FEW else no_rows(frame),
+    best="success",
 )
 def summary(runs: Runs) -> Iterator[dict[str, Any]]:
     """`training_wrong_pings` are those per 1,000 steps of the whole training, with Student's interval."""
@@ -329,7 +347,7 @@ def summary(runs: Runs) -> Iterator[dict[str, Any]]:
         yield row | runs.effort(cell.learner)
 
 
-@summary.figure("How often each learner succeeds after training, and the verdicts.")
+@summary.figure("How often each learner succeeds after training.")
 def _(tables: Frames, runs: Runs) -> Figure:
     is_few = words.by_place(tables["summary"])["scenario"].nunique() <= figures.FEW
     return (_dots if is_few else _heat)(tables, runs)
@@ -343,68 +361,75 @@ def _dots(tables: Frames, runs: Runs) -> Figure:
     if "aggregate" in tables and len(runs.scenarios) > 1:
         means = words.by_place(tables["aggregate"].assign(scenario="mean over scenarios"))
         panels |= {str(place): rows for place, rows in means.groupby("scenario", sort=False)}
-    height = (0.44 if runs.references else 0.3) * len(learners) + 1.5
+    height = (0.34 if runs.references else 0.26) * len(learners) + 1.3
     with figure_of(1, len(panels), (11.0, height)) as (figure, axes):
         for axis, (title, panel) in zip(axes[0], panels.items(), strict=True):
             figures.dots(axis, panel, "success", learners, runs)
-            figures.rows(axis, learners, first=axis is axes[0, 0])
+            figures.rows(axis, [runs.names(*each) for each in learners], first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
             for at in [learners.index(each) for each in runs.declared.baselines if each in learners]:
                 axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
+        if runs.declared.baselines:
+            text += "; grey: the tables to beat"
         figure.supxlabel(figures.with_references(text, runs), fontsize="small")
     return figure
 
 
 def _heat(tables: Frames, runs: Runs) -> Figure:
-    """Draws a row per scenario and a column per learner, with the signs of verdicts."""
+    """Draws a row per scenario, sorted by outcome and success, and a column per learner, with verdicts."""
     frame, contrasts, declared = words.by_place(tables["summary"]), tables.get("contrasts"), runs.declared
-    scenarios, learners = list(frame["scenario"].unique()), figures.learners_in(frame, runs)
+    learners = figures.learners_in(frame, runs)
+    groups: dict[str, list[str]] = {"": list(frame["scenario"].unique())}
     verdicts: dict[tuple[str, str], str] = {}
     if contrasts is not None and "scenario" in contrasts:
+        found: dict[str, str] = {}
         for place, rows in contrasts.groupby(words.scenario_labels(contrasts), sort=False):
             verdicts |= {(str(place), str(x)): each for x, each in standings(declared, rows).items()}
+            found[str(place)] = outcome(declared, rows) if declared.baselines else ""
+        titles = {each: title for each, title in _GROUPS.items() if each in found.values()}
+        groups = {titles[each]: [name for name in groups[""] if found.get(name) == each] for each in titles}
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]
+    own = [each for each in learners if each in declared.decisive] or learners
+    scenarios: list[str] = []
+    for names in groups.values():
+        scenarios += sorted(names, key=lambda name: -sum(values[name, *each] for each in own))
     table = np.array([[values[scenario, *learner] for learner in learners] for scenario in scenarios])
-    with figure_of(1, 1, (0.95 * len(learners) + 2.2, 0.32 * len(scenarios) + 2.4)) as (figure, axes):
+    size = (min(0.62 * len(learners) + 2.4, 11.0), 0.27 * len(scenarios) + 3.0)
+    with figure_of(1, 1, size) as (figure, axes):
         axis = axes[0, 0]
-        axis.imshow(table, cmap=COLOUR_MAP, vmin=0, vmax=1, aspect="auto")
+        edges = np.arange(len(learners) + 1) - 0.5, np.arange(len(scenarios) + 1) - 0.5
+        axis.pcolormesh(*edges, table, cmap=COLOUR_MAP, vmin=0, vmax=1, edgecolors="white", linewidth=0.8)
         for (row, column), value in np.ndenumerate(table):
             sign = figures.SIGNS.get(verdicts.get((scenarios[row], str(learners[column])), ""), "")
-            ink = "white" if value < 0.55 else "black"
-            axis.text(column, row, f"{value:.2f} {sign}".strip(), ha="center", va="center", color=ink)
+            text = f"{value:.2f} {sign}".strip()
+            figures.text_on(axis, column, row, text, is_dark=value < 0.55)
+        axis.set(ylim=(len(scenarios) - 0.5, -0.5))
         budgets = frame.groupby(["algorithm", "observation"], sort=False)["budget"].first()
-        names = [f"{learner.algorithm}\n{learner.observation}\n{budgets[learner]:,}" for learner in learners]
-        axis.set_xticks(range(len(learners)), names, rotation=30, ha="left", rotation_mode="anchor")
+        usual = budgets.mode()[0]
+        names = [
+            runs.names(*each) + ("" if budgets[each] == usual else f" ({budgets[each]:,})")
+            for each in learners
+        ]
+        axis.set_xticks(range(len(learners)), names, rotation=40, ha="left", rotation_mode="anchor")
         axis.set_yticks(range(len(scenarios)), scenarios)
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
-        text = "success probability after training, mean over runs; below each name, steps of training"
+        at = 0
+        for title, names in groups.items():
+            if title:
+                axis.text(1.01, at - 0.3, fill(title, 22), va="top", transform=axis.get_yaxis_transform())
+                axis.axhline(at - 0.5, color="black", lw=1.2) if at else None
+            at += len(names)
+        lines = [f"success probability after {usual:,} steps of training, mean over runs"]
         if verdicts:
-            than, end = ({}, "; ") if len(declared.baselines) == 1 else (figures.THAN, ";\n")
+            than = {} if len(declared.baselines) == 1 else figures.THAN
             signs = ", ".join(f"{sign} {each}{than.get(each, '')}" for each, sign in figures.SIGNS.items())
-            text += f"\nagainst {listed(declared.baselines)}: {signs}{end}no sign: undecided, no verdict or "
-            text += "not compared"
-        figure.supxlabel(text, fontsize="small")
+            against = listed([runs.names(*each) for each in declared.baselines])
+            lines += [f"against {against}:", f"{signs}; no sign: undecided or not compared"]
+        figure.supxlabel("\n".join(lines), fontsize="small")
     return figure
-
-
-@summary.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says what the other policy of a stochastic learner does."""
-    if "condition" in table:
-        return None
-    parts, shown = [], words.compared(table, folder)
-    for key, rows in shown[shown["policy"] == "stochastic"].groupby(["algorithm", "observation"], sort=False):
-        both = [link(f"{rows[name].mean():.2f}", "summary", rows) for name in ("success", "greedy_success")]
-        parts.append(f"`{', '.join(map(str, key))}` {' and '.join(both)}")
-    if not parts:
-        return None
-    means = ", means over scenarios" * (table["scenario"].nunique() > 1)
-    return (
-        f"Success of stochastic policies and of the greedy ones derived from them{means}: {'; '.join(parts)}."
-    )
 
 
 @item(
@@ -421,6 +446,7 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         "unbounded_score": "score without bounds",
         "iqm": "its interquartile mean",
     },
+    best="success",
 )
 def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
     """`iqm` is rliable's interquartile mean of the scores without bounds; only if scenarios are pooled."""
@@ -439,19 +465,6 @@ def aggregate(runs: Runs) -> Iterator[dict[str, Any]]:
         row["unbounded_score"] = np.mean([values.mean() for values in final])
         row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
         yield row
-
-
-@aggregate.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says what was learned away from the path from the start."""
-    if "every_cell_success" not in table or "condition" in table:
-        return None
-    parts = [
-        f"`{words.name_of(row)}` {words.interval(row, 'every_cell_success', 'aggregate')} against "
-        f"{link(f'{row.success:.2f}', 'aggregate', row)}"
-        for _, row in words.compared(table, folder).iterrows()
-    ]
-    return f"Success from a random cell against that from the start cell: {'; '.join(parts)}."
 
 
 @writing("scores", "every run at the end of training, compressed", SCORES)
@@ -479,6 +492,7 @@ def scores(runs: Runs, directory: Path) -> None:
     "region",
     "cells where an agent values PING, compared with the target region",
     {**CELL, "cells_marked": "cells marked", "precision": "", "recall": "", "overlap": ""},
+    best="overlap",
 )
 def region(runs: Runs) -> Iterator[dict[str, Any]]:
     """Means over agents; precision is of those that mark a cell, overlap is intersection over union."""
@@ -557,16 +571,11 @@ def _(table: pd.DataFrame, __: Folder) -> str | None:
     if "memoryless_score" not in table:
         return None
     short = table[table["memoryless_score"] < 1 - _NEARLY]
-    parts = [
-        f"{row['scenario']} {link(f'{row.memoryless_score:.2f}', 'scenarios', row)} "
-        f"(hidden: {row['hidden']}; success {row['memoryless_success']:.2f})"
-        for _, row in short.iterrows()
-    ]
-    rest, n = len(table) - len(short), int(table["restarts"].max())
-    others = f"in {rest} of {len(table)} scenarios {1 - _NEARLY:g} or more"
+    found = link(str(len(table) - len(short)), "scenarios", table.drop(short.index))
+    where = f"; not in {listed(short['scenario'])}" if len(short) else ""
     return (
-        f"Scores of the memoryless policy with the best return found in {n} local searches per scenario (1: "
-        f"the optimum of an agent that knows the state): {'; '.join([*parts, others])}. Better policies may "
+        f"In {found} of {len(table)} scenarios, a policy over observations alone was found whose score comes "
+        f"within {_NEARLY:g} of 1, the optimum of an agent that knows the state{where}. Better policies may "
         "exist, and others succeed more often with a lower return."
     )
 

@@ -19,6 +19,7 @@ from benchmark.experiments import Experiment, RunSpecification, specifications
 from benchmark.experiments.search import Chosen
 from benchmark.experiments.specification import tuning_of
 from benchmark.reports.comparison.declared import Declared, Learner, Side
+from benchmark.reports.learners import Names
 from envs import InputError, Model
 
 Values = NDArray[np.float64]
@@ -26,7 +27,7 @@ Place = tuple[str, str, Learner]  # scenario, condition and learner
 Listed = Mapping[Place, Sequence[RunSpecification]]  # the runs of cells
 
 SB3: Final = "Stable-Baselines3 itself"  # what trains references, as readers see it
-CELL: Final = dict.fromkeys(("scenario", "condition", "algorithm", "observation"), "")  # columns, unlabelled
+CELL: Final = dict.fromkeys(("scenario", "condition", "learner"), "")  # columns, unlabelled
 EFFORT: Final = {  # columns
     "settings_tried": "settings tried",
     "search_steps": "steps of the search",
@@ -122,6 +123,7 @@ class Runs:
     references: Mapping[Learner, Learner]  # reference implementations to their learners
     missing: str = ""  # which runs are missing; empty if none is
     seeds_note: str = ""  # which seeds there are instead of those declared
+    names: Names = field(default_factory=lambda: Names({}, {}))  # what readers call learners
     # What a search has chosen, of learners that have their settings from one.
     searches: Mapping[Learner, Chosen] = field(default_factory=dict)
 
@@ -295,6 +297,7 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
         references={each: learner for each, learner in references.items() if each not in few},
         missing="; ".join(filter(None, [missing, left_out])),
         seeds_note=seeds_note,
+        names=Names.of(experiment),
         searches={each: chosen for each in order if (chosen := tuning_of(experiment, *each))},
     )
 

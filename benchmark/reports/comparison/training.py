@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
 from benchmark.drawing import film
-from benchmark.drawing.tables import duration, link
+from benchmark.drawing.tables import link
 from benchmark.reports.comparison import figures, words
 from benchmark.reports.comparison.declared import Declared, Learner
 from benchmark.reports.comparison.runs import CELL, EFFORT, PAIR, Cell, Runs
 from benchmark.reports.explorer import Shown, explorer_item, typical_agent
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
+from benchmark.reports.learners import Names
 from envs.words import listed
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
-_EARLY: Final = 0.15  # of training
+_MOST_RATIOS: Final = 2  # that a sentence has
 
 
 @item("curves", "success, score and wrong PINGs over training, against environment steps", where=no_rows)
@@ -41,23 +42,23 @@ def curves(runs: Runs) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@curves.figure("Success probability over training, with its 95 % interval.")
+@curves.figure("How often each learner succeeds while it learns.")
 def _(tables: Frames, runs: Runs) -> Figure:
     frame = tables["curves"]
-    longest = figures.learners_in(frame[frame["step"] == frame["step"].max()], runs)
-    drawn = [*dict.fromkeys([*(runs.declared.compared or figures.learners_in(frame, runs)), *longest])]
+    few = words.by_place(frame)["scenario"].nunique() <= figures.FEW
+    panels = runs.panels if few else {"": runs.declared.compared or figures.learners_in(frame, runs)}
     signs = f"; dotted: {ENOUGH:g}"
-    with figures.curve_panels(frame, runs, drawn, "success", "success", signs) as (figure, axes):
+    with figures.curve_panels(frame, runs, panels, "success", "success", signs) as (figure, axes):
         for axis in axes:
             axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
-            axis.set(ylim=(-0.03, 1.03))
+            axis.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
     return figure
 
 
 @drawing(
     "wrong_pings",
     "wrong PINGs per 1,000 steps while agents learn",
-    "Wrong PINGs per 1,000 steps of training.",
+    "How often a person is disturbed while agents learn: wrong PINGs per 1,000 steps.",
 )
 def wrong_pings(tables: Frames, runs: Runs) -> Figure | None:
     """Draws how often the issuer disagreed while agents learned."""
@@ -66,9 +67,10 @@ def wrong_pings(tables: Frames, runs: Runs) -> Figure | None:
     frame = tables["curves"]
     drawn = runs.declared.compared or figures.learners_in(frame, runs)
     label = "wrong PINGs\nper 1,000 steps"
-    with figures.curve_panels(frame, runs, drawn, "wrong_pings", label) as (figure, axes):
+    with figures.curve_panels(frame, runs.own, {"": drawn}, "wrong_pings", label) as (figure, axes):
+        shown = frame[figures.is_of_any(frame, drawn, runs.own)]
         for axis in axes:
-            axis.set(ylim=(0, float(frame["wrong_pings"].max()) * 1.05))
+            axis.set(ylim=(0, float(shown["wrong_pings"].max()) * 1.05))
     return figure
 
 
@@ -91,6 +93,7 @@ def _first_step(is_good: NDArray[np.bool_]) -> NDArray[np.int_]:
         "step": "step of the mean over runs",
         "final_success": "final mean",
     },
+    best="-step",
 )
 def steps(runs: Runs) -> Iterator[dict[str, Any]]:
     """`step` is that of the mean success over runs, and `below_at` the last evaluation before it."""
@@ -122,13 +125,15 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
         winners.setdefault(kind, {})[str(scenario)] = best if len(best) else here
     told = {
-        kind: f"{link(str(len(found)), 'steps', *found.values())} ({listed([*found])})"
+        kind: link(str(len(found)), "steps", *found.values())
+        + f" ({listed([*found])})" * (len(found) <= figures.FEW)
         for kind, found in winners.items()
     }
     kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation"}
     if len(table["scenario"].unique()) > 1:
         if first := "; ".join(f"{text} in {told[kind]}" for kind, text in kinds.items() if kind in told):
-            yield f"The first learner whose mean success stays at or above {ENOUGH:g} is {first}."
+            start = f"Of {len({*words.scenario_labels(own)})} scenarios"
+            yield f"{start}, the first learner whose mean success stays at or above {ENOUGH:g} is {first}."
         if "none" in told:
             yield f"No learner's mean success stays at or above {ENOUGH:g} in {told['none']}."
 
@@ -169,6 +174,7 @@ def _ratio(x: Cell, y: Cell) -> dict[str, Any]:
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
     {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
     where=lambda frame: frame[frame["ratio"] >= 1],
+    best="ratio",
 )
 def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
     """Of every deep learner against every table, and of every table against every deep learner."""
@@ -182,24 +188,31 @@ def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
 @speedups.sentence
 def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
     """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
-    families = Declared.from_manifest(folder.manifest).families
-    found: dict[str, list[str]] = {"deep": [], "tabular": []}
+    families, names = Declared.from_manifest(folder.manifest).families, folder.names
+    found: dict[str, dict[str, pd.Series]] = {"deep": {}, "tabular": {}}
     for scenario, here in table.groupby(words.scenario_labels(table), sort=False):
         fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0][["x", "y"]]
         for _, row in here[here["x"].isin(fastest) & here["y"].isin(fastest)].iterrows():
             if row["ratio_low"] > 1:
-                bound = "at least " * math.isinf(row["y_step"])
-                times = link(f"{bound}{words.times(row['ratio'])}", "speedups", row)
-                ends = f"[{words.times(row['ratio_low'])}, {words.times(row['ratio_high'])}]"
-                text = f"{scenario} ({times} times {ends}: `{row['y']}` against `{row['x']}`)"
-                found[families[Learner.of(row["x"])]].append(text)
+                found[families[Learner.of(row["x"])]][str(scenario)] = row
     for family, (side, other) in {"deep": ("net", "table"), "tabular": ("table", "net")}.items():
-        if found[family]:
+        if rows := found[family]:
+            where = f"{link(str(len(rows)), 'speedups', *rows.values())} scenarios"
+            if len(rows) <= _MOST_RATIOS:
+                where = listed(f"{scenario} ({_times(row, names)})" for scenario, row in rows.items())
             yield (
                 f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
-                f"needs more steps than the fastest {side} in {listed(found[family])}. Brackets hold 95 % "
-                "intervals over runs and evaluations, not adjusted."
+                f"needs more steps than the fastest {side} in {where}, by 95 % intervals over runs and "
+                "evaluations, not adjusted."
             )
+
+
+def _times(row: pd.Series, names: Names) -> str:
+    """Returns how many times as many steps y needs as x, and who they are."""
+    bound = "at least " * math.isinf(row["y_step"])
+    times = link(f"{bound}{words.times(row['ratio'])}", "speedups", row)
+    ends = f"[{words.times(row['ratio_low'])}, {words.times(row['ratio_high'])}]"
+    return f"{times} times {ends}: {names.told(row['y'])} against {names.told(row['x'])}"
 
 
 @item("ahead", "exploratory: at which steps one learner of a contrast succeeds more often than the other")
@@ -236,24 +249,6 @@ def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
     }
 
 
-@ahead.sentence
-def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
-    """Says who is ahead early in training, whoever that is."""
-    limit = _EARLY * table["largest_at"].max()
-    first = table[table["first_step"] <= limit]
-    if len(table["scenario"].unique()) <= 1:
-        return
-    parts = [
-        f"`{x}` is ahead of `{y}` in {link(str(len(rows)), 'ahead', rows)}"
-        for (x, y), rows in first.groupby(["x", "y"], sort=False)
-    ]
-    if parts:
-        yield (
-            f"Exploratory: early in training, at some step up to {limit:,.0f}, by 95 % intervals, not "
-            f"adjusted: of {table['scenario'].nunique()} scenarios, {'; '.join(parts)}."
-        )
-
-
 @item(
     "cost",
     "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
@@ -267,6 +262,7 @@ def _(table: pd.DataFrame, _: Folder) -> Iterator[str]:
         **EFFORT,
     },
     is_measured=True,
+    best="-cpu_time_s",
 )
 def cost(runs: Runs) -> Iterator[dict[str, Any]]:
     """Medians over all scenarios, and the range of CPU time."""
@@ -288,16 +284,6 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
         }
 
 
-@cost.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str | None:
-    """Says what runs of the learners compared cost."""
-    parts = [
-        f"`{words.name_of(row)}` {link(duration(row['cpu_time_s']), 'cost', row)}"
-        for _, row in words.compared(table, folder).iterrows()
-    ]
-    return f"CPU time of a run, median: {listed(parts)}." if parts else None
-
-
 @writing(
     "learning", "animation of learning: a table and a net, each the agent of the median seed", "learning.webp"
 )
@@ -311,7 +297,8 @@ def learning(runs: Runs, directory: Path) -> None:
         for family, row in films.items():
             if cell.learner == first.get(family):
                 agent = typical_agent(cell.population)
-                title = f"{cell.scenario}: {cell.learner}, seed {cell.population.seeds[agent]} (median)"
+                learner, seed = runs.names(*cell.learner), cell.population.seeds[agent]
+                title = f"{cell.scenario}: {learner}, seed {seed} (median)"
                 row.append(film.film_of(title, cell.population, agent))
     film.write(film.learning([row for row in films.values() if row]), directory / "learning.webp")
 

@@ -2,35 +2,26 @@
 
 import pandas as pd
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, WORSE
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, WORSE
 from benchmark.drawing.tables import link
 from benchmark.reports.comparison.declared import Declared, Learner
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
+from benchmark.reports.learners import Names
 from envs.words import listed
 
-_IN_WORDS = {
-    BETTER: "is better than {} in success",
-    WORSE: "is worse than {} in success",
-    EQUIVALENT: "is equivalent to {} in success",
-    MIXED: "and {} are mixed in success",
-    NO_VERDICT: "and {} have no verdict in success",
-}
 
-
-def verdict(row: pd.Series) -> Finding:
+def verdict(row: pd.Series, names: Names) -> Finding:
     """Says how a contrast ended, on both endpoints: of wins and losses in the same words."""
-    found = str(row["success_verdict"])
-    where = f"In {place(row)}, " if place(row) else ""
+    found, where = str(row["success_verdict"]), f", in {place(row)}" if place(row) else ""
     if isinstance(row.get("algorithm"), str):
-        where += f"{'for' if where else 'For'} `{name_of(row)}`, "
-    x, y = (f"`{row[side]}`" for side in "xy")
+        where += f", of {names.told(name_of(row))}"
+    x, y = (names.told(row[side]) for side in "xy")
     if row["policy_x"] != row["policy_y"]:
         x, y = f"{x} ({row['policy_x']} policy)", f"{y} ({row['policy_y']} policy)"
-    text = _IN_WORDS.get(found, "against {} is undecided in success").format(y)
-    text = f"{where}{x} {text}: {difference(row, 'success', 'contrasts')}"
-    if found == EQUIVALENT and row["success_p_different"] <= 0.05:
-        text += f", which is measurable but smaller than {row['success_margin']:g}"
+    text = (
+        f"Success of {x} compared with {y}{where}: {in_words(row)}, {difference(row, 'success', 'contrasts')}"
+    )
     if found == EQUIVALENT and max(row["success_x"], row["success_y"]) < row["success_margin"]:
         text += "; both succeed less often than that margin"
     if (apart := str(row.get("success_except", ""))) not in ("", "nan"):
@@ -44,6 +35,19 @@ def verdict(row: pd.Series) -> Finding:
     return Finding(text, found)
 
 
+def in_words(row: pd.Series) -> str:
+    """Returns the verdict on success; within the margin, it also says if the difference is shown not to be 0.
+
+    >>> row = {"success_verdict": "equivalent", "success_p_different": 0.01, "success_difference": -0.05}
+    >>> in_words(pd.Series(row | {"success_margin": 0.1}))
+    'within 0.1, but measurably worse'
+    """
+    if row["success_verdict"] != EQUIVALENT or row["success_p_different"] > 0.05:
+        return str(row["success_verdict"])
+    than = BETTER if row["success_difference"] > 0 else WORSE
+    return f"within {row['success_margin']:g}, but measurably {than}"
+
+
 def place(row: pd.Series) -> str:
     """Returns the scenario and the condition of a row, as far as it names them.
 
@@ -52,12 +56,6 @@ def place(row: pd.Series) -> str:
     """
     names = (row.get(key) for key in ("scenario", "condition"))
     return " under ".join(name for name in names if isinstance(name, str))
-
-
-def case(row: pd.Series) -> str:
-    """Returns the scenario, condition and learner of a row, as far as it names them."""
-    names = [place(row), f"`{name_of(row)}`" if isinstance(row.get("algorithm"), str) else ""]
-    return ", ".join(filter(None, names))
 
 
 def scenario_labels(table: pd.DataFrame) -> pd.Series:
@@ -109,7 +107,7 @@ def compared(table: pd.DataFrame, folder: Folder) -> pd.DataFrame:
 
 
 def name_of(row: pd.Series) -> str:
-    """Returns the learner of a row as readers see it."""
+    """Returns the learner of a row, as CSV files name it."""
     return str(Learner(row["algorithm"], row["observation"]))
 
 

@@ -106,7 +106,7 @@ def _(table: pd.DataFrame, _: Folder) -> str:
     return f"With {stored['size'].max():,} stored runs, {', '.join(seconds)} (target: `list` below 2 s)."
 
 
-@growth.figure("Time and peak memory against the numbers of agents, cells and stored runs.")
+@growth.figure("How time and peak memory grow with agents, cells and stored runs.")
 def _(frames: Frames, _: object) -> Figure:
     frame = frames["growth"]
     with figure_of(2, len(PANELS), (10.5, 6.0)) as (figure, axes):
@@ -119,7 +119,10 @@ def _(frames: Frames, _: object) -> Figure:
             for place, curve in enumerate(curves):
                 points = frame[frame["curve"] == curve]
                 # Where points coincide, the first is the largest.
-                style = variant_style(place) | {"markersize": 7 - place, "label": curve.partition("_")[2]}
+                style = variant_style(curve, curves) | {
+                    "markersize": 7 - place,
+                    "label": curve.partition("_")[2],
+                }
                 column[0].plot(points["size"], points["seconds"], **style)
                 column[1].plot(points["size"], points["peak_memory_mb"], **style)
             column[0].legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=2, frameon=False)

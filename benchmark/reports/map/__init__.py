@@ -18,6 +18,7 @@ REPORT: Final = Report(
         results.cells,
         figures.others,
         results.contrasts,
+        results.verdicts,
         results.looks,
         results.crossings,
         results.exponents,

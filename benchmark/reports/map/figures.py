@@ -1,6 +1,7 @@
 """Figures of a map."""
 
 from collections.abc import Callable, Sequence
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -11,18 +12,27 @@ from matplotlib.figure import Figure
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, WORSE
 from benchmark.analysis.looks import NEITHER, Cell, Decision
-from benchmark.drawing.style import COLOURS, figure_of
+from benchmark.drawing.style import COLOURS, INK, figure_of, learner_style
 from benchmark.drawing.tables import two_digits
 from benchmark.reports.item import Frames, drawing
+from benchmark.reports.learners import Names
 from benchmark.reports.map.data import Maps, number
 
-_TABLES: Final = ((("0.55", "s")), ("black", "o"), (COLOURS[2], "*"), ("0.3", "P"))
-_NETS: Final = ((COLOURS[1], "D"), (COLOURS[0], "^"), (COLOURS[9], "v"), (COLOURS[4], "X"), (COLOURS[3], "h"))
 _COLOUR_MAP: Final = "PuOr_r"  # purple: the table, orange: the net; to be told apart in grey by the numbers
 _LOWEST: Final = 100  # steps that are drawn
 _DARK: Final = 0.62  # share of the scale from which on ink is white
 _FARTHEST: Final = 16.0  # ratio from which on colours do not differ
 _POINTS, _LINE = 62.0, 11.0  # points of a power of ten on the axis, and of a line of text
+_SIGNS: Final = {  # of a ratio, in the order of their legend
+    "≥": "≥ at least",
+    "=": "= equally fast",
+    "net": "net, table: that one, though most runs of both fail",
+    "table": "net, table: that one, though most runs of both fail",
+    "neither": "neither: most runs of both fail",
+    "?": "? undecided",
+    "": "blank: not trained",
+}
+_FIXED: Final = "\N{NO-BREAK SPACE}"
 _LABELS: Final = {
     "places": "places in which the person may stand",
     "room": "cells of the room",
@@ -31,21 +41,20 @@ _LABELS: Final = {
 
 
 def styles(data: Maps) -> dict[str, dict[str, Any]]:
-    """Returns colour and marker of every learner, tables and nets apart."""
-    found: dict[str, dict[str, Any]] = {}
-    left = {"tabular": [*_TABLES], "deep": [*_NETS]}
-    compared = dict.fromkeys(cell.learner for pair in data.decided for cell in pair[::-1])
-    every = {cell.learner: data.family(cell) for cell in data.ends if not data.is_reference(cell)}
-    for name in [*compared, *every]:
-        if name not in found and name in every:
-            colour, marker = left[every[name]].pop(0) if left[every[name]] else ("0.7", "d")
-            found[name] = {"color": colour, "marker": marker}
-    return found
+    """Returns colour, marker and dash of every learner but references."""
+    names = [name for name, each in data.experiment.algorithms.items() if not each.reference_for]
+    cells = [cell for cell in data.ends if not data.is_reference(cell)]
+    return {cell.learner: learner_style(cell.variant, cell.observation, names) for cell in cells}
+
+
+def _ink(data: Maps, learner: str) -> Any:
+    """Returns the colour of a learner's name: not lighter, whatever it observes."""
+    return learner_style(learner.partition(", ")[0], "", [*data.experiment.algorithms])["color"]
 
 
 def _curves(axis: Axes, data: Maps, rows: pd.DataFrame, grid: str) -> None:
     """Draws the median steps of every learner, hollow and at the budget where most runs never solve."""
-    style, texts = styles(data), list[Any]()
+    style, texts, names = styles(data), list[Any](), Names.of(data.experiment)
     compared = {cell.learner for pair in data.decided for cell in pair}
     for name, line in data.lines[grid].items():
         if name not in style:
@@ -56,14 +65,17 @@ def _curves(axis: Axes, data: Maps, rows: pd.DataFrame, grid: str) -> None:
             table[column].where(np.isfinite(table[column]), table["budget"])
             for column in ("steps", "steps_low", "steps_high")
         )
-        axis.plot(values, shown, color=look["color"], lw=1.6)
+        axis.plot(values, shown, color=look["color"], ls=look["ls"], lw=1.6)
         alpha = 0.2 if name in compared else 0.08
         axis.fill_between(values, low.clip(lower=_LOWEST), high, color=look["color"], alpha=alpha, lw=0)
         is_known = np.isfinite(table["steps"].to_numpy())
         for chosen, filling in ((is_known, look["color"]), (~is_known, "white")):
-            axis.plot(values[chosen], shown[chosen], look["marker"], ms=6, mec=look["color"], mfc=filling)
-        text = axis.annotate(name, (values[-1], shown.iloc[-1]), (8, 0), textcoords="offset points")
-        text.set(va="center", fontsize="small", color=look["color"])
+            mark = {"marker": look["marker"], "mec": look["color"], "mfc": filling, "ls": ""}
+            axis.plot(values[chosen], shown[chosen], ms=6, **mark)
+        text = axis.annotate(
+            names.of_side(name), (values[-1], shown.iloc[-1]), (8, 0), textcoords="offset points"
+        )
+        text.set(va="center", fontsize="small", color=_ink(data, name))
         texts.append(text)
     _apart(texts)
 
@@ -106,12 +118,10 @@ def _label(data: Maps, grid: str) -> str:
 @drawing(
     "map",
     "the map: steps against places, who needs fewer in rooms and places, and the control",
-    "Left: median steps until success stays at or above the level, with 95 % intervals; hollow: most runs "
-    "never reach it within their budget, at which they are drawn. Middle: the colour says which needs fewer "
-    "steps, the number how many times as many the other one needs; ≥: at least; =: equally fast; "
-    "net, table: that one is faster, though most runs of both fail; "
-    "?: undecided; blank: not trained. Right: success at the end of training against the share of the "
-    "person's places whose coordinates are permuted.",
+    "When a net needs fewer steps than a table. Left: median steps of each learner, with 95 % intervals; "
+    "hollow: most runs never succeed within their budget, at which they are drawn. Middle: which of two "
+    "learners needs fewer, and how many times as many the other one needs. Right: a control, in which more "
+    "and more of the person's places have each other's coordinates.",
 )
 def picture(tables: Frames, data: Maps) -> Figure | None:
     """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""
@@ -153,10 +163,14 @@ def _panels(tables: Frames, data: Maps, grids: Sequence[str]) -> Figure | None:
     if not panels:
         return None
     widths = [_WIDTHS[draw] for draw, _ in panels]
-    with figure_of(1, len(panels), (sum(widths), 4.6)) as (figure, axes):
-        axes[0, 0].get_gridspec().set_width_ratios(widths)
-        for axis, (draw, grid) in zip(axes[0], panels, strict=True):
+    with figure_of(1, 1, (sum(widths), 4.9)) as (figure, axes):
+        axes[0, 0].remove()
+        parts = np.atleast_1d(figure.subfigures(1, len(panels), width_ratios=widths))
+        for part, (draw, grid) in zip(parts, panels, strict=True):
+            axis = part.subplots()
             draw(axis, tables, data, grid)
+            question = fill(data.experiment.grids[grid].question, round(9.5 * _WIDTHS[draw]))
+            axis.set_title(question, loc="left", fontweight="bold")
     return figure
 
 
@@ -171,7 +185,6 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     assert data.experiment.solved is not None
     assert data.experiment.report is not None
     axis.set_ylabel(f"steps until success stays at or above {data.experiment.solved.success:g}")
-    axis.set_title("Fewer steps are better", loc="left")
     x, y = data.experiment.report.contrasts[0]
     steps = {value: data.medians(cell, "steps")[0] for value, cell in data.lines[grid].get(y, [])}
     if values[-1] in steps and np.isfinite(last := steps[values[-1]]):
@@ -192,7 +205,8 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
         axis.axvspan(row["crossing_low"], min(high, values[-1]), color=COLOURS[1], alpha=0.18, lw=0)
         axis.axvline(row["crossing"], color=COLOURS[1], lw=1, ls=":")
         ends = f"[{two_digits(row['crossing_low'])}, {end if np.isfinite(high) else '–'}]"
-        text = f"net: fewer steps\nfrom {two_digits(row['crossing'])} {ends}"
+        name = Names.of(data.experiment).of_side(x)
+        text = f"{name}:\nfewer steps from {two_digits(row['crossing'])} {ends}"
         transform = axis.get_xaxis_transform()
         axis.text(
             row["crossing"], 0.02, text, transform=transform, ha="center", va="bottom", fontsize="small"
@@ -211,12 +225,14 @@ def _compared(data: Maps, grid: str) -> dict[tuple[str, ...], tuple[Cell, Cell, 
 
 def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
     """Colours who needs fewer steps at every point of two axes; white where that is not decided."""
-    declared = data.experiment.grids[grid]
+    declared, report = data.experiment.grids[grid], data.experiment.report
+    assert report is not None
     first, second = declared.axes
     rows, columns = [*declared.axes[first]], [*declared.axes[second]]
-    most = np.log(_FARTHEST)
+    most, used, compared = np.log(_FARTHEST), set[str](), _compared(data, grid)
+    names = Names.of(data.experiment)
     colours = np.full((len(rows), len(columns)), np.nan)
-    for (row, column), (x, y, decision) in _compared(data, grid).items():
+    for (row, column), (x, y, decision) in compared.items():
         at, ratio = (rows.index(row), columns.index(column)), data.ratio(x, y, "steps")
         # Of a winner without a ratio, most runs do not solve the scenario either.
         texts = {EQUIVALENT: "=", NEITHER: "neither", BETTER: data.family(x), WORSE: data.family(y)}
@@ -224,56 +240,74 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
         if decision.verdict in (BETTER, WORSE) and not np.isnan(ratio.value):
             colours[at] = np.clip(np.log(ratio.value), -most, most)
             text = "≥" * data.is_bound(x, y) + two_digits(max(ratio.value, 1 / ratio.value))
-        ink = "white" if abs(np.nan_to_num(colours[at])) > _DARK * most else "black"
+        used.update([text, text[:1]])
+        is_dark = abs(np.nan_to_num(colours[at])) > _DARK * most
+        ink = "black" if np.isnan(colours[at]) else INK[int(is_dark)]
         axis.text(at[1], at[0], text, ha="center", va="center", color=ink, fontsize="small")
+    if len(compared) < colours.size:
+        used.add("")
     norm = Normalize(-most, most)
-    image = axis.imshow(colours, cmap=_COLOUR_MAP, norm=norm, aspect="auto", origin="lower")
+    edges = np.arange(len(columns) + 1) - 0.5, np.arange(len(rows) + 1) - 0.5
+    image = axis.pcolormesh(*edges, colours, cmap=_COLOUR_MAP, norm=norm, edgecolors="white", linewidth=0.8)
     axis.set_xticks(range(len(columns)), columns)
     axis.set_yticks(range(len(rows)), [row.replace("x", "×") for row in rows])
     axis.set(xlabel=_LABELS.get(second, second), ylabel=_LABELS.get(first, first))
-    axis.set_title("Ratio of median steps", loc="left")
     axis.spines[:].set_visible(False)
     axis.tick_params(length=0)
     bar = axis.figure.colorbar(image, ax=axis, location="bottom", aspect=30, pad=0.02)
-    bar.set_ticks([-most, 0, most], labels=["the table needs fewer", "", "the net needs fewer"])
+    x, y = (names.of_side(side) for side in report.contrasts[0])
+    labels = [f"{name}\nneeds fewer steps" if name else "" for name in (y, "", x)]
+    bar.set_ticks([-most, 0, most], labels=labels)
     bar.ax.tick_params(length=0)
     left, _, right = bar.ax.get_xticklabels()
     left.set_horizontalalignment("left")
     right.set_horizontalalignment("right")
     bar.outline.set_visible(False)
+    signs = ["number: how many times as many the other one needs"]
+    signs += dict.fromkeys(text.replace(" ", _FIXED) for sign, text in _SIGNS.items() if sign in used)
+    bar.ax.set_xlabel(fill("; ".join(signs), 58), fontsize="small")
 
 
 def _draw_control(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     """Draws the success at the end of training against the share of codes that are permuted."""
     _draw_success(axis, tables, data, grid, "success")
-    axis.set(xlabel="% of places permuted", ylabel="success at the end of training")
-    axis.set_title("The control", loc="left")
+    axis.set(xlabel="% of the places whose\ncoordinates are permuted")
+    axis.set(ylabel="success at the end of training")
 
 
 def _draw_unseen(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     """Draws the success in unseen places."""
     _draw_success(axis, tables, data, grid, "unseen_success")
-    axis.set(xlabel=_label(data, grid), ylabel="success in unseen places")
-    axis.set_title("Unseen places", loc="left")
+    axis.set(xlabel=fill(_label(data, grid), 24), ylabel="success in unseen places")
 
 
 def _draw_success(axis: Axes, tables: Frames, data: Maps, grid: str, column: str) -> None:
-    style = styles(data)
+    style, names = styles(data), Names.of(data.experiment)
     _, texts = _values(data, grid)
     for name, line in data.lines[grid].items():
         if name in style:
             points = pd.DataFrame([_row_of(tables["cells"], data, cell) for _, cell in sorted(line)])
             success, low, high = (points[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
             ends = [success - low, high - success]
-            axis.errorbar(range(len(points)), success, ends, lw=1.6, elinewidth=0.8, ms=6, **style[name])
+            axis.errorbar(
+                range(len(points)),
+                success,
+                ends,
+                lw=1.6,
+                elinewidth=0.8,
+                ms=6,
+                label=names.of_side(name),
+                **style[name],
+            )
     axis.set_xticks(range(len(texts)), texts)
     axis.set_ylim(-0.04, 1.04)
+    axis.figure.legend(loc="outside lower center", frameon=False, fontsize="small")
 
 
 Draw = Callable[[Axes, Frames, Maps, str], None]
 _WIDTHS: Final[dict[Draw, float]] = {
-    _draw_lines: 6.4,
-    _draw_square: 4.6,
-    _draw_control: 2.9,
-    _draw_unseen: 3.6,
+    _draw_lines: 6.0,
+    _draw_square: 4.2,
+    _draw_control: 3.0,
+    _draw_unseen: 3.0,
 }

@@ -10,11 +10,9 @@ from benchmark.drawing.tables import duration, link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
 
-_FORMS: Final = {  # what a learner is given where it sees the cells of both
-    "index": "one row for every pair of their cells",
-    "offset": "one row for every offset between agent and person",
-    "coordinates": "it observes the coordinates of agent and person",
-    "one_hot": "it observes both cells as one-hot codes",
+_FORMS: Final = {  # of tables
+    "index": "a row for each pair of cells of agent and person",
+    "offset": "a row for each offset between the two",
 }
 
 
@@ -64,9 +62,10 @@ def _rows(frame: pd.DataFrame, learner: str, **where: object) -> pd.DataFrame:
     return rows
 
 
-def _named(learner: str) -> str:
-    form = _FORMS.get(learner.split(", ")[1], "")
-    return f"`{learner}`{f'; {form}' if form else ''}"
+def _named(folder: Folder, table: str) -> str:
+    """Returns a table as it is called in a sentence, with what its rows are."""
+    form = _FORMS.get(table.split(", ")[1], "")
+    return f"{folder.names.told(table)}{f' ({form})' if form else ''}"
 
 
 def _took(frame: pd.DataFrame, table: str, column: str, line: _Line, learner: str) -> str:
@@ -77,43 +76,48 @@ def _took(frame: pd.DataFrame, table: str, column: str, line: _Line, learner: st
     return link(duration(row[column]) if column == "cpu_time_s" else f"{row[column]:,.0f}", table, row)
 
 
-def _clause(folder: Folder, table: str, line: _Line, currency: str, things: str) -> str:
-    """Says from which value of the axis on the net needs less, with the interval, or that it does not."""
+def _clause(folder: Folder, table: str, line: _Line, currency: str, does: str) -> str:
+    """Says from which value of the axis on the net does something, with the interval, or that it does not."""
     found = folder.frame(table)
     is_it = (found["grid"] == line.grid) & (found["currency"] == currency)
     (_, row), *_ = found[is_it & (found["x"] == line.net) & (found["y"] == line.table)].iterrows()
     if math.isinf(row["crossing"]):
-        return f"does {link('not', table, row)} need {things}, even with {line.where}"
+        return f"does {link('not', table, row)} {does}, even with {line.where}"
     low, high = (
         "–" if math.isinf(end) else f"{end:,.0f}" for end in (row["crossing_low"], row["crossing_high"])
     )
     value = f"{link(format(row['crossing'], ',.0f'), table, row)} [{low}, {high}]"
+    does = does.replace(" ", "s ", 1)
     if line.axis == "places":
-        return f"needs {things} if the person may stand in about {value} or more places"
-    return f"needs {things} from about {line.axis} = {value} on"
+        return f"{does} if the person may stand in about {value} or more places"
+    return f"{does} from about {line.axis} = {value} on"
 
 
 def _steps(folder: Folder, line: _Line) -> str:
-    """Says where the net takes over, what both need at the end of the axis, and who needs least there."""
+    """Says where the net takes over, who needs least at the end of the axis, and what counts."""
     cells, level = folder.frame("cells"), folder.manifest["facts"]["solved"]["success"]
     row = _rows(cells, line.net, grid=line.grid, point=line.point).iloc[0]
     net, table = (_took(cells, "cells", "steps", line, each) or "more than its budget" for each in line[-2:])
-    things = f"fewer steps than a table ({_named(line.table)})"
+    faster = f"learn in fewer steps than {_named(folder, line.table)}"
     text = (
-        f"In a room of {row['rows']} × {row['columns']} cells, a net ({_named(line.net)}) "
-        f"{_clause(folder, 'crossings', line, 'steps', things)}. "
-        f"Counted are the steps until success stays at or above {level:g}. With {line.where}, the median run "
-        f"needs {net} with the net and {table} with this table."
+        f"In a room of {row['rows']} × {row['columns']} cells, a net ({folder.names.of_arm(line.net)}) "
+        f"{_clause(folder, 'crossings', line, 'steps', faster)}. "
     )
     is_ours = ~cells["algorithm"].isin(folder.manifest["facts"]["references"])
     here = cells[(cells["grid"] == line.grid) & (cells["point"] == line.point) & is_ours]
     best = here.iloc[int(here["steps"].argmin())]
     name = f"{best['algorithm']}, {best['observation']}"
     if np.isfinite(best["steps"]) and name not in (line.net, line.table):
-        low, high = (f"{best[f'steps_{end}']:,.0f}" for end in ("low", "high"))
-        needs = link(f"{best['steps']:,.0f}", "cells", best)
-        text += f" The smallest median there is {needs} [{low}, {high}], that of {_named(name)}."
-    return text
+        least = link(f"{best['steps']:,.0f}", "cells", best)
+        text += (
+            f"But with {line.where}, the smallest median is that of {_named(folder, name)}: {least} steps, "
+            f"against {net} of the net and {table} of the first table (not tested)."
+        )
+    else:
+        text += (
+            f"With {line.where}, the median run needs {net} steps with the net and {table} with this table."
+        )
+    return f"{text} A run has *learned* when success stays at or above {level:g}."
 
 
 def _control(folder: Folder, line: _Line) -> str:
@@ -129,9 +133,9 @@ def _control(folder: Folder, line: _Line) -> str:
         budgets = [f"{rows['budget'].iloc[0]:,}" for rows in both]
         parts.append(
             f"As a control, the coordinates of the person's {coded['places'].iloc[0]} places are permuted at "
-            f"random. What the table observes does not change. With the permutation, {net[0]} runs of the "
-            f"net reach this level within {budgets[0]} steps (without it: {net[1]}), and {table[0]} runs of "
-            f"the table within {budgets[1]} (without it: {table[1]})."
+            f"random; what this table observes does not change. Then {net[0]} runs of the net learn within "
+            f"{budgets[0]} steps (without it: {net[1]}), and {table[0]} runs of the table within "
+            f"{budgets[1]} (without it: {table[1]})."
         )
     unseen = cells[cells["unseen_success"].notna()] if "unseen_success" in cells else cells[:0]
     both = [_rows(unseen, each, places=unseen["places"].max()) for each in line[-2:]]
@@ -142,19 +146,21 @@ def _control(folder: Folder, line: _Line) -> str:
             for row in (rows.iloc[0] for rows in both)
         )
         parts.append(
-            f"After training with {both[0]['places'].iloc[0]} places, the net succeeds in {net_text} of "
-            f"episodes with the person in a place that did not occur in training, and this table in "
-            f"{table_text}."
+            f"With the person in a place that was not among the {both[0]['places'].iloc[0]} of training, "
+            f"the net succeeds in {net_text} of episodes, and this table in {table_text}."
         )
     return " ".join(parts)
 
 
 def _currencies(folder: Folder, line: _Line) -> str:
     """Says where the crossing is in the other currencies."""
-    wrong = _clause(folder, "crossings", line, "wrong PINGs", "fewer wrong PINGs")
-    time = _clause(folder, "crossings_cpu", line, "CPU seconds", "less CPU time")
-    text = f"The net {wrong}. It {time}."
+    wrong = _clause(folder, "crossings", line, "wrong PINGs", "need fewer wrong PINGs")
+    time = _clause(folder, "crossings_cpu", line, "CPU seconds", "need less CPU time")
+    than = folder.names.told(line.table)
+    text = f"Compared with {than}, the net {wrong}. It {time}."
     net, table = (_took(folder.frame("cpu"), "cpu", "cpu_time_s", line, each) for each in line[-2:])
     if net and table:
-        text += f" At {line.where}, the median run trains for {net} with the net and {table} with the table."
+        text += (
+            f" With {line.where}, the median run trains for {net} with the net and {table} with this table."
+        )
     return text

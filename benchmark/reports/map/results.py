@@ -10,14 +10,12 @@ import pandas as pd
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.intervals import Estimate, proportion
 from benchmark.analysis.looks import NEITHER, Cell, identities
-from benchmark.drawing.tables import link
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Finding, item, no_rows
+from benchmark.reports.item import item, no_rows
 from benchmark.reports.map.data import Maps, median
-from envs.words import listed
 
 POINT: Final = {"grid": "", "point": ""}
-LEARNER: Final = {"algorithm": "", "observation": ""}
+LEARNER: Final = {"learner": ""}
 _SPENT: Final = {"steps": "steps", "disagreements": "wrong PINGs", "cpu_time_s": "CPU seconds"}
 _IN_WORDS: Final = {
     BETTER: "faster",
@@ -30,17 +28,18 @@ _IN_WORDS: Final = {
 
 @item(
     "cells",
-    "every point and learner: the share of runs that solve the scenario, and medians of what they take",
+    "every point and learner: the share of runs that learn, and medians of what they take",
     {
         **POINT,
         **LEARNER,
         "n": "runs",
-        "solved": "share that solves",
+        "solved": "share that learns",
         "success": "success at the end",
         "steps": "median steps",
         "disagreements": "median wrong PINGs",
         "unseen_success": "success in unseen places",
     },
+    best="-steps",
 )
 def cells(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates all populations. A run that never solves its scenario takes infinitely many steps."""
@@ -64,7 +63,7 @@ def cells(data: Maps) -> Iterator[dict[str, Any]]:
 
 @item(
     "cpu",
-    "measured: median CPU seconds of training until a run has solved its scenario",
+    "measured: median CPU seconds of training until a run has learned",
     {**POINT, **LEARNER, "n": "runs", "cpu_time_s": "CPU seconds"},
     is_measured=True,
     where=no_rows,
@@ -110,25 +109,21 @@ def contrasts(data: Maps) -> Iterator[dict[str, Any]]:
         }
 
 
-@contrasts.sentence
-def _(table: pd.DataFrame, folder: Folder) -> Iterator[Finding]:
-    """Counts the verdicts of each contrast in each grid."""
-    level = folder.manifest["facts"]["solved"]["success"]
-    for (x, y, budget), rows in table.groupby(["x", "y", "budget"], sort=False):
-        parts = [f"{name}: {_counted(here)}" for name, here in rows.groupby("grid", sort=False)]
-        yield Finding(
-            f"`{x}` compared with `{y}`, by the steps until success stays at or above {level:g}, with a "
-            f"budget of {budget:,}. Points of the grids: {'; '.join(parts)}. A point of two grids counts in "
-            "both.",
-            "several",
-        )
-
-
-def _counted(rows: pd.DataFrame) -> str:
-    found = {name: rows[rows["verdict"] == name] for name in _IN_WORDS.values()}
-    return listed(
-        f"{name} in {link(str(len(here)), 'contrasts', here)}" for name, here in found.items() if len(here)
-    )
+@item(
+    "verdicts",
+    "how many verdicts each contrast has, over the points of a grid",
+    {"grid": "", "x": "", "y": "", "n": "points", **dict.fromkeys(_IN_WORDS.values(), "")},
+)
+def verdicts(data: Maps) -> Iterator[dict[str, Any]]:
+    """Counts verdicts; a point of two grids counts in both."""
+    names = [*_IN_WORDS.values()]
+    counts: dict[tuple[str, str, str], list[str]] = {}
+    for (x, y), decision in data.decided.items():
+        key = str(data.key(x)["grid"]), x.learner, y.learner
+        counts.setdefault(key, []).append(_IN_WORDS[decision.verdict])
+    for (grid, x_name, y_name), ended in counts.items():
+        row = {"grid": grid, "x": x_name, "y": y_name, "n": len(ended)}
+        yield row | {name: ended.count(name) for name in names}
 
 
 @item(
@@ -147,18 +142,11 @@ def looks(data: Maps) -> Iterator[dict[str, Any]]:
 
 
 @looks.sentence
-def _(table: pd.DataFrame, folder: Folder) -> str:
-    """Says how sure verdicts are, and what that took."""
-    facts = folder.manifest["facts"]
-    n, undecided = int(table["contrasts"].sum()), int(table["undecided"].sum())
-    parts = [
-        f"{link(str(row['contrasts']), 'looks', row)} after {row['n']}"
-        for _, row in table[table["contrasts"] > 0].iterrows()
-    ]
+def _(table: pd.DataFrame, _: Folder) -> str:
+    """Says how sure verdicts are."""
     return (
-        f"Distinct contrasts: {n:,}; undecided: {undecided}. Pairs of runs when they ended: {listed(parts)}. "
-        f"The probability of any wrong verdict among all of them is at most 5 %. *Equally fast* means that "
-        f"the interval of the probability of being faster lies within {facts['margin']:g} of 1/2."
+        f"Of {table['contrasts'].sum():,} distinct contrasts, {table['undecided'].sum()} are undecided. "
+        "The probability of any wrong verdict among all of them is at most 5 %."
     )
 
 
@@ -206,6 +194,7 @@ def _crossings(data: Maps, currencies: tuple[str, ...]) -> Iterator[dict[str, An
     "exponents of median steps along an axis",
     {"grid": "", **LEARNER, "n": "values", "exponent": ""},
     where=lambda frame: frame[frame["exponent"].notna()],
+    best="-exponent",
 )
 def exponents(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates slopes of straight lines through the logarithms of medians, with intervals over runs."""
@@ -250,7 +239,7 @@ def reference(data: Maps) -> Iterator[dict[str, Any]]:
             }
 
 
-@item("runs", "every run: what it took until it had solved its scenario", where=no_rows)
+@item("runs", "every run: what it took until it had learned", where=no_rows)
 def runs(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
     for cell, ends in data.ends.items():

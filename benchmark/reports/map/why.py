@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from functools import lru_cache
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -11,12 +12,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from agents.hardness import REGULARISER, Hardness, hardness
+from agents.hardness import Hardness, hardness
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate
 from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, Frames, item, no_rows
+from benchmark.reports.learners import Names
 from benchmark.reports.map.data import Maps
 from benchmark.reports.map.figures import styles
 from envs import Scenario
@@ -26,9 +28,10 @@ _MEASURES: Final = {
     "covering_steps": "covering steps of the random policy",
     "solvable_k": "smallest k of QVI-solvability",
     "reciprocal_gaps": "sum of reciprocal action gaps",
-    "error_across_places": "error of the nearest\nother place",
-    "error_nearby": "error of the nearest\nobservation",
+    "error_across_places": "error of the nearest other place",
+    "error_nearby": "error of the nearest observation",
 }
+_LINEAR: Final = ("error_across_places", "error_nearby")  # measures between 0 and 1
 _FEWEST: Final = 5  # cells for a correlation
 
 
@@ -99,44 +102,50 @@ def _correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate:
     return Estimate(found[0], float(low), float(high))
 
 
-@predictors.figure(
-    "Median steps against measures of the scenario: a dot per point and learner, and rank correlations."
-)
+@predictors.figure("Which measures of a scenario go with the steps that learners need.")
 def _(tables: Frames, data: Maps) -> Figure | None:
     frame, found = tables["measures"], tables.get("predictors")
     if found is None:
         return None
-    families, style = _families(frame, data), styles(data)
+    families, style, names = _families(frame, data), styles(data), Names.of(data.experiment)
     shown = [name for name in _MEASURES if name in set(found["measure"])]
     most = frame.loc[np.isfinite(frame["steps"]), "steps"].max() * 2
-    with figure_of(2, len(shown), (2.7 * len(shown), 5.4)) as (figure, axes):
+    with figure_of(2, len(shown), (min(2.4 * len(shown), 11.0), 5.6)) as (figure, axes):
         for row, (family, title) in enumerate({"tabular": "tables", "deep": "nets"}.items()):
             for axis, name in zip(axes[row], shown, strict=True):
                 part = frame[(families == family) & frame[name].notna()]
                 for (variant, observation), points in part.groupby(["algorithm", "observation"], sort=False):
                     look = style[f"{variant}, {observation}"]
                     y = points["steps"].where(np.isfinite(points["steps"]), most)
-                    label = f"{variant}, {observation}"
-                    axis.scatter(points[name], y, s=16, alpha=0.7, lw=0, label=label, **_scattered(look))
+                    mark = {
+                        "marker": look["marker"],
+                        "color": look["color"],
+                        "ls": "",
+                        "mew": 0,
+                        "alpha": 0.7,
+                    }
+                    axis.plot(points[name], y, ms=4.5, label=names(str(variant), str(observation)), **mark)
                 is_it = (found["measure"] == name) & (found["family"] == title)
                 for _, each in found[is_it].iterrows():
                     ends = f"[{each['correlation_low']:.2f}, {each['correlation_high']:.2f}]"
-                    axis.set_title(f"{each['correlation']:.2f} {ends}", fontsize="small")
-                axis.set_yscale("log")
-                if name not in ("error_across_places", "error_nearby"):
-                    axis.set_xscale("log")
+                    text = f"{title}: {each['correlation']:.2f} {ends}".replace("-", "−")
+                    axis.set_title(text, fontsize="small")
+                axis.set(yscale="log", xscale="linear" if name in _LINEAR else "log")
+                axis.minorticks_off()
                 if part.empty:
                     axis.set_axis_off()
+                else:
+                    axis.axhline(most, color="0.6", lw=0.6, ls=":")
                 if row == 1 or frame.loc[families == "deep", name].isna().all():
-                    axis.set_xlabel(_MEASURES[name], fontsize="small")
-            axes[row, 0].set_ylabel(f"median steps of {title}\n(top: most runs never)")
+                    axis.set_xlabel(fill(_MEASURES[name], 22), fontsize="small")
+            axes[row, 0].set_ylabel(f"median steps of {title}")
         handles = {h.get_label(): h for axis in axes.flat for h in axis.get_legend_handles_labels()[0]}
-        figure.legend(handles=[*handles.values()], loc="outside upper center", ncols=4, frameon=False)
+        title = (
+            "above each panel: rank correlation and its 95 % interval; on the dotted line: most runs never"
+        )
+        place: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False}
+        figure.legend(handles=[*handles.values()], title=title, **place)
     return figure
-
-
-def _scattered(look: dict[str, Any]) -> dict[str, Any]:
-    return {"color": [look["color"]], "marker": look["marker"]}
 
 
 @predictors.sentence
@@ -147,17 +156,15 @@ def _(table: pd.DataFrame, _: Folder) -> Finding | None:
         if rows["correlation"].isna().all():
             continue
         best = rows.iloc[int(np.nanargmax(rows["correlation"].abs()))]
-        value, n = f"{best['correlation']:.2f}", best["n"]
-        name = _MEASURES[str(best["measure"])].replace("\n", " ")
+        value = f"{best['correlation']:.2f}"
+        name = _MEASURES[str(best["measure"])]
         parts.append(
             f"for {family}, the {name} ({link(value, 'predictors', best)} "
-            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}], {n} points, of "
-            f"{len(rows)} measures)"
+            f"[{best['correlation_low']:.2f}, {best['correlation_high']:.2f}])"
         )
     if not parts:
         return None
     return Finding(
         f"Exploratory: the measure with the largest rank correlation with median steps is, "
-        f"{' and, '.join(parts)}. Intervals do not account for this choice. Action gaps below "
-        f"{REGULARISER:g} count as {REGULARISER:g}."
+        f"{' and, '.join(parts)}. Intervals do not account for this choice."
     )

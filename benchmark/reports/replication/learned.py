@@ -41,15 +41,15 @@ def figure(frames: Frames, data: Data) -> Figure | None:
     moves, pings = values[values["action"] != "PING"], values[values["action"] == "PING"]
     bottom, top = curves["min"].min(), curves["max"].max()
     room = 0.04 * (top - bottom)
-    with figure_of(3, len(data.models), (11.0, 9.6)) as (figure, axes):
+    with figure_of(3, len(data.models), (11.0, 9.0)) as (figure, axes):
         for column, (name, model) in enumerate(data.models.items()):
             curve = curves[curves["scenario"] == name]
             letters = ascii_lowercase[column :: len(data.models)]  # as the paper's
             axis = axes[0, column]
-            band = {"color": COLOURS[9], "alpha": 0.55, "lw": 0, "label": "least to largest agent"}
+            band = {"color": "0.8", "lw": 0, "label": "range over agents"}
             axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
-            axis.plot(curve["step"], curve["mean"], color=COLOURS[0], lw=0.9, label="mean of the agents")
-            axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a right PING pays in S1")
+            axis.plot(curve["step"], curve["mean"], color="black", lw=0.9, label="mean of the agents")
+            axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a correct PING pays in S1")
             axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
             axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
             axis.set(ylim=(bottom - room, top + room))
@@ -116,7 +116,7 @@ def learning(data: Data) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-@learning.figure("Success and score of the greedy policy, and share of optimal agents, over training.")
+@learning.figure("How well agents act while they learn: success, score, and how many are optimal.")
 def _(frames: Frames, data: Data) -> Figure:
     frame = frames["learning"]
     panels = {
@@ -183,7 +183,7 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame({"": [key.replace("_", " ") for key in keys]} | columns)
 
 
-@optimal.figure("The exact optimum, what learning made of it, and where agents act optimally.")
+@optimal.figure("What is optimal, how far what was learned is from it, and where agents act optimally.")
 def _(frames: Frames, data: Data) -> Figure | None:
     if "q_values" not in frames:
         return None
@@ -192,17 +192,17 @@ def _(frames: Frames, data: Data) -> Figure | None:
     best = by_cell[["optimal", "largest_learned", "differs"]].max()
     best = best.assign(difference=best["largest_learned"] - best["optimal"], agrees=1 - best["differs"])
     labels = {
-        "optimal": "optimal value of the cell",
+        "optimal": "optimal value",
         "difference": "learned minus optimal value",
         "agrees": "share of agents acting optimally",
     }
     with figure_of(3, len(data.models), (11.0, 9.6)) as (figure, axes):
         for column, (name, model) in enumerate(data.models.items()):
             scene = scene_of(model)
-            for row, key in enumerate(labels):
+            for row, (key, label) in enumerate(labels.items()):
                 shown = np.where(scene.is_over, np.nan, best.loc[name][key].to_numpy())
                 heat(axes[row, column], scene, shown, norm_of(best[key]))
-                axes[row, column].set(title=name)
+                axes[row, column].set(title=f"{label}, {name}")
             actions(axes[0, column], scene, cells[(cells["scenario"] == name) & cells["is_optimal"]])
         for row, (key, label) in enumerate(labels.items()):
             colour_bar(figure, axes[row], norm_of(best[key]), label)

@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.ticker import MaxNLocator
 
-from benchmark.drawing.style import COLOURS, figure_of
+from benchmark.drawing.style import COLOURS, INK, figure_of
 from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION
 from benchmark.reports.folder import Folder
@@ -63,44 +62,6 @@ def _(frame: pd.DataFrame) -> pd.DataFrame:
                 row[key.replace("_", " ")] = entry(shown, key, "claims")
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-@claims.figure("Every part of every claim, with its 95 % interval and its threshold.")
-def _(frames: Frames, _: object) -> Figure | None:
-    if "claims" not in frames:
-        return None
-    frame = frames["claims"]
-    sizes = _sizes(frame)[::-1]
-    styles = [{"color": "0.45", "marker": "s", "mfc": "white"}, {"color": COLOURS[0], "marker": "o"}]
-    n_rows = -(-frame["claim"].nunique() // 3)
-    with figure_of(n_rows, 3, (11.0, 2.5 * n_rows)) as (figure, axes):
-        for axis in axes.flat[frame["claim"].nunique() :]:
-            axis.set_visible(False)
-        for axis, (name, rows) in zip(axes.flat, frame.groupby("claim", sort=False), strict=False):
-            parts = list(rows["part"].unique())
-            for i, (size, style) in enumerate(zip(sizes, styles[-len(sizes) :], strict=True)):
-                shown = rows[(rows["agents"] == size) & rows["value"].map(np.isfinite)]
-                places = shown["part"].map(parts.index) + 0.3 * (i - (len(sizes) - 1) / 2)
-                ends = (shown["value"] - shown["low"], shown["high"] - shown["value"])
-                style = style | {"ls": "", "ms": 4.5, "capsize": 2.5, "label": f"{size:,} agents"}
-                axis.errorbar(shown["value"], places, xerr=np.maximum(ends, 0), **style)
-            side, threshold = rows[["right_side", "threshold"]].iloc[0]
-            axis.margins(x=0.1)
-            axis.axvline(threshold, color="black", lw=0.9, ls="--", label="threshold")
-            low, high = axis.get_xlim()
-            ends = (threshold, high) if side == ">" else (low, threshold)
-            axis.axvspan(*ends, color=COLOURS[9], alpha=0.3, lw=0, zorder=0, label="right side")
-            axis.set(xlim=(low, high), ylim=(len(parts) - 0.4, -0.6))
-            axis.set_yticks(range(len(parts)), parts)
-            axis.xaxis.set_major_locator(MaxNLocator(4))
-            verdicts = rows.drop_duplicates("agents").sort_values("agents")["verdict"]
-            axis.set_title(f"{name}  {' '.join(verdicts.map(_SIGNS))}")
-        order = f", with {' and '.join(f'{size:,}' for size in sizes)} agents" if len(sizes) > 1 else ""
-        figure.legend(
-            *axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False,
-            title=f"bars: 95 % intervals; verdict on the claim{order}: {', '.join(_SIGNED.values())}",
-        )  # fmt: skip
-    return figure
 
 
 @claims.sentence
@@ -177,22 +138,22 @@ def sensitivity(data: Data) -> pd.DataFrame | None:
     return pd.concat(frames, ignore_index=True) if frames else None
 
 
-@sensitivity.figure("Verdict on every claim under every reading.")
+@sensitivity.figure("Whether the paper's claims hold, by how the paper is read.")
 def _(frames: Frames, _: object) -> Figure | None:
     if "sensitivity" not in frames:
         return None
     frame = frames["sensitivity"]
     claims, readings = frame.drop_duplicates("claim"), list(frame["reading"].unique())
-    with figure_of(1, 1, (11.0, 0.4 * len(claims) + 0.8)) as (figure, axes):
+    with figure_of(1, 1, (11.0, 0.34 * len(claims) + 0.9)) as (figure, axes):
         axis = axes[0, 0]
         for _, row in weakest(frame, "reading").iterrows():
             x, y = readings.index(row["reading"]), list(claims["claim"]).index(row["claim"])
             colour, value = _COLOURS[row["verdict"]], row["value"]
             axis.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=colour, ec="white", lw=2))
             shown = f"{value:.{3 if abs(value) >= 0.01 else 1}g}" if np.isfinite(value) else "-"
-            axis.text(x, y, f"{_SIGNS[row['verdict']]}  {shown}", ha="center", va="center")
+            axis.text(x, y, f"{_SIGNS[row['verdict']]}  {shown}", ha="center", va="center", color=INK[0])
         axis.set(xlim=(-0.5, len(readings) - 0.5), ylim=(len(claims) - 0.5, -0.5))
-        axis.set_xticks(range(len(readings)), readings)
+        axis.set_xticks(range(len(readings)), [name.replace("_", " ") for name in readings])
         sides = claims["claim"] + "  (" + claims["right_side"] + claims["threshold"].map(" {:g})".format)
         axis.set_yticks(range(len(claims)), sides)
         axis.xaxis.tick_top()

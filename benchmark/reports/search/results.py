@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -14,20 +14,18 @@ from matplotlib.ticker import NullLocator
 from benchmark.analysis.intervals import Estimate, interval, resample
 from benchmark.analysis.search import Searched
 from benchmark.drawing.maps import gallery
-from benchmark.drawing.style import COLOURS, figure_of
-from benchmark.drawing.tables import link
+from benchmark.drawing.style import figure_of, learner_style
+from benchmark.drawing.tables import decimals_of, link
 from benchmark.experiments.search import Choice, Space, Span
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding, Frames, drawing, entry, item, no_rows
+from benchmark.reports.learners import Names
 from benchmark.reports.search.runs import KEY, Searches, expected_best, gain, mean
 from envs import compile_scenario
-from envs.words import listed
 
 _AREA: Final = "mean area under the curve of success"
-_COLOURS: Final = {"tabular": COLOURS[1], "deep": COLOURS[0]}
-_MARKERS: Final = {"tabular": "s", "deep": "o"}
 _TITLES: Final = {"tabular": "tables", "deep": "nets"}
-_COLUMNS: Final = 5  # of panels
+_KINDS: Final = {"tabular": "table", "deep": "net"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
 _SOME: Final = (1, 4, 16)  # numbers of trials that readers see
 _CLOSE: Final = 0.05  # areas that differ by less are close to each other
@@ -47,6 +45,7 @@ _CLOSE: Final = 0.05  # areas that differ by less are close to each other
         "sensitivity": "gain per scenario",
         "found": "mean on the first runs",
     },
+    best="chosen",
 )
 def chosen(data: Searches) -> Iterator[dict[str, Any]]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
@@ -67,23 +66,21 @@ def chosen(data: Searches) -> Iterator[dict[str, Any]]:
 
 
 def headline(folder: Folder) -> Finding:
-    """Says the smallest and the largest area, with default and with chosen settings."""
+    """Says what the best table and the best net gain by chosen settings."""
     table, search = folder.frame("chosen"), folder.manifest["facts"]["search"]
 
-    def told(key: str) -> str:
-        values = table[key].round(2)
-        ends = []
-        for value in (values.min(), values.max()):
-            rows = table[values == value]
-            names = listed([f"`{_name(row)}`" for _, row in rows.iterrows()])
-            ends.append(f"{link(f'{value:.2f}', 'chosen', rows)} ({names})")
-        return " to ".join(ends)
-
+    families, parts = folder.manifest["facts"]["families"], []
+    for family, kind in _KINDS.items():
+        rows = table[[families[_name(row)] == family for _, row in table.iterrows()]]
+        if len(rows):
+            best = rows.iloc[int(rows["chosen"].argmax())]
+            ends = [link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen")]
+            name = folder.names.told(_name(best))
+            parts.append(f"from {ends[0]} to {ends[1]} for the best {kind}, {name}")
     return Finding(
-        f"With default settings, success averaged over training (the area under its curve) ranges from "
-        f"{told('default')}; with the chosen settings (the best of the defaults and {search['trials']} "
-        f"trials), from {told('chosen')}. Means are over {len(folder.manifest['scenarios'])} scenarios, with "
-        f"{search['seeds']} fresh runs in each."
+        f"The chosen settings, the best of the defaults and {search['trials']} trials, change success "
+        f"averaged over training {', and '.join(parts)}. Means are over {len(folder.manifest['scenarios'])} "
+        f"scenarios, with {search['seeds']} fresh runs in each."
     )
 
 
@@ -107,19 +104,33 @@ def best_of(data: Searches) -> Iterator[dict[str, Any]]:
             }
 
 
-@best_of.figure(
-    "What tuning buys: the expected area of the best of b trials, by learner. Crosses: the defaults."
-)
+@best_of.figure("What tuning buys: the result that is expected of the best of b trials.")
 def _(tables: Frames, data: Searches) -> Figure:
-    figure = _panels(tables, data, "trials", dict.fromkeys((each.name for each in data.learners), 1.0))
-    million = _budget(data.learners[0]) * data.learners[0].searched[0].size / 1e6
-    for axis in figure.axes:
-        axis.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
-        steps = axis.secondary_xaxis("top")
-        steps.set_xticks(_TICKS, [f"{tick * million:.3g}" for tick in _TICKS])
-        steps.set_xlabel("million environment steps of the search")
-        for each in (axis.xaxis, steps.xaxis):
-            each.set_minor_locator(NullLocator())
+    frame, default = tables["best_of"], tables["chosen"]
+    families: Any = data.facts["families"]
+    panels = [family for family in _TITLES if family in families.values()]
+    million = (frame["steps"] / frame["trials"]).iloc[0] / 1e6
+    with figure_of(1, len(panels), (11.0, 5.0)) as (figure, axes):
+        for axis, family in zip(axes[0], panels, strict=True):
+            of_family = [row for _, row in default.iterrows() if families[_name(row)] == family]
+            for place, each in enumerate(of_family):
+                rows, style = frame[_is_of(frame, each)], _style(each, data)
+                axis.plot(rows["trials"], rows["expected"], markevery=(place, 12), ms=5, lw=1.4, **style)
+                ends = rows["expected_low"], rows["expected_high"]
+                axis.fill_between(rows["trials"], *ends, color=style["color"], alpha=0.1, lw=0)
+                axis.plot(0.8, each["default"], "x", ms=6, mew=1.8, color=style["color"])
+            axis.set(xscale="log", xlabel="trials (cross: default settings)", ylim=(-0.02, 1.0))
+            axis.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
+            steps = axis.secondary_xaxis("top")
+            steps.set_xticks(_TICKS, [f"{tick * million:.3g}" for tick in _TICKS])
+            steps.set_xlabel("million environment steps of the search")
+            for each in (axis.xaxis, steps.xaxis):
+                each.set_minor_locator(NullLocator())
+            axis.set_title(_TITLES[family], fontweight="bold")
+            handles = [Line2D([], [], label=_title(row, data), **_style(row, data)) for row in of_family]
+            place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
+            axis.legend(handles=handles, **place_below, ncols=2, frameon=False, handlelength=3)
+        axes[0, 0].set_ylabel(_AREA)
     return figure
 
 
@@ -128,11 +139,13 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
     """Shows a row per learner: some numbers of trials, and how many come close to all of them."""
     n = int(table["trials"].max())
     shown = []
-    for (algorithm, observation), rows in table.groupby([*KEY], sort=False):
-        row: dict[str, Any] = {"algorithm": algorithm, "observation": observation}
+    groups = [rows for _, rows in table.groupby("learner", sort=False)]
+    digits = decimals_of(table["expected"], is_bounded=True)
+    for rows in sorted(groups, key=lambda rows: -rows["expected"].iloc[-1]):
+        row: dict[str, Any] = {"learner": rows["learner"].iloc[0]}
         for b in dict.fromkeys([*(b for b in _SOME if b < n), n]):
             (_, one), *_ = rows[rows["trials"] == b].iterrows()
-            row[f"best of {b}"] = entry(one, "expected", "best_of")
+            row[f"best of {b}"] = entry(one, "expected", "best_of", digits)
         is_close = rows["expected"] >= rows["expected"].iloc[-1] - _CLOSE
         row[f"trials needed to come within {_CLOSE} of the best of {n}"] = (
             f"{rows.loc[is_close, 'trials'].iloc[0]}"
@@ -153,6 +166,7 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
         "cpu_ms": "CPU ms per run",
     },
     is_measured=True,
+    best="-cpu_time_s",
 )
 def cost(data: Searches) -> Iterator[dict[str, Any]]:
     """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
@@ -160,17 +174,6 @@ def cost(data: Searches) -> Iterator[dict[str, Any]]:
         found = each.result()
         took = found.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
         yield _names(each) | took | {"cpu_ms": 1000 * found.cpu_time_s / found.runs}
-
-
-@cost.figure(
-    "The expected area of the best of b trials against the CPU seconds that they take. Crosses: the defaults."
-)
-def _(tables: Frames, data: Searches) -> Figure:
-    rows = tables["cost"]
-    seconds = {_name(row): row["cpu_ms"] / 1000 for _, row in rows.iterrows()}
-    sizes = {each.name: each.searched[0].size for each in data.learners}
-    scale = {name: value * sizes[name] for name, value in seconds.items()}
-    return _panels(tables, data, "CPU seconds", scale)
 
 
 @item("trials", "every trial of every learner: settings, and mean areas by scenario", where=no_rows)
@@ -191,46 +194,29 @@ def trials(data: Searches) -> Iterator[dict[str, Any]]:
             }
 
 
-@trials.figure(
-    "Every trial of every learner. Bar: the chosen settings on fresh runs, with their 95 % interval."
-)
+@trials.figure("What each trial of the search reached, and what the chosen settings reach in fresh runs.")
 def _(tables: Frames, data: Searches) -> Figure:
     frame, chosen_ones = tables["trials"], tables["chosen"]
-    families: Any = data.facts["families"]
-    with figure_of(1, 1, (8.0, 0.34 * len(chosen_ones) + 1.3)) as (figure, axes):
+    with figure_of(1, 1, (9.0, 0.3 * len(chosen_ones) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
-        for y, (each, (_, row)) in enumerate(zip(data.learners, chosen_ones.iterrows(), strict=True)):
-            family, rows = families[each.name], frame[_is_of(frame, each)]
+        for y, (_, row) in enumerate(chosen_ones.iterrows()):
+            rows, style = frame[_is_of(frame, row)], _style(row, data)
             axis.plot(rows["area"][1:], [y] * (len(rows) - 1), "|", ms=9, mew=0.9, color="0.55")
             axis.plot(row["default"], y, "x", ms=7, mew=2, color="black")
-            axis.plot(
-                [row["chosen_low"], row["chosen_high"]], [y, y], lw=3, alpha=0.5, color=_COLOURS[family]
-            )
-            axis.plot(row["chosen"], y, _MARKERS[family], ms=7, color=_COLOURS[family], mec="white")
-        axis.set_yticks(range(len(chosen_ones)), [_name(row) for _, row in chosen_ones.iterrows()])
-        axis.set(
-            ylim=(len(chosen_ones) - 0.5, -0.5),
-            xlim=(-0.02, 1.0),
-            xlabel=f"{_AREA}, over scenarios (more is better)",
-        )
+            ends = [row["chosen_low"], row["chosen_high"]]
+            axis.plot(ends, [y, y], lw=3, alpha=0.5, color=style["color"])
+            axis.plot(row["chosen"], y, style["marker"], ms=7, color=style["color"], mec="white", mew=0.4)
+        names = [_title(row, data) for _, row in chosen_ones.iterrows()]
+        axis.set_yticks(range(len(names)), names)
+        axis.set(ylim=(len(names) - 0.5, -0.5), xlim=(-0.02, 1.0), xlabel=f"{_AREA}, over scenarios")
         axis.grid(axis="y", lw=0.4, color="0.85")
         axis.tick_params(axis="y", length=0)
         handles = [
             Line2D([], [], ls="", marker="|", ms=9, color="0.55", label="a trial"),
             Line2D([], [], ls="", marker="x", mew=2, color="black", label="default settings"),
-            *(
-                Line2D(
-                    [],
-                    [],
-                    ls="",
-                    marker=_MARKERS[key],
-                    color=_COLOURS[key],
-                    label=f"chosen settings of a {text}",
-                )
-                for key, text in (("tabular", "table"), ("deep", "net"))
-            ),
+            Line2D([], [], lw=3, marker="o", color="0.4", label="chosen settings, 95 % interval"),
         ]
-        figure.legend(handles=handles, loc="outside upper center", ncols=4, frameon=False)
+        figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False)
     return figure
 
 
@@ -252,29 +238,29 @@ def importance(data: Searches) -> Iterator[dict[str, Any]]:
             yield _names(each) | {"setting": key, "share": shares[key]}
 
 
-@importance.figure(
-    "The share of the variance between trials that is due to each setting by itself, by functional ANOVA."
-)
-def _(tables: Frames, _: Searches) -> Figure:
+@importance.figure("Which settings the result of a trial depends on: shares of the variance between trials.")
+def _(tables: Frames, data: Searches) -> Figure:
     frame = tables["importance"]
-    table = frame.assign(learner=[_name(row) for _, row in frame.iterrows()]).pivot_table(
+    table = frame.assign(learner=[_title(row, data) for _, row in frame.iterrows()]).pivot_table(
         index="learner", columns="setting", values="share", sort=False
     )
-    with figure_of(1, 1, (0.75 * table.shape[1] + 2.6, 0.32 * len(table) + 1.9)) as (figure, axes):
+    n_rows, n_columns = table.shape
+    with figure_of(1, 1, (0.6 * n_columns + 2.6, 0.27 * n_rows + 1.4)) as (_, axes):
         axis = axes[0, 0]
-        axis.imshow(table, cmap="Greys", vmin=0, vmax=1, aspect="auto")
+        edges = np.arange(n_columns + 1) - 0.5, np.arange(n_rows + 1) - 0.5
+        axis.pcolormesh(*edges, table, cmap="Greys", vmin=0, vmax=1)
         for (row, column), value in np.ndenumerate(table.to_numpy()):
             if not math.isnan(value):
                 ink = "white" if value > 0.55 else "black"
                 axis.text(column, row, f"{value:.2f}", ha="center", va="center", color=ink)
-        axis.set_xticks(
-            range(table.shape[1]), [str(key).split(".")[-1] for key in table], rotation=30, ha="left"
-        )
-        axis.set_yticks(range(len(table)), table.index)
+        names = [_in_words(str(key)) for key in table]
+        axis.set_xticks(range(n_columns), names, rotation=35, ha="left", rotation_mode="anchor")
+        axis.set_yticks(range(n_rows), table.index)
+        axis.set(ylim=(n_rows - 0.5, -0.5))
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
-    return figure
+    return axis.figure
 
 
 @item(
@@ -297,30 +283,45 @@ def around(data: Searches) -> Iterator[dict[str, Any]]:
             }
 
 
-@around.figure(
-    "One setting changed at a time. Dots grow with the value, or in the order declared; line: none changed."
-)
+@around.figure("What changes if one of the chosen settings is changed.")
 def _(tables: Frames, data: Searches) -> Figure:
-    frame, learners = tables["around"], data.learners
-    n_rows = math.ceil(len(learners) / _COLUMNS)
-    with figure_of(n_rows, _COLUMNS, (13.0, 2.2 * n_rows)) as (figure, axes):
-        for axis, each in zip(axes.flat, learners, strict=False):
-            space = each.experiment.algorithms[each.variant].search
-            rows = frame[_is_of(frame, each)]
-            axis.axvline(rows.loc[rows["setting"] == "none", "area"].iloc[0], color="black", lw=1)
-            for y, (key, declared) in enumerate(space.items()):
-                marks = [json.dumps(value) for value in declared.marks]
-                part = rows[rows["setting"] == key]
-                sizes = [18 + 40 * marks.index(value) for value in part["value"]]
-                axis.scatter(part["area"], [y] * len(part), s=sizes, color=COLOURS[0], alpha=0.6, lw=0)
-            names = [key.split(".")[-1] for key in space]
-            axis.set_yticks(range(len(names)), names, fontsize="x-small")
-            axis.set(ylim=(len(names) - 0.5, -0.5), xlim=(-0.03, 1.03))
-            axis.set_title(each.name.replace(", ", "\n"), fontsize="small")
-            axis.grid(axis="y", lw=0.4, color="0.85")
-        for axis in axes.flat[len(learners) :]:
-            axis.set_axis_off()
-        figure.supxlabel(_AREA, fontsize="small")
+    """Draws a row of panels per algorithm, and a panel per form of observation."""
+    frame, algorithms = tables["around"], data.experiment.algorithms
+    keys = {name: [*declared.search] for name, declared in algorithms.items()}
+    n_columns = max(len(declared.observations) for declared in algorithms.values())
+    height = 0.25 * sum(map(len, keys.values())) + 0.55 * len(keys)
+    with figure_of(len(keys), n_columns, (11.0, height + 0.6)) as (figure, axes):
+        axes[0, 0].get_gridspec().set_height_ratios([len(each) + 1.5 for each in keys.values()])
+        for i, (name, declared) in enumerate(algorithms.items()):
+            row = axes[i]
+            for axis in row[len(declared.observations) :]:
+                axis.set_axis_off()
+            for axis, observation in zip(row, declared.observations, strict=False):
+                learner = pd.Series({"algorithm": name, "observation": observation})
+                rows, style = frame[_is_of(frame, learner)], _style(learner, data)
+                unchanged = rows[rows["setting"] == "none"].iloc[0]
+                axis.axvspan(unchanged["area_low"], unchanged["area_high"], color="0.92", lw=0)
+                axis.axvline(unchanged["area"], color="0.35", lw=0.8, ls=":")
+                for y, key in enumerate(keys[name]):
+                    marks = [json.dumps(value) for value in declared.search[key].marks]
+                    for _, each in rows[rows["setting"] == key].iterrows():
+                        place = marks.index(each["value"]) - (len(marks) - 1) / 2
+                        at, ends = y + 0.27 * place, [each["area_low"], each["area_high"]]
+                        axis.plot(ends, [at, at], color=style["color"], lw=0.9, alpha=0.7)
+                        size = 3 + 1.6 * marks.index(each["value"])
+                        axis.plot(each["area"], at, "o", ms=size, color=style["color"], mew=0)
+                names = [_in_words(key) for key in keys[name]]
+                axis.set_yticks(range(len(names)), names if axis is row[0] else [])
+                axis.set(ylim=(len(names) - 0.4, -0.6), xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
+                axis.set_title(_title(learner, data), fontsize="small", fontweight="bold")
+                axis.tick_params(labelbottom=i == len(algorithms) - 1, axis="x")
+                for y in range(len(names) - 1):
+                    axis.axhline(y + 0.5, color="0.85", lw=0.4)
+        figure.supxlabel(
+            f"{_AREA}; bars: 95 % intervals; larger dots: larger values, or later in the order declared;\n"
+            "dotted line and grey band: nothing changed",
+            fontsize="small",
+        )
     return figure
 
 
@@ -389,34 +390,23 @@ def _values(settings: dict[str, Any], space: Space) -> dict[str, Any]:
     }
 
 
-def _panels(tables: Frames, data: Searches, label: str, scale: Mapping[str, float]) -> Figure:
-    """Draws the expected area of the best of b trials: tables left, nets right; crosses: default settings."""
-    frame, default = tables["best_of"], tables["chosen"]
-    families: Any = data.facts["families"]
-    panels = [family for family in _TITLES if family in families.values()]
-    with figure_of(1, len(panels), (11.0, 4.8)) as (figure, axes):
-        for axis, family in zip(axes[0], panels, strict=True):
-            axis.sharex(axes[0, 0])
-            for place, each in enumerate(each for each in data.learners if families[each.name] == family):
-                rows, style = frame[_is_of(frame, each)], _line(place)
-                x = rows["trials"] * scale[each.name]
-                axis.plot(x, rows["expected"], label=each.name, markevery=(place, 12), ms=5, **style)
-                ends = rows["expected_low"], rows["expected_high"]
-                axis.fill_between(x, *ends, color=style["color"], alpha=0.1, lw=0)
-                start = default.loc[_is_of(default, each), "default"].iloc[0]
-                axis.plot(x.iloc[0] * 0.8, start, "x", ms=6, mew=1.8, color=style["color"])
-            axis.set(xscale="log", xlabel=label, ylim=(-0.02, 1.0), ylabel=_AREA)
-            axis.xaxis.set_major_formatter("{x:,g}")
-            axis.set_title(_TITLES[family], fontweight="bold")
-            place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
-            axis.legend(**place_below, ncols=2, frameon=False, fontsize="small")
-    return figure
+def _style(row: pd.Series, data: Searches) -> dict[str, Any]:
+    """Returns the colour, marker and dash of a row's learner."""
+    return learner_style(row["algorithm"], row["observation"], [*data.experiment.algorithms])
 
 
-def _line(place: int) -> dict[str, Any]:
-    """Returns colour and marker of a learner among tables or nets."""
-    colours = ["black", *(COLOURS[i] for i in (0, 1, 2, 3, 4, 9)), "0.55"]
-    return {"color": colours[place % len(colours)], "marker": "osD^vPX*"[place % 8], "lw": 1.4}
+def _title(row: pd.Series, data: Searches) -> str:
+    """Returns what readers call a row's learner."""
+    return Names.of(data.experiment)(row["algorithm"], row["observation"])
+
+
+def _in_words(key: str) -> str:
+    """Returns a setting's name as readers see it.
+
+    >>> _in_words("policy_kwargs.net_arch")
+    'net arch'
+    """
+    return key.split(".")[-1].replace("_", " ")
 
 
 def _by_scenario(each: Searched, key: tuple[str, str]) -> list[Any]:
@@ -437,9 +427,9 @@ def _name(row: pd.Series) -> str:
     return f"{row['algorithm']}, {row['observation']}"
 
 
-def _is_of(frame: pd.DataFrame, each: Searched) -> Any:
-    """Returns which rows are a learner's."""
-    return (frame["algorithm"] == each.variant) & (frame["observation"] == each.observation)
+def _is_of(frame: pd.DataFrame, row: pd.Series) -> Any:
+    """Returns which rows are of the same learner as a row."""
+    return (frame["algorithm"] == row["algorithm"]) & (frame["observation"] == row["observation"])
 
 
 def _at(settings: object, key: str) -> Any:

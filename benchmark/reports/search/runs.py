@@ -16,7 +16,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import Experiment
 from envs import InputError
 
-KEY: Final = {"algorithm": "", "observation": ""}  # columns that name a learner
+KEY: Final = {"learner": ""}  # the column that names a learner, for readers
 
 
 @dataclass(frozen=True, eq=False)

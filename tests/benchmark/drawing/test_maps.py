@@ -104,10 +104,13 @@ def test_gallery_shows_zones_walls_people_starts_and_the_way() -> None:
         way, person, start = [np.asarray(line.get_xydata()).tolist() for line in axis.lines]
         assert (person, start, len(way)) == ([[column, row]], [[0, 0]], 17)  # the cells of the walk, and back
     assert [len(drawn(axis.patches, Polygon)) for axis in shown] == [0, 0, 0, 1, 0, 0]  # noses
-    (mesh,) = drawn(shown[3].collections, QuadMesh)
-    expected = [COLOURS[zone] for zone in scene_of(models[1]).zone]
-    assert np.asarray(mesh.get_array()).reshape(-1, 3) * 255 == pytest.approx(np.array(expected))
+    egg = scene_of(models[1])
+    filled = [patch for patch in drawn(shown[3].patches, PathPatch) if patch.get_fill()]
+    for (row, column), zone in zip(egg.position, egg.zone, strict=True):
+        colours = [each.get_facecolor() for each in filled if each.get_path().contains_point((column, row))]
+        (*_, colour) = colours or [shown[3].get_facecolor()]
+        assert np.array(colour[:3]) * 255 == pytest.approx(COLOURS[zone])
     assert [len(np.asarray(line.get_xydata())) for line in shown[4].lines] == [95, 1]
-    path = drawn(shown[5].patches, PathPatch)[0].get_path()
+    path = next(patch for patch in drawn(shown[5].patches, PathPatch) if patch.get_hatch()).get_path()
     inside = [path.contains_point((column, row)) for row, column in scene_of(models[3]).position]
     assert inside == load_scenario("Walls").grid.is_wall.tolist()

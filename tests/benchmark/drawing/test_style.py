@@ -1,17 +1,41 @@
-"""Colours and markers of variants, and texts in figures."""
+"""Colours and marks of learners, and figures as SVG."""
 
 import re
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_rgb, to_rgba
 
-from benchmark.drawing.style import figure_of, save_figure, variant_style
+from benchmark.drawing.style import _KNOWN, INK, figure_of, learner_style, save_figure, variant_style
 
 
-def test_no_two_variants_look_alike() -> None:
-    styles = [variant_style(place) for place in range(300)]
-    assert len({(to_rgba(style["color"]), style["marker"]) for style in styles}) == 300
+def brightness(colour: Any) -> float:
+    return float(np.dot(to_rgb(colour), [0.3, 0.59, 0.11]))
+
+
+def test_no_two_variants_look_alike_in_grey_either() -> None:
+    names = [*_KNOWN, *(f"mine_{i}" for i in range(300))]
+    styles = {name: variant_style(name, names) for name in names}
+    own = [styles[name] for name in names if name.startswith("mine")]
+    assert len({(to_rgba(style["color"]), style["marker"]) for style in own}) == 300
+    assert styles["dqn_offset"] == styles["dqn"]  # the same learner with other settings
+    known = [style for name, style in styles.items() if name in _KNOWN and not name.endswith("_offset")]
+    assert len({style["marker"] for style in known}) == len(known)
+    assert (
+        variant_style("mine_1", ["dqn", "mine_0", "mine_1"]) == styles["mine_1"]
+    )  # known ones take no place
+    for one, other in (("dqn", "dqn_linear"), ("ppo", "ppo_default"), ("dqn_default", "dqn_linear")):
+        colours = [styles[name]["color"] for name in (one, other)]
+        assert abs(brightness(colours[0]) - brightness(colours[1])) > 0.15, (one, other)
+
+
+def test_what_a_learner_observes_shows() -> None:
+    looks = [learner_style("dqn", each, []) for each in ("one_hot", "coordinates", "offset_coordinates")]
+    assert len({str(look["ls"]) for look in looks}) == len({look["color"] for look in looks}) == 3
+    assert len({look["marker"] for look in looks}) == 1
 
 
 @pytest.mark.parametrize("text", ["$x^2$", r"$\frac$", "a_b, 5 $", r"\$x$"])
@@ -22,11 +46,38 @@ def test_texts_are_no_mathematics_but_ticks_of_a_logarithmic_axis_are(text: str,
         figure.legend()
     save_figure(figure, tmp_path / "f.svg")
     svg = (tmp_path / "f.svg").read_text(encoding="utf-8")
+    assert svg.count(f">{text}<") == 2  # title and legend
+    ticks = [re.findall(r">(\d)</tspan>", tick) for tick in re.findall("<text>(.*?)</text>", svg, re.DOTALL)]
+    assert ["1", "0", "0"] in ticks  # and a small 0
 
-    def glyphs(shown: str) -> list[int]:
-        """Returns of how many outlines each drawing of a text consists."""
-        drawn = re.findall(rf"<!-- {re.escape(shown)} -->(.*?)\n    </g>", svg, re.DOTALL)
-        return [len(re.findall("<use ", each)) for each in drawn]
 
-    assert glyphs(text) == [len(text)] * 2  # title and legend
-    assert glyphs(r"$\mathdefault{10^{0}}$") == [3]  # 1, 0 and a small 0
+def test_svg_is_small_the_same_and_readable_in_the_dark(tmp_path: Path) -> None:
+    for i in range(2):
+        with figure_of(1, 1, (4.0, 3.0)) as (figure, axes):
+            # Two machines may differ in a last digit.
+            x = np.linspace(0, 1, 50) + i * 1e-13
+            axes[0, 0].plot(x, x**2, label="0.123456", **learner_style("dqn_linear", "one_hot", []))
+            axes[0, 0].text(0.5, 0.5, "on a colour", color=INK[0])
+            figure.legend()
+        save_figure(figure, tmp_path / f"{i}.svg")
+    svg, again = ((tmp_path / f"{i}.svg").read_text(encoding="utf-8") for i in range(2))
+    assert svg == again
+    assert ElementTree.fromstring(svg).tag.endswith("svg")
+    assert len(svg) < 8000
+    assert not re.findall(r'[ "]-?\d+\.\d{3,}', svg.partition("</style>")[2])
+    assert ">0.123456<" in svg  # texts are not rounded
+    assert "'DejaVu Sans', Verdana, sans-serif" in svg
+    plain, dark = svg.partition("</style>")[0].split("@media (prefers-color-scheme:dark)")
+    rules = [dict(re.findall(r"\.(c\d+)\{([^}]*)\}", part)) for part in (plain, dark)]
+
+    def of(colour: str) -> set[str]:
+        return {name for name, style in rules[0].items() if colour in style}
+
+    assert of("#16206b")
+    assert of("#16206b") <= {*rules[1]}  # navy is lighter in the dark
+    assert "fill:#14171a" in rules[1][of("fill:#ffffff").pop()]
+    assert "#e6e9ec" in dark
+    assert of(INK[0])
+    assert not of(INK[0]) & {*rules[1]}
+    (navy,) = re.findall("fill:(#[0-9a-f]{6});stroke", rules[1][max(of("#16206b") & of("fill:#16206b"))])
+    assert brightness(navy) > 0.4

@@ -133,7 +133,7 @@ def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     manifest = json.loads((results / "speed" / MANIFEST).read_text(encoding="utf-8"))
     del manifest["digest"]
     (results / "speed" / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
-    for file in ("agents.json.gz", "curves.csv", "curves.png"):
+    for file in ("agents.json.gz", "curves.csv", "curves.svg"):
         (results / "speed" / file).unlink()
     assert build.write(results) == results / "index.html"
     return results

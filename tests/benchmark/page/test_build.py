@@ -169,7 +169,7 @@ def test_every_number_is_in_the_row_that_it_links_to(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "content"),
     [("manifest.json", None), ("summary.csv", None)]
-    + [(name, b"{}") for name in ("manifest.json", "summary.csv", "curves.png", "agents.json.gz")]
+    + [(name, b"{}") for name in ("manifest.json", "summary.csv", "curves.svg", "agents.json.gz")]
     + [("manifest.json", b"{")],
 )
 def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, content: bytes | None) -> None:

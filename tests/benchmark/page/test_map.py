@@ -87,7 +87,7 @@ def test_without_scripts_the_picture_and_the_headline_stay(open_page: Open, fold
     opened = open_page(folder, java_script_enabled=False)
     assert not opened.page.locator("#map").is_visible()
     assert opened.page.locator("#finding img").is_visible()
-    assert "needs fewer steps than a table" in opened.page.locator("#finding").inner_text()
+    assert "learns in fewer steps than the table" in opened.page.locator("#finding").inner_text()
 
 
 def test_it_leads_the_page_of_all_results(folder: Path, tmp_path: Path) -> None:

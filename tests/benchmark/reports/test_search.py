@@ -13,6 +13,7 @@ from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.experiments.specification import tuning_of
+from benchmark.reports.item import PICTURES
 from benchmark.reports.search.results import _shares, _values
 from benchmark.reports.search.runs import check, expected_best, gain, mean
 from envs import InputError
@@ -92,8 +93,8 @@ def test_everything_of_a_search_is_published(folder: Path) -> None:
     assert {name: len(table) for name, table in tables.items()} == {
         "chosen": 3, "best_of": 9, "cost": 3, "trials": 12, "importance": 7, "around": 18, "spaces": 5,
     }  # fmt: skip
-    figures = {path.stem for path in folder.glob("*.png")}
-    assert figures == {"best_of", "cost", "trials", "importance", "around", "scenes"}
+    figures = [path.stem for form in PICTURES for path in folder.glob(f"*.{form}")]
+    assert sorted(figures) == ["around", "best_of", "importance", "scenes", "trials"]
     assert {
         path.name: mistyped_columns(path) for path in folder.glob("*.csv") if mistyped_columns(path)
     } == {}

@@ -124,11 +124,11 @@ def test_latex_has_no_commands_but_its_own(exported: Path) -> None:
 
 
 def test_figures_have_the_texts_as_characters(exported: Path) -> None:
-    """Ill-formed mathematics could not have been drawn. Matplotlib repeats a text beside its outlines."""
-    comments = {
-        path.stem: html.unescape("".join(re.findall("<!--(.*?)-->", path.read_text(), re.DOTALL)))
+    """Ill-formed mathematics could not have been drawn."""
+    texts = {
+        path.stem: html.unescape("\n".join(re.findall("<text[^>]*>([^<]*)</text>", path.read_text())))
         for path in (exported / "svg").glob("*.svg")
     }
-    assert f"{EFFECT}: mood-1" in comments["effects"]
-    assert PHASE in comments["scenarios"]
-    assert f"S1, {GROUP}" in comments["curves"]
+    assert f"{EFFECT}: mood-1" in texts["effects"]
+    assert PHASE in texts["scenarios"]
+    assert f"S1, {GROUP}" in texts["curves"]
