@@ -28,6 +28,7 @@ from benchmark.reports import explorer, files, sameness
 from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Item
+from benchmark.reports.learners import Names
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
@@ -35,7 +36,8 @@ STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness
 PUBLISHED: Final = ("when", "compare_deep", "beyond", "reproduce")
 _SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
 _MAP: Final = ("cells", "contrasts", "cpu", "runs")  # tables that the script of a map reads
-_CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks up mean scores
+_CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks up mean scores over training
+_MEANS: Final = ("summary.csv",)  # the same after training, for agents that are shown without their training
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
 _LEADING_COLOURS: Final = 96  # of a leading one, which has more of them
@@ -275,7 +277,7 @@ def _render(parts: Sequence[_Part]) -> str:
     for part in parts:
         with part.folder.reading():
             reports.append(part.report(templates))
-    explored = [part for part in parts if explorer.FILE in part.folder]
+    explored = [(part, _agents(part.folder)) for part in parts if explorer.FILE in part.folder]
     manifests = [part.folder.manifest for part in parts]
     content = {
         "reports": reports,
@@ -286,15 +288,17 @@ def _render(parts: Sequence[_Part]) -> str:
             for name, declared in part.folder.manifest["scenarios"].items()
         },
         "horizon": manifests[0].get("horizon"),
-        "agents": [(part.name, part.prefix, _agents(part.folder)) for part in explored],
-        "maps_link": explored[0].link("README.md") if explored else "",
+        "agents": [(part.name, part.prefix, pack(shown)) for part, shown in explored],
+        "maps_link": explored[0][0].link("README.md") if explored else "",
         "command": "make report" if len(parts) > 1 else manifests[0]["command"],
         "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
         "js": Markup(_script()),
     }
     template = templates.get_template("page.html")
     linked = {*_LINKED.findall(template.render(**content, data=""))}
-    linked |= {part.link(name) for part in explored for name in _CURVES}
+    for part, shown in explored:
+        is_over_training = any(len(agent["steps"]) > 1 for agent in shown["agents"])
+        linked |= {part.link(name) for name in (_CURVES if is_over_training else _MEANS)}
     linked |= {
         part.link(f"{name}.csv")
         for part, each in zip(parts, reports, strict=True)
@@ -319,15 +323,19 @@ def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
 
 
-def _agents(folder: Folder) -> str:
-    """Returns what the explorer shows of a folder, in base64."""
+def _agents(folder: Folder) -> dict[str, Any]:
+    """Returns what the explorer shows of a folder, with what readers call the learners."""
     content = (folder.path / explorer.FILE).read_bytes()
     with folder.reading():
+        names = Names.from_manifest(folder.manifest)
         try:
-            json.loads(gzip.decompress(content))["agents"]
+            shown: dict[str, Any] = json.loads(gzip.decompress(content))
         except (EOFError, zlib.error) as error:
             raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
-    return _base64(content)
+        for agent in shown["agents"]:
+            variant = agent["algorithm"]
+            agent |= {"label": names(variant, agent["observation"]), "family": names.families[variant]}
+    return shown
 
 
 def _script() -> str:
