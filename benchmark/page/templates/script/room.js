@@ -46,7 +46,7 @@ export class Room {
     }
     return found;
   }
-  // The state in which episodes start, with the person as in a block if they may start so.
+  // The state of a block with the agent in a cell in which episodes start, there if any do.
   startIn(block) {
     const { place, tick } = this.partsOf(block);
     const near = (state) => {
@@ -54,7 +54,7 @@ export class Room {
       return 2 * (start.place === place) + (start.tick === tick);
     };
     const best = this.starts.reduce((found, state) => (near(state) > near(found) ? state : found));
-    return near(best) === 3 ? best : this.blockWith({ place, tick, pings: 0 }) * this.nCells + (best % this.nCells);
+    return block * this.nCells + (best % this.nCells);
   }
   blockOf(state) {
     return Math.floor(state / this.nCells);

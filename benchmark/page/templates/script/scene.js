@@ -60,7 +60,7 @@ export class SceneView {
     this.cells = Array.from({ length: room.nCells }, (_, cell) => this.paintCell(cell, look));
     this.listenForDrags(move);
     this.hatch = drawn("path", { class: "hatch" });
-    this.things = drawn("g", UNTOUCHED);
+    this.things = drawn("g", { class: "things", ...UNTOUCHED });
     this.trail = [trail("#fff", 3.4), trail(explorer.palette.path, 1.8)];
     this.walker = walker(0, 0);
     this.cursor = drawn("rect", { class: "cursor", width: UNIT, height: UNIT, ...UNTOUCHED });
