@@ -334,6 +334,10 @@ def _agents(folder: Folder) -> dict[str, Any]:
             raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
         for agent in shown["agents"]:
             variant = agent["algorithm"]
+            (
+                shown["sights"][agent["sight"]],
+                shown["scenes"][agent["scene"]],
+            )  # files of earlier versions have none
             agent |= {"label": names(variant, agent["observation"]), "family": names.families[variant]}
     return shown
 
