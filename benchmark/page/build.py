@@ -332,12 +332,10 @@ def _agents(folder: Folder) -> dict[str, Any]:
             shown: dict[str, Any] = json.loads(gzip.decompress(content))
         except (EOFError, zlib.error) as error:
             raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
+        if "sights" not in shown:  # made by an earlier version
+            raise KeyError("sights")
         for agent in shown["agents"]:
             variant = agent["algorithm"]
-            (
-                shown["sights"][agent["sight"]],
-                shown["scenes"][agent["scene"]],
-            )  # files of earlier versions have none
             agent |= {"label": names(variant, agent["observation"]), "family": names.families[variant]}
     return shown
 

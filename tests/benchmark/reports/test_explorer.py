@@ -104,7 +104,7 @@ def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) ->
     assert (kinds["over"][:, 0] == model.is_over).all()
     assert (np.cumsum(data["sights"][0]["changes"]) == model.observation).all()
     # The number of a state, and of the view that shows it.
-    n_places, n_ticks, n_delayed, n_pings = scene["shape"]
+    _, n_ticks, n_delayed, n_pings = scene["shape"]
     block = np.arange(n_states) // len(model.position)
     tick, place = block // n_pings // n_delayed % n_ticks, block // n_pings // n_delayed // n_ticks
     context = place * len(scene["phases"]) + np.array(scene["ticks"])[tick]
