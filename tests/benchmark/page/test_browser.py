@@ -10,6 +10,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
+from playwright.sync_api import Browser
 
 from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains, greedy_masks
@@ -308,6 +309,13 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert again.panel("left", "select[name=seed]").input_value() == seed
 
 
+def serious_faults(opened: Opened, context: str) -> list[tuple[str, str]]:
+    """Returns what axe finds in a part of the page, and where it is first."""
+    found = Axe().run(opened.page, context=context).response["violations"]
+    serious = [each for each in found if each["impact"] in ("serious", "critical")]
+    return [(each["id"], each["nodes"][0]["html"]) for each in serious]
+
+
 SEEN = {
     **dict.fromkeys(
         ("Turning", "MoodyHidden", "Walls", "TwoPeople", "Counted", "Delayed", "Anywhere"), "index"
@@ -341,8 +349,8 @@ def assert_optimum(opened: Opened, population: Population, states: NDArray[np.in
     model, horizon = population.model, population.horizon
     q = solve(model, population.discount, None if population.discount < 1 else horizon).q[states]
     masks = population.agents[0]["greedy"][-1, model.observation[states]]
-    is_optimal = ~(contains(masks) & ~contains(greedy_masks(q, 1e-9))).any(axis=1)
-    can_act = ~model.is_over[states] & (masks != ALL_ACTIONS)
+    is_optimal = np.asarray(~(contains(masks) & ~contains(greedy_masks(q, 1e-9))).any(axis=1))
+    can_act = np.asarray(~model.is_over[states] & (masks != ALL_ACTIONS))
     squares = opened.panel("left", ".map svg > g:first-child rect")
     fills = np.array(squares.evaluate_all("all => all.map((square) => square.getAttribute('fill'))"))
     assert is_optimal[can_act].sum() > 0
@@ -449,6 +457,43 @@ def test_hidden_parts_are_named(everything: tuple[Path, dict[str, Population]], 
     )
     hidden = [opened.panel(side, ".about").inner_text() for side in ("left", "right")]
     assert ["It does not see the phase" in text for text in hidden] == [True, False]
+    assert serious_faults(opened, "#explorer") == []
+
+
+def test_first_pair_ends_differently(
+    everything: tuple[Path, dict[str, Population]], open_page: Open, tmp_path: Path
+) -> None:
+    model = everything[1]["Anywhere"].model
+    best = greedy_masks(solve(model, 1.0, 200).q, 1e-9)
+    masks = np.zeros((2, model.n_observations), dtype=np.uint8)
+    masks[:, model.observation[::-1]] = best[::-1]
+    fails_at = 70  # place in which the first agent PINGs at once, again and again
+    masks[0, model.observation[model.states_of(fails_at)]] = 1 << ACTIONS.index("PING")
+    shown = [
+        Shown(name, form, blank("Anywhere", 1, greedy=np.broadcast_to(mask, (1, 4, len(mask)))))
+        for (name, form), mask in zip((TABLE, NET), masks, strict=True)
+    ]
+    shutil.copytree(everything[0], tmp_path / "mine")
+    (tmp_path / "mine" / FILE).write_bytes(compressed(packed(shown)))
+    build.write(tmp_path, "mine")
+    opened = open_page(tmp_path / "mine")
+    chosen = [opened.panel(side, "select[name=learner]").input_value() for side in ("left", "right")]
+    assert chosen == [", ".join(TABLE), ", ".join(NET)]
+    row, column = model.scenario.places[fails_at]
+    assert opened.panel("left", "select[name=person]").input_value() == str(row * 12 + column)
+
+
+def test_a_shared_link_is_followed_before_the_data_are_there(
+    browser: Browser, results: Path, tmp_path: Path
+) -> None:
+    text = (results / "index.html").read_text(encoding="utf-8")
+    (tmp_path / "index.html").write_text(text.replace("DecompressionStream", "Nothing"), encoding="utf-8")
+    page = browser.new_page(viewport={"width": 1280, "height": 400})
+    page.goto((tmp_path / "index.html").as_uri() + "#explorer=S2")
+    page.wait_for_function("document.documentElement.classList.contains('js')")
+    assert page.locator("#explore").is_hidden()
+    assert abs(page.locator("#explorer").evaluate("part => part.getBoundingClientRect().top")) < 40
+    page.close()
 
 
 def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> None:
@@ -552,7 +597,5 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
     opened.page.locator("details").evaluate_all("all => all.forEach((details) => { details.open = true })")
     opened.walk(1)
     for context in ("body", "dialog"):
-        found = Axe().run(opened.page, context=context).response["violations"]
-        serious = [each for each in found if each["impact"] in ("serious", "critical")]
-        assert [(each["id"], each["nodes"][0]["html"]) for each in serious] == []
+        assert serious_faults(opened, context) == []
         opened.page.locator("#explorer a.n").first.evaluate("link => link.click()")

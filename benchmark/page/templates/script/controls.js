@@ -2,6 +2,7 @@
 import { byId, grouped } from "./elements.js";
 import { agents, learnerOf } from "./agents.js";
 import { Panel } from "./panel.js";
+import { Walk } from "./walk.js";
 import { addressOf, asked } from "./address.js";
 
 const slider = byId("step");
@@ -32,8 +33,15 @@ function refresh() {
   if (hasAddress) addressTimer = setTimeout(() => history.replaceState(null, "", address), 150);
 }
 
+// The walk of an agent after training, to its end.
+function walkFrom(agent, start) {
+  const walk = new Walk(agent, agent.steps.length - 1, start);
+  while (walk.step());
+  return walk;
+}
+
 // A table and the best net, in the first scenario of those where the person may be in most places, with the person
-// amid these.
+// where their walks end differently, if they do somewhere.
 function firstPair() {
   const most = Math.max(...agents.map((agent) => agent.room.places.length));
   const { scenario } = agents.find((agent) => agent.room.places.length === most);
@@ -41,8 +49,12 @@ function firstPair() {
   const table = there.find((agent) => agent.family === "tabular") ?? there[0];
   const nets = there.filter((agent) => agent.family === "deep");
   const best = nets.reduce((found, net) => (net.score.at(-1) > found.score.at(-1) ? net : found), nets[0]);
-  const block = table.room.blockOf(table.room.starts[Math.floor(table.room.starts.length / 2)]);
-  return [table, best ?? there.at(-1)].map((agent) => ({ ...agent, block }));
+  const pair = [table, best ?? there.at(-1)];
+  const { room } = table;
+  const middle = Math.floor(room.starts.length / 2);
+  const differs = (start) => new Set(pair.map((agent) => walkFrom(agent, start).steps.at(-1).event)).size > 1;
+  const start = [...room.starts.slice(middle), ...room.starts].find(differs) ?? room.starts[middle];
+  return pair.map((agent) => ({ ...agent, block: room.blockOf(start) }));
 }
 
 // Shows what an address asks for, as far as it exists.

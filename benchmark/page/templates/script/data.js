@@ -13,7 +13,7 @@ function summed(changes) {
   return Int32Array.from(changes, (change) => (sum += change));
 }
 
-export const csv = await unzipped(byId("data"));
+const unzippedCsv = unzipped(byId("data"));
 const parts = await Promise.all([...document.querySelectorAll("script.agents")].map(async (node) => {
   const part = await unzipped(node);
   const { experiment, folder } = node.dataset;
@@ -23,6 +23,7 @@ const parts = await Promise.all([...document.querySelectorAll("script.agents")].
   return { ...part, rooms, agents: part.agents.map(linked) };
 }));
 
+export const csv = await unzippedCsv;
 // Of several experiments, the agents and rooms one after the other; all else is the same.
 const all = (key) => parts.flatMap((part) => part[key]);
 export const explorer = parts.length ? { ...parts[0], agents: all("agents"), rooms: all("rooms") } : null;
