@@ -437,6 +437,27 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
     assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
 
 
+def test_a_finger_drags_the_person_and_not_the_page(
+    everything: tuple[Path, dict[str, Population]], open_page: Open
+) -> None:
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "reduced_motion": "reduce"}
+    opened = open_page(everything[0], "#explorer=Anywhere.a-table_b.index~", **phone)
+    cells, menu = opened.panel("left", ".map svg > g:first-child > g"), opened.panel("left", "[name=person]")
+    opened.panel("left", ".map").evaluate("map => map.scrollIntoView({ block: 'center' })")
+    before = opened.page.evaluate("scrollY")
+    ends = [cells.nth(cell).bounding_box() for cell in (int(menu.input_value()), 7 * 12 + 6)]
+    (x, y), (to_x, to_y) = [
+        (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2) for box in ends if box
+    ]
+    fingers = opened.page.context.new_cdp_session(opened.page)
+    for kind, share in (("Start", 0.0), *(("Move", 0.1 * i) for i in range(1, 11))):
+        points = [{"x": x + share * (to_x - x), "y": y + share * (to_y - y)}]
+        fingers.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    assert menu.input_value() == str(7 * 12 + 6)
+    assert opened.page.evaluate("scrollY") == before
+
+
 def test_phase_and_wrong_pings_are_chosen(
     everything: tuple[Path, dict[str, Population]], open_page: Open
 ) -> None:
@@ -570,6 +591,9 @@ def test_answer_and_explorer_fit_a_laptop(open_page: Open) -> None:
         panel = f".panel[data-side={side}]"
         for part in (".legend", ".map svg", ".readout table", ".curve svg"):
             assert_in_view(f"{panel} {part}")
+        assert box_of(opened, f"{panel} .map")["width"] >= box_of(opened, f"{panel} .numbers")["width"]
+        readout = opened.panel(side, ".readout")
+        assert readout.evaluate("box => box.scrollWidth <= box.clientWidth")  # no label is cut
     opened.page.evaluate("scrollTo(0, 0)")
     parts = ("h1", "#finding img", ".lead", "nav")
     for part in parts[:-1]:

@@ -110,7 +110,7 @@ export function start() {
   });
   byId("walk-again").addEventListener("click", () => {
     stopWalking();
-    for (const panel of panels) panel.startWalk(panel.agent.room.startIn(panel.agent.room.blockOf(panel.walk.start)));
+    for (const panel of panels) panel.startWalk(panel.agent.room.startOf(panel.agent.room.blockOf(panel.walk.start)));
   });
   byId("walk-another").addEventListener("click", () => {
     stopWalking();

@@ -67,7 +67,7 @@ export class Panel {
     this.block = block >= 0 && block < nBlocks ? block : room.blockOf(room.starts[0]);
     this.fillSituation();
     this.map = 0;
-    this.startWalk(room.startIn(this.block));
+    this.startWalk(room.startOf(this.block));
   }
   // Offers what there is a choice of: where the person is, the phase, and the wrong PINGs if they are observed.
   fillSituation() {
@@ -115,7 +115,7 @@ export class Panel {
   change(change, room) {
     const block = alike(this.agent.room, room) ? this.agent.room.changed(this.block, change) : null;
     if (block === null || block === this.block) return false;
-    this.startWalk(this.agent.room.startIn(block));
+    this.startWalk(this.agent.room.startOf(block));
     return true;
   }
   look(cell) {

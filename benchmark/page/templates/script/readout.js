@@ -27,7 +27,7 @@ export function described(agent, map, step) {
     room.places.length > 1 && isHidden("issuer") && isHidden("offset") && isHidden("phase") && "where the person is",
     room.hasNamedPhases && isHidden("phase") && "the phase",
   ].filter(Boolean);
-  const blind = hidden.length ? ` It does not see ${hidden.join(" or ")}, so it does the same whatever that is.` : "";
+  const blind = hidden.length ? ` It does not see ${hidden.join(" or ")}.` : "";
   const hasDiverged = agent.hasValues && Number.isNaN(agent.valueAt(map, room.starts[0], 0));
   const note = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
   const place = curve ? curve.step.indexOf(shown) : -1;

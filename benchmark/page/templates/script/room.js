@@ -47,7 +47,7 @@ export class Room {
     return found;
   }
   // The state of a block with the agent in a cell in which episodes start, there if any do.
-  startIn(block) {
+  startOf(block) {
     const { place, tick } = this.partsOf(block);
     const near = (state) => {
       const start = this.partsOf(this.blockOf(state));

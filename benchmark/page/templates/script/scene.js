@@ -89,10 +89,10 @@ export class SceneView {
     let isDragging = false;
     const cellAt = ({ clientX, clientY }) =>
       this.cells.findIndex(({ group }) => group === document.elementFromPoint(clientX, clientY)?.parentNode);
-    this.image.addEventListener("pointerdown", (event) => {
-      isDragging = event.target.parentNode.classList.contains("person");
-      if (isDragging) event.preventDefault(); // selects no text
-    });
+    const isPerson = (event) => event.target.parentNode.classList.contains("person");
+    this.image.addEventListener("pointerdown", (event) => (isDragging = isPerson(event)));
+    // A finger would scroll the page.
+    this.image.addEventListener("touchstart", (event) => isPerson(event) && event.preventDefault(), { passive: false });
     this.image.addEventListener("pointermove", (event) => {
       if (isDragging && cellAt(event) >= 0) move(cellAt(event));
     });
