@@ -121,20 +121,14 @@ class Scene:
         return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the scene for the page's script."""
+        """Returns zones, outlines and glyphs for the page's script; a zone is its number in `ZONES`."""
         return {
-            "rows": self.rows,
-            "columns": self.columns,
-            "zone": list(self.zone),
-            "over": self.is_over.astype(int).tolist(),
-            "outlines": [
-                {"label": outline.label, "dashed": outline.is_dashed, "loops": outline.loops}
-                for outline in self.outlines
+            "zone": "".join(str(ZONES.index(zone)) for zone in self.zone),
+            "outlines": [outline.loops for outline in self.outlines],
+            "glyphs": [
+                {"kind": glyph.kind, "cell": glyph.cell, "nose": glyph.nose.tolist()} for glyph in self.glyphs
             ],
-            "glyphs": [{"kind": glyph.kind, "cell": glyph.cell} for glyph in self.glyphs],
-            "triangles": TRIANGLES.tolist(),
-            "moves": MOVES.tolist(),
-        } | ({"origin": self.origin} if self.origin else {})
+        }
 
 
 @lru_cache(maxsize=64)

@@ -242,8 +242,8 @@ def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: i
     )
 
 
-def optimal_values(population: Population, model: Model | None = None) -> NDArray[np.float64]:
-    """Returns Q* of every fresh state, (F, A), of its or another model; undiscounted, up to the horizon."""
-    model = model or population.model
+def optimal_values(population: Population) -> NDArray[np.float64]:
+    """Returns Q* of every fresh state, (F, A); undiscounted, up to the horizon."""
+    model = population.model
     horizon = None if population.discount < 1 else population.horizon
     return solve(model, population.discount, horizon).q[model.fresh_state]

@@ -137,7 +137,7 @@ def _lighter(colour: Any, share: float) -> str:
     return to_hex([part + share * (1 - part) for part in to_rgb(colour)])
 
 
-def _readable(colour: str) -> str:
+def in_dark(colour: str) -> str:
     """Returns a colour as it is seen on a dark ground: the darker, the more it is lightened."""
     red, green, blue = to_rgb(colour)
     brightness = 0.3 * red + 0.59 * green + 0.11 * blue
@@ -149,7 +149,7 @@ _DRAWN: Final = [
     for colour in (*(colour for colour, _ in _KNOWN.values()), *_COLOURS, *map(to_hex, COLOURS))
     for tint in (0, *_TINTS.values())
 ]
-_IN_DARK: Final = {colour: _readable(colour) for colour in _DRAWN}
+_IN_DARK: Final = {colour: in_dark(colour) for colour in _DRAWN}
 
 
 def norm_of(values: pd.Series) -> Normalize:

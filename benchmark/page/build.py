@@ -25,6 +25,7 @@ from markdown_it.token import Token
 from markupsafe import Markup
 from PIL import Image
 
+from benchmark.drawing.style import in_dark, learner_style
 from benchmark.drawing.tables import inert
 from benchmark.execution.provenance import digest_of_file, digest_of_source
 from benchmark.page import episode
@@ -32,7 +33,6 @@ from benchmark.reports import explorer, files, sameness
 from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Item
-from benchmark.reports.learners import Names
 from envs import InputError
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
@@ -191,16 +191,15 @@ class _Part:
         """Returns what the page's map needs but for its tables; None if this is no map."""
         if self.folder.manifest["report"]["kind"] != "map":
             return None
-        names = Names.from_manifest(self.folder.manifest)
-        looks = {
-            f"{variant}, {observation}": {
-                "name": names(variant, observation),
-                "colour": "var(--ink)",
-                "dash": "",
-            }
-            for variant, declared in self.folder.manifest["algorithms"].items()
-            for observation in declared["settings"]
-        }
+        names, variants = self.folder.names, self.folder.manifest["algorithms"]
+        looks = {}
+        for variant, declared in variants.items():
+            for observation in declared["settings"]:
+                style = learner_style(variant, observation, [*variants])
+                dash = " ".join(f"{4 * part:g}" for part in style["ls"][1]) if style["ls"] != "-" else ""
+                colour = f"light-dark({style['color']}, {in_dark(style['color'])})"
+                name = names(variant, observation)
+                looks[f"{variant}, {observation}"] = {"name": name, "colour": colour, "dash": dash}
         return {"folder": self.prefix, "looks": looks}
 
     def link(self, file: str) -> str:
@@ -313,7 +312,7 @@ def _render(parts: Sequence[_Part]) -> str:
     for part in parts:
         with part.folder.reading():
             reports.append(part.report(templates))
-    explored = [part for part in parts if explorer.FILE in part.folder]
+    explored = [(part, _agents(part.folder)) for part in parts if explorer.FILE in part.folder]
     manifests = [part.folder.manifest for part in parts]
     texts = {
         part.link(path.name): path.read_text(encoding="utf-8")
@@ -335,8 +334,7 @@ def _render(parts: Sequence[_Part]) -> str:
             for name, declared in part.folder.manifest["scenarios"].items()
         },
         "horizon": manifests[0].get("horizon"),
-        "agents": [(part.name, part.prefix, _agents(part.folder)) for part in explored],
-        "maps_link": explored[0].link("README.md") if explored else "",
+        "agents": [(part.name, part.prefix, pack(shown)) for part, shown in explored],
         "command": "make report" if len(parts) > 1 else manifests[0]["command"],
         "year": max(
             manifest["last_started_at"][:4] for manifest in manifests if "last_started_at" in manifest
@@ -369,15 +367,21 @@ def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
 
 
-def _agents(folder: Folder) -> str:
-    """Returns what the explorer shows of a folder, in base64."""
+def _agents(folder: Folder) -> dict[str, Any]:
+    """Returns what the explorer shows of a folder, with what readers call the learners."""
     content = (folder.path / explorer.FILE).read_bytes()
     with folder.reading():
+        names = Names.from_manifest(folder.manifest)
         try:
-            json.loads(gzip.decompress(content))["agents"]
+            shown: dict[str, Any] = json.loads(gzip.decompress(content))
         except (EOFError, zlib.error) as error:
             raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
-    return _base64(content)
+        if "sights" not in shown:  # made by an earlier version
+            raise KeyError("sights")
+        for agent in shown["agents"]:
+            variant = agent["algorithm"]
+            agent |= {"label": names(variant, agent["observation"]), "family": names.families[variant]}
+    return shown
 
 
 def _script() -> str:

@@ -1,11 +1,11 @@
-"""The page's explorer: what one agent of every learner knows over training, and how all others end.
+"""The page's explorer: what one agent of every learner knows, and how others end.
 
-Values over training are those of the first seed's agent, which was chosen before any result was seen. Of the
-other agents there is the final greedy policy. The exact optimum goes with both, for every discount that a
-learner has. All of it is one file of compressed JSON, which the page holds as it is.
+Values over training are those of the first seed's agent, which was chosen before any result was seen. Large
+tables of values are left out. Of the other agents there is the final greedy policy, of as many as fit. The
+compiled scenarios go with them, in which the page looks up what follows a step, and computes the optimum. All
+of it is one file of compressed JSON, which the page holds as it is.
 """
 
-import base64
 import gzip
 import json
 import math
@@ -18,18 +18,21 @@ import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from agents.policy import greedy_masks
-from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
+from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population
 from benchmark.execution.store import VALUE_DECIMALS
 from benchmark.reports.item import Item, writing
-from envs import ACTIONS, EVENTS, Model
+from envs import ACTIONS, EVENTS, ZONES, Model
 from envs import scene as scenes
-from envs.scene import CellMap, cell_map
+from envs.model import MOVES
+from envs.scene import scene_of
 
 FILE: Final = "agents.json.gz"
-MOST_AGENTS: Final = 100  # of a population, whose final policies are shown
-_PALETTE: Final = ("path", "over", "no value")  # colours of `envs.scene` that the page's script uses
+MOST_VALUED: Final = 500  # observations of a learner whose values are shown
+MOST_MASKS: Final = 480  # of the final policies of a learner, but of one agent at least
+_DIVERGING: Final = "PuOr"  # colours of differences
+_PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene` that the page's script uses
 _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
+_FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
 
 
 class Shown(NamedTuple):
@@ -44,30 +47,19 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
     """Returns the item with the explorer's file.
 
     Args:
-      lister: Returns what is shown of a report's data. Left out are learners that one map does not show, and
-        scenarios in which chance acts.
+      lister: Returns what is shown of a report's data.
     """
 
     @writing(
-        "agents", "what the explorer on the page shows: maps and final policies, as compressed JSON", FILE
+        "agents",
+        "what the explorer on the page shows: values, policies and scenarios, as compressed JSON",
+        FILE,
     )
     def agents(data: Any, directory: Path) -> None:
-        shown = [each for each in lister(data) if _is_shown(each.population.model)]
-        if shown:
+        if shown := [*lister(data)]:
             (directory / FILE).write_bytes(compressed(packed(shown)))
 
     return agents
-
-
-def _is_shown(model: Model) -> bool:
-    """Returns whether one map shows what is observed, and the agent walks on it as in the scenario.
-
-    On an egocentric map the issuer stays, there are no walls, and episodes start at other distances.
-    """
-    scenario = model.scenario
-    is_around = cell_map(model).scene.origin is not None and not scenario.grid.is_wall.any()
-    is_same = len(scenario.stages) == 1 and scenario.issuer.feedback.kind in ("none", "uniform", "binary")
-    return (model.has_cell_maps or (is_around and is_same)) and model.n_outcomes == 1
 
 
 def compressed(data: object) -> bytes:
@@ -77,30 +69,41 @@ def compressed(data: object) -> bytes:
 
 
 def packed(shown: Sequence[Shown]) -> dict[str, Any]:
-    """Returns what the explorer shows. An agent refers to its scene and its optimum by their places."""
-    populations = [each.population for each in shown]
-    maps = {each.model.scenario: cell_map(each.model) for each in populations}
-    solved = {(each.model.scenario, each.discount): each for each in populations}
-    colours = mpl.colormaps[scenes.COLOUR_MAP](np.linspace(0, 1, 33))
+    """Returns what the explorer shows. An agent refers to its scene and to what it sees by their places."""
+    models = {each.population.model.scenario: each.population.model for each in shown}
+    made = {scenario: _scene(model) for scenario, model in models.items()}
+    distinct: list[dict[str, Any]] = []  # scenarios that differ in what is observed have the same scene
+    for scene in made.values():
+        distinct.extend([scene] if scene not in distinct else [])
     return {
         "actions": list(ACTIONS),
         "events": list(EVENTS),
+        "zones": list(ZONES),
         "decimals": VALUE_DECIMALS,
         "no_number": _NO_NUMBER,
-        "colours": [to_hex(colour) for colour in colours],
+        "first_mask": _FIRST_MASK,
+        "tolerance": OPTIMUM_TOLERANCE,
+        "colours": _colours(scenes.COLOUR_MAP),
+        "diverging": _colours(_DIVERGING),
         "palette": {name: "#{:02x}{:02x}{:02x}".format(*scenes.COLOURS[name]) for name in _PALETTE},
         "clipped_share": scenes.CLIPPED_SHARE,
-        "scenes": [_scene(each) for each in maps.values()],
-        "optima": [_optimum(each) for each in solved.values()],
+        "triangles": scenes.TRIANGLES.tolist(),
+        "moves": MOVES.tolist(),
+        "scenes": distinct,
+        "sights": [_sight(model) for model in models.values()],
         "agents": [
             _learner(each)
             | {
-                "scene": [*maps].index(each.population.model.scenario),
-                "optimum": [*solved].index((each.population.model.scenario, each.population.discount)),
+                "scene": distinct.index(made[each.population.model.scenario]),
+                "sight": [*models].index(each.population.model.scenario),
             }
             for each in shown
         ],
     }
+
+
+def _colours(name: str) -> list[str]:
+    return [to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 33))]
 
 
 def typical_agent(population: Population) -> int:
@@ -115,24 +118,24 @@ def typical_agent(population: Population) -> int:
 
 
 def _learner(shown: Shown) -> dict[str, Any]:
-    """Returns a learner's first agent at every second map and the last, and the final policies of the others.
+    """Returns a learner's first agent, with its values if there are few, and the final policies of others.
 
-    `kind` says what the maps hold: `q` for action values, or `probability` for the action probabilities of a
-    stochastic policy.
+    Of maps over training there is every second, and the last. `kind` says what they hold: `q` for action
+    values, or `probability` for the action probabilities of a stochastic policy.
     """
     population = shown.population
+    n_observations = population.model.n_observations
     last = len(population.map_indices) - 1
-    chosen = [*range(0, last, 2), last]
+    has_values = n_observations <= MOST_VALUED
+    chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
     places = population.map_indices[chosen]
     first = population.agents[0]
-    n_shown = min(len(population.seeds), MOST_AGENTS)
-    cells = cell_map(population.model).observation
-    policies = np.stack([agent["greedy"][-1, cells] for agent in population.agents[:n_shown]])
+    n_shown = min(len(population.seeds), max(MOST_MASKS // n_observations, 1))
+    others = [agent["greedy"][-1] for agent in population.agents[1:n_shown]]
     return {
         "scenario": population.scenario,
         "algorithm": shown.algorithm,
         "observation": shown.observation,
-        "method": population.specification["algorithm"],
         "horizon": population.horizon,
         "unit": population.specification["settings"].get("budget_unit", "steps"),
         "kind": "probability" if first["stochastic"].shape[0] else "q",
@@ -140,37 +143,59 @@ def _learner(shown: Shown) -> dict[str, Any]:
         "steps": [population.evaluation_steps[place] for place in places],
         "score": _listed(population.unbounded_scores[0, places]),
         "success": _listed(first["success"][places]),
-        "values": _integers(first["values"][chosen][:, cells]),
-        "greedy": _bytes(first["greedy"][places][:, cells]),
+        "values": _integers(first["values"][chosen]) if has_values else None,
+        "greedy": _characters(first["greedy"][places]),
         "seeds": list(population.seeds[:n_shown]),
-        "final": {
-            "score": _listed(population.unbounded_scores[:n_shown, -1]),
-            "success": _listed(population.arrays["success"][:n_shown, -1]),
-            "greedy": _bytes(policies),
+        "others": {  # after the first
+            "score": _listed(population.unbounded_scores[1:n_shown, -1]),
+            "success": _listed(population.arrays["success"][1:n_shown, -1]),
+            "greedy": _characters(np.array(others, dtype=np.uint8)),
         },
     }
 
 
-def _optimum(population: Population) -> dict[str, Any]:
-    """Returns optimal values and actions before the first wrong PING, by cell."""
-    q = optimal_values(population, cell_map(population.model).model)
-    return {"values": _integers(q[None]), "optimal": _bytes(greedy_masks(q, OPTIMUM_TOLERANCE))}
+def _scene(model: Model) -> dict[str, Any]:
+    """Returns what a scenario looks like and what follows each action, whatever is observed of it.
 
-
-def _scene(shown: CellMap) -> dict[str, Any]:
-    """Returns a scene and everything that a walk looks up: (O,), (S,) and flattened (S, A) lists."""
-    model = shown.model
-    return shown.scene.as_json() | {
-        "start": int(model.observation[model.start]),
-        "fresh": model.fresh_state.tolist(),
-        "observation": model.observation.tolist(),
-        "next": model.next_state.ravel().tolist(),
-        "terminated": model.terminated.ravel().astype(int).tolist(),
-        "event": model.event.ravel().tolist(),
-        "grid_reward": model.grid_reward.ravel().tolist(),
-        "issuer_reward": np.round(model.issuer_reward, 6).ravel().tolist(),
+    `views` has a map for each place and phase. Few states differ in their rewards and in how much an action
+    changes their number, so each refers to one of some `kinds`. `change` and `probability` of outcomes are
+    flattened (kinds, A, K) lists, the others (kinds, A).
+    """
+    scenario = model.scenario
+    views = [scene_of(model, context) for context in range(model.n_places * len(scenario.stages))]
+    n_states = len(model.observation)
+    change = model.next_state - np.arange(n_states, dtype=np.int32)[:, None, None]
+    effects = {
+        "change": change,
+        "probability": model.probability,
+        "grid_reward": model.grid_reward,
+        "issuer_reward": model.issuer_reward,
+        "terminated": model.terminated.astype(int),
+        "event": model.event,
+    }
+    columns = np.concatenate([values.reshape(n_states, -1) for values in effects.values()], axis=1)
+    _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
+    return {
+        "rows": views[0].rows,
+        "columns": views[0].columns,
+        "walls": np.flatnonzero(views[0].is_wall).tolist(),
+        "outlines": [[outline.label, outline.is_dashed] for outline in views[0].outlines],
+        "views": [view.as_json() for view in views],
+        "shape": [model.n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
+        "ticks": scenario.ticks.tolist(),
+        "phases": [stage.name for stage in scenario.stages],
+        "starts": [*model.starts.tolist(), *model.unseen_starts.tolist()],
+        "kind": kind.ravel().tolist(),
+        "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()}
+        | {"over": model.is_over[first].astype(int).tolist()},
         "issuer_noise": float(model.issuer_noise.max()),
     }
+
+
+def _sight(model: Model) -> dict[str, Any]:
+    """Returns which components of a state are observed, and each state's observation less that before it."""
+    names = [component.name for component in model.components]
+    return {"observed": names, "changes": np.diff(model.observation, prepend=0).tolist()}
 
 
 def _listed(values: NDArray[np.float64]) -> list[float | None]:
@@ -186,6 +211,6 @@ def _integers(maps: NDArray[Any]) -> list[int]:
     return [int(change) for change in np.diff(whole.astype(np.int64), axis=0, prepend=0).ravel()]
 
 
-def _bytes(masks: NDArray[np.uint8]) -> str:
-    """Returns masks of actions as one byte each, in base64."""
-    return base64.b64encode(masks.astype(np.uint8).tobytes()).decode("ascii")
+def _characters(masks: NDArray[np.uint8]) -> str:
+    """Returns masks of actions as one character each."""
+    return (masks.ravel() + np.uint8(_FIRST_MASK)).tobytes().decode("ascii")

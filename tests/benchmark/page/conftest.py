@@ -74,7 +74,8 @@ class Opened:
 
     def choose(self, side: str, *names: str) -> None:
         """Chooses the scenario, algorithm and observation of a panel."""
-        for menu, value in zip(("scenario", "algorithm", "observation"), names, strict=True):
+        scenario, *learner = names
+        for menu, value in (("scenario", scenario), ("learner", ", ".join(learner))):
             self.panel(side, f"select[name={menu}]").select_option(value)
 
     def to_map(self, place: int) -> None:

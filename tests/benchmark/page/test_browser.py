@@ -1,26 +1,34 @@
 """The page in a real browser: the explorer, sorting, sources, accessibility."""
 
-import gzip
-import json
 import re
 import shutil
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from matplotlib.colors import to_hex
 from numpy.typing import NDArray
+from playwright.sync_api import Browser
 
-from agents.policy import contains
+from agents.dynamic_programming import solve
+from agents.policy import ALL_ACTIONS, contains, greedy_masks
 from benchmark.analysis.population import Population, optimal_values
 from benchmark.analysis.walk import CIRCLE, HORIZON, walk
 from benchmark.page import build
-from envs import ACTIONS
-from envs.scene import colour_limits
+from benchmark.reports.explorer import FILE, Shown, compressed, packed
+from envs import ACTIONS, load_scenario
+from envs.observations import compile_seen
+from envs.scene import COLOUR_MAP, colour_limits
 from tests.benchmark.page.conftest import Open, Opened, rows_of
+from tests.benchmark.populations import population as blank
 
 Learners = dict[tuple[str, str, str], Population]
 TABLE, NET, POLICY = ("a-table_b", "index"), ("dqn", "coordinates"), ("ppo", "one_hot")
+
+
+LABELS = {TABLE: "a-table_b", NET: "dqn on coordinates", POLICY: "ppo on one-hot cells"}
 
 
 def number(text: str) -> float:
@@ -28,8 +36,12 @@ def number(text: str) -> float:
 
 
 def shown_maps(population: Population) -> list[int]:
-    """Returns the places of the maps that the explorer shows among all maps: every second and the last."""
-    return [*range(0, len(population.map_indices) - 1, 2), len(population.map_indices) - 1]
+    """Returns the places of the maps that the explorer shows among all maps: every second and the last.
+
+    Of two, it is the last.
+    """
+    last = len(population.map_indices) - 1
+    return [*(range(0, last, 2) if last > 1 else []), last]
 
 
 def names(masks: NDArray[np.bool_]) -> set[str]:
@@ -54,7 +66,10 @@ def test_explorer_shows_what_was_stored(
     chosen = shown_maps(population)[place]
     for side in ("left", "right"):
         opened.choose(side, *key)
-    opened.to_map(range(len(shown_maps(population)))[place])
+    n_maps = len(shown_maps(population))
+    assert opened.page.locator("#step").is_visible() == (n_maps > 1)
+    if n_maps > 1:
+        opened.to_map(range(n_maps)[place])
     opened.cell("right", *cell).hover()
     assert f"Row {cell[0]}, column {cell[1]}" in opened.panel("right", ".readout").inner_text()
     lines = readout(opened, "right")
@@ -147,7 +162,7 @@ def test_scale_ends_at_the_limits_of_every_back_end(opened: Opened, learners: Le
 def test_outlines_surround_the_regions(opened: Opened) -> None:
     # The issuer stands at row 3, column 5. The regions reach two cells and one cell away from it, so the edge
     # of the 5 x 7 cells cuts the target region.
-    found = opened.panel("left", ".map svg > path").evaluate_all(
+    found = opened.panel("left", ".map .things path").evaluate_all(
         "all => all.map((path) => path.getBBox()).map((box) => [box.x, box.y, box.width, box.height])"
     )
     boxes = [[(x - 20) / 30, y / 30, width / 30, height / 30] for x, y, width, height in found]
@@ -219,27 +234,32 @@ ENDINGS = {
     "target_ping": "PING in the target region: success.",
     "issuer_reached": "The agent ran into the issuer, and the episode ended.",
     "last_wrong_ping": "One wrong PING too many, and the episode ended.",
-    CIRCLE: "and would do so until the limit of 100 steps.",
-    HORIZON: "The limit of 100 steps is reached.",
+    CIRCLE: "and would do so until the limit of {} steps.",
+    HORIZON: "The limit of {} steps is reached.",
 }
 
 
 def assert_walks(opened: Opened, population: Population, masks: NDArray[np.uint8]) -> None:
     """Checks that the left agent walks from the start as Python's walk does."""
-    taken = walk(population.model, masks, population.horizon)
-    had_choice = contains(masks)[list(taken.cells[:-1])].sum(axis=1) > 1
+    model = population.model
+    taken = walk(model, masks, population.horizon)
+    had_choice = contains(masks)[model.observation[list(taken.states[:-1])]].sum(axis=1) > 1
     opened.page.locator("#walk-again").click()
     opened.walk(len(taken.actions) + 5)
     summary = opened.panel("left", ".walked").inner_text()
     n_steps = len(taken.actions)
-    assert summary.startswith(f"{n_steps} step{'s' if n_steps > 1 else ''} from row 0, column 0.")
-    assert summary.endswith(ENDINGS[taken.ending])
+    where = [f"row {row}, column {column}" for row, column in model.position[list(taken.cells)].tolist()]
+    assert summary.startswith(f"{n_steps} step{'s' if n_steps > 1 else ''} from {where[0]}.")
+    assert summary.endswith(ENDINGS[taken.ending].format(population.horizon))
     lines = opened.panel("left", ".walk tbody").inner_text().splitlines()[::-1]
-    cells = [re.findall(r"\t([^\t]+)\t([A-Z]+)( \(tie of \d\))?\t", line)[0] for line in lines]
-    positions = population.model.position[list(taken.cells[:-1])].tolist()
-    assert [where for where, _, _ in cells] == [f"row {row}, column {column}" for row, column in positions]
-    assert [action for _, action, _ in cells] == [ACTIONS[action] for action in taken.actions]
-    assert [bool(tie) for _, _, tie in cells] == had_choice.tolist()
+    cells = [line.split("\t") for line in lines]
+    assert [line[1] for line in cells] == where[:-1]
+    assert [line[-4].split(" ")[0] for line in cells] == [ACTIONS[action] for action in taken.actions]
+    assert ["(tie of" in line[-4] for line in cells] == had_choice.tolist()
+    phases = [stage.name for stage in model.scenario.stages]
+    if len(cells[0]) == 7:
+        contexts = model.context[list(taken.states[:-1])] % len(phases)
+        assert [line[2] for line in cells] == [phases[phase] for phase in contexts]
 
 
 def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None:
@@ -256,7 +276,7 @@ def test_script_walks_as_python_does(opened: Opened, learners: Learners) -> None
         place = population.map_indices[chosen]
         step = population.evaluation_steps[place]
         opened.page.evaluate(f"location.hash = '#explorer={name}~{name}~{step}~values'")
-        label = f"Map of {key[1]}, {key[2]}, in {key[0]}, step {step}, "
+        label = f"Map of {LABELS[key[1:]]} in {key[0]}, step {step}, "
         opened.page.wait_for_function(
             "label => document.querySelector('.map').ariaLabel.startsWith(label)", arg=label
         )
@@ -281,12 +301,220 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         assert greedy == names(contains(masks[observed][None])[0])
         assert_walks(opened, population, masks)
     # The address keeps the seed; one without seeds shows the first.
-    opened.page.wait_for_function(r"/^#explorer=S2\.ppo\.[^~]*\.1~/.test(location.hash)")
+    opened.page.wait_for_function(r"/^#explorer=S2\.ppo\.[^~]*\.1\.0~/.test(location.hash)")
     address = opened.page.evaluate("location.hash")
-    for fragment, seed in ((address, "1"), (address.replace(".1~", "~", 1), "0")):
+    for fragment, seed in ((address, "1"), (address.replace(".1.0~", "~", 1), "0")):
         again = open_page(fragment=fragment)
-        assert again.panel("left", "select[name=algorithm]").input_value() == "ppo"
+        assert again.panel("left", "select[name=learner]").input_value() == ", ".join(POLICY)
         assert again.panel("left", "select[name=seed]").input_value() == seed
+
+
+def serious_faults(opened: Opened, context: str) -> list[tuple[str, str]]:
+    """Returns what axe finds in a part of the page, and where it is first."""
+    found = Axe().run(opened.page, context=context).response["violations"]
+    serious = [each for each in found if each["impact"] in ("serious", "critical")]
+    return [(each["id"], each["nodes"][0]["html"]) for each in serious]
+
+
+SEEN = {
+    **dict.fromkeys(
+        ("Turning", "MoodyHidden", "Walls", "TwoPeople", "Counted", "Delayed", "Anywhere"), "index"
+    ),
+    "Walking": "offset",
+}
+
+
+@pytest.fixture(scope="module")
+def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Population]]:
+    """A page on scenarios of all kinds, with policies that are optimal but for some observations."""
+    folder = tmp_path_factory.mktemp("everything")
+    shutil.copytree(made, folder / "mine")
+    populations, generator = {}, np.random.default_rng(5)
+    for name, observation in SEEN.items():
+        model = compile_seen(load_scenario(name), observation)
+        masks = np.zeros(model.n_observations, dtype=np.uint8)
+        masks[model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
+        is_drawn = (masks == 0) | (generator.random(len(masks)) < 0.15)
+        masks[is_drawn] = generator.integers(1, 32, is_drawn.sum())
+        points = np.broadcast_to(masks, (1, 4, len(masks)))
+        populations[name] = blank(name, 1, observation=observation, greedy=points)
+    shown = [Shown("a-table_b", SEEN[name], each) for name, each in populations.items()]
+    (folder / "mine" / FILE).write_bytes(compressed(packed(shown)))
+    build.write(folder, "mine")
+    return folder / "mine", populations
+
+
+def assert_optimum(opened: Opened, population: Population, states: NDArray[np.integer], cell: int) -> None:
+    """Checks colours of the left policy map, and the numbers of a cell, against exact dynamic programming."""
+    model, horizon = population.model, population.horizon
+    q = solve(model, population.discount, None if population.discount < 1 else horizon).q[states]
+    masks = population.agents[0]["greedy"][-1, model.observation[states]]
+    is_optimal = np.asarray(~(contains(masks) & ~contains(greedy_masks(q, 1e-9))).any(axis=1))
+    can_act = np.asarray(~model.is_over[states] & (masks != ALL_ACTIONS))
+    squares = opened.panel("left", ".map svg > g:first-child rect")
+    fills = np.array(squares.evaluate_all("all => all.map((square) => square.getAttribute('fill'))"))
+    assert is_optimal[can_act].sum() > 0
+    assert {*fills[can_act & is_optimal]} == {colour_of(1.0)}
+    assert {*fills[can_act & ~is_optimal]} <= {colour_of(0.0)}
+    row, column = model.position[cell]
+    opened.panel("left", ".map svg > g:first-child > g").nth(cell).hover()
+    assert f"Row {row}, column {column}" in opened.panel("left", ".readout").inner_text()
+    values = [number(line[2 if len(line) == 5 else 1]) for line in readout(opened, "left")]
+    assert values == pytest.approx(q[cell], abs=0.0006)
+
+
+def colour_of(share: float) -> str:
+    return str(to_hex(mpl.colormaps[COLOUR_MAP](share)))
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_every_scenario_is_walked_and_solved_as_in_python(
+    everything: tuple[Path, dict[str, Population]], open_page: Open, name: str
+) -> None:
+    folder, populations = everything
+    population = populations[name]
+    model, greedy = population.model, population.agents[0]["greedy"][-1]
+    agent = f"{name}.a-table_b.{SEEN[name]}"
+    opened = open_page(folder, f"#explorer={agent}~{agent}~600~policy")
+    block = model.start - model.cell[model.start] + np.arange(len(model.position))
+    assert_optimum(opened, population, block, int(np.flatnonzero(~model.is_over[block])[-1]))
+    assert_walks(opened, population, greedy)
+    n_walls = int(model.scenario.grid.is_wall.sum())
+    assert opened.panel("left", ".map svg > g:first-child rect[fill='#55555f']").count() == n_walls
+    people = model.scenario.people[0][0]
+    assert opened.panel("left", ".map .things polygon[points]").count() == len(people) * (
+        1 + model.scenario.has_front
+    )
+
+
+def test_another_draw_of_chance_takes_another_walk(
+    everything: tuple[Path, dict[str, Population]], open_page: Open
+) -> None:
+    agent = "MoodyHidden.a-table_b.index"
+    opened = open_page(everything[0], f"#explorer={agent}~{agent}~600~policy")
+    walks = set()
+    for _ in range(5):
+        opened.walk(30)
+        walks.add(opened.panel("left", ".walk").inner_text())
+        opened.page.locator("#walk-another").click()
+    assert len(walks) > 1
+
+
+def test_the_person_is_moved_by_pointer_keys_and_menus(
+    everything: tuple[Path, dict[str, Population]], open_page: Open
+) -> None:
+    folder, populations = everything
+    population = populations["Anywhere"]
+    model = population.model
+    agent = "Anywhere.a-table_b.index"
+    opened = open_page(folder, f"#explorer={agent}~{agent}~600~policy")
+    cells, menu = opened.panel("left", ".map svg > g:first-child > g"), "select[name=person]"
+    places = [row * 12 + column for row, column in model.scenario.places]
+
+    def assert_at(person: int) -> None:
+        for side in ("left", "right"):  # which show the same room
+            assert opened.panel(side, menu).input_value() == str(person)
+        assert_optimum(opened, population, model.states_of(places.index(person)), 100)
+
+    opened.panel("left", ".map").scroll_into_view_if_needed()
+    cells.nth(places[0]).hover()
+    opened.page.mouse.down()
+    for person in (5 * 12 + 5, 5 * 12 + 8):
+        cells.nth(person).hover(force=True)
+        assert opened.panel("right", menu).input_value() == str(person)  # at once
+    opened.page.mouse.up()
+    cells.nth(7 * 12 + 1).hover()
+    assert_at(5 * 12 + 8)
+    opened.panel("right", ".map").focus()
+    opened.page.keyboard.press("Shift+ArrowDown")
+    assert_at(6 * 12 + 8)
+    opened.panel("left", menu).select_option(label="row 2, column 6")
+    assert_at(2 * 12 + 6)
+    # The address keeps it, and a walk starts from where episodes start with the person there.
+    opened.page.wait_for_function(f"location.hash.includes('.{places.index(2 * 12 + 6) * 5}~')")
+    again = open_page(folder, opened.page.evaluate("location.hash"))
+    assert again.panel("right", menu).input_value() == str(2 * 12 + 6)
+    assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
+
+
+def test_a_finger_drags_the_person_and_not_the_page(
+    everything: tuple[Path, dict[str, Population]], open_page: Open
+) -> None:
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "reduced_motion": "reduce"}
+    opened = open_page(everything[0], "#explorer=Anywhere.a-table_b.index~", **phone)
+    cells, menu = opened.panel("left", ".map svg > g:first-child > g"), opened.panel("left", "[name=person]")
+    opened.panel("left", ".map").evaluate("map => map.scrollIntoView({ block: 'center' })")
+    before = opened.page.evaluate("scrollY")
+    ends = [cells.nth(cell).bounding_box() for cell in (int(menu.input_value()), 7 * 12 + 6)]
+    (x, y), (to_x, to_y) = [
+        (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2) for box in ends if box
+    ]
+    fingers = opened.page.context.new_cdp_session(opened.page)
+    for kind, share in (("Start", 0.0), *(("Move", 0.1 * i) for i in range(1, 11))):
+        points = [{"x": x + share * (to_x - x), "y": y + share * (to_y - y)}]
+        fingers.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    assert menu.input_value() == str(7 * 12 + 6)
+    assert opened.page.evaluate("scrollY") == before
+
+
+def test_phase_and_wrong_pings_are_chosen(
+    everything: tuple[Path, dict[str, Population]], open_page: Open
+) -> None:
+    folder, populations = everything
+    turning, counted = populations["Turning"], populations["Counted"]
+    opened = open_page(folder, "#explorer=Turning.a-table_b.index~Counted.a-table_b.index~600~policy")
+    opened.panel("left", "select[name=phase]").select_option(label="looks down")
+    assert_optimum(opened, turning, turning.model.states_of(2), 20)
+    opened.choose("left", "Counted", *TABLE)
+    opened.panel("left", "select[name=pings]").select_option("3")
+    assert_optimum(opened, counted, 3 * 120 + np.arange(120), 20)
+    assert opened.panel("right", "select[name=pings]").input_value() == "3"  # the same room
+
+
+def test_hidden_parts_are_named(everything: tuple[Path, dict[str, Population]], open_page: Open) -> None:
+    opened = open_page(
+        everything[0], "#explorer=MoodyHidden.a-table_b.index~Anywhere.a-table_b.index~600~policy"
+    )
+    hidden = [opened.panel(side, ".about").inner_text() for side in ("left", "right")]
+    assert ["It does not see the phase" in text for text in hidden] == [True, False]
+    assert serious_faults(opened, "#explorer") == []
+
+
+def test_first_pair_ends_differently(
+    everything: tuple[Path, dict[str, Population]], open_page: Open, tmp_path: Path
+) -> None:
+    model = everything[1]["Anywhere"].model
+    best = greedy_masks(solve(model, 1.0, 200).q, 1e-9)
+    masks = np.zeros((2, model.n_observations), dtype=np.uint8)
+    masks[:, model.observation[::-1]] = best[::-1]
+    fails_at = 70  # place in which the first agent PINGs at once, again and again
+    masks[0, model.observation[model.states_of(fails_at)]] = 1 << ACTIONS.index("PING")
+    shown = [
+        Shown(name, form, blank("Anywhere", 1, greedy=np.broadcast_to(mask, (1, 4, len(mask)))))
+        for (name, form), mask in zip((TABLE, NET), masks, strict=True)
+    ]
+    shutil.copytree(everything[0], tmp_path / "mine")
+    (tmp_path / "mine" / FILE).write_bytes(compressed(packed(shown)))
+    build.write(tmp_path, "mine")
+    opened = open_page(tmp_path / "mine")
+    chosen = [opened.panel(side, "select[name=learner]").input_value() for side in ("left", "right")]
+    assert chosen == [", ".join(TABLE), ", ".join(NET)]
+    row, column = model.scenario.places[fails_at]
+    assert opened.panel("left", "select[name=person]").input_value() == str(row * 12 + column)
+
+
+def test_a_shared_link_is_followed_before_the_data_are_there(
+    browser: Browser, results: Path, tmp_path: Path
+) -> None:
+    text = (results / "index.html").read_text(encoding="utf-8")
+    (tmp_path / "index.html").write_text(text.replace("DecompressionStream", "Nothing"), encoding="utf-8")
+    page = browser.new_page(viewport={"width": 1280, "height": 400})
+    page.goto((tmp_path / "index.html").as_uri() + "#explorer=S2")
+    page.wait_for_function("document.documentElement.classList.contains('js')")
+    assert page.locator("#explore").is_hidden()
+    assert abs(page.locator("#explorer").evaluate("part => part.getBoundingClientRect().top")) < 40
+    page.close()
 
 
 def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> None:
@@ -298,23 +526,6 @@ def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> Non
     assert opened.page.locator("th button").count() > 0  # tables sort
     opened.page.locator("table a.n").first.click()
     assert opened.page.locator("dialog[open] tbody tr").count() > 0
-
-
-def test_an_egocentric_map_counts_from_the_issuer(made: Path, tmp_path: Path, open_page: Open) -> None:
-    shutil.copytree(made, tmp_path / "mine")
-    file = tmp_path / "mine" / "agents.json.gz"
-    data = json.loads(gzip.decompress(file.read_bytes()))
-    data["scenes"][0]["origin"] = [3, 5]
-    file.write_bytes(gzip.compress(json.dumps(data).encode()))
-    build.write(tmp_path, "mine")
-    opened = open_page(tmp_path / "mine")
-    numbers = opened.panel("left", ".map text").all_text_contents()
-    assert numbers == ["−2", "0", *("−4", "−2", "0")]  # of five rows and seven columns, every second
-    opened.cell("left", 4, 3).hover()
-    assert "Row 1, column −2" in opened.panel("left", ".readout").inner_text()
-    assert "Rows and columns are counted from the issuer." in opened.panel("left", ".about").inner_text()
-    opened.walk(1)
-    assert "1 step from row −3, column −5." in opened.panel("left", ".walked").inner_text()
 
 
 def test_maps_of_the_same_size_follow_each_other(opened: Opened) -> None:
@@ -380,6 +591,9 @@ def test_answer_and_explorer_fit_a_laptop(open_page: Open) -> None:
         panel = f".panel[data-side={side}]"
         for part in (".legend", ".map svg", ".readout table", ".curve svg"):
             assert_in_view(f"{panel} {part}")
+        assert box_of(opened, f"{panel} .map")["width"] >= box_of(opened, f"{panel} .numbers")["width"]
+        readout = opened.panel(side, ".readout")
+        assert readout.evaluate("box => box.scrollWidth <= box.clientWidth")  # no label is cut
     opened.page.evaluate("scrollTo(0, 0)")
     parts = ("h1", "#finding img", ".lead", "nav")
     for part in parts[:-1]:
@@ -407,7 +621,5 @@ def test_accessibility(open_page: Open, width: int, scheme: str) -> None:
     opened.page.locator("details").evaluate_all("all => all.forEach((details) => { details.open = true })")
     opened.walk(1)
     for context in ("body", "dialog"):
-        found = Axe().run(opened.page, context=context).response["violations"]
-        serious = [each for each in found if each["impact"] in ("serious", "critical")]
-        assert [(each["id"], each["nodes"][0]["html"]) for each in serious] == []
+        assert serious_faults(opened, context) == []
         opened.page.locator("#explorer a.n").first.evaluate("link => link.click()")

@@ -1,19 +1,20 @@
 """What the explorer is given, of learners that are made up number by number."""
 
-import base64
 import gzip
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agents.dynamic_programming import solve
 from benchmark.analysis.population import Population
-from benchmark.reports.explorer import FILE, MOST_AGENTS, Shown, explorer_item, typical_agent
-from envs import ACTIONS, ZONES, compile_scenario, load_scenario
+from benchmark.reports.explorer import FILE, MOST_MASKS, Shown, explorer_item, typical_agent
+from envs import ACTIONS, load_scenario
+from envs.observations import compile_seen
 from tests.benchmark.populations import population as blank
 
 UP, RIGHT, PING = (1 << ACTIONS.index(name) for name in ("UP", "RIGHT", "PING"))
@@ -53,22 +54,26 @@ def population(n: int = 120) -> Population:
 
 
 def masks(text: str) -> NDArray[np.uint8]:
-    return np.frombuffer(base64.b64decode(text), np.uint8).reshape(-1, 120)
+    return (np.frombuffer(text.encode(), np.uint8) - ord("0")).reshape(-1, 120)
 
 
-def test_first_agent_over_training_and_the_final_policies_of_a_hundred(tmp_path: Path) -> None:
-    shown = [Shown("table", "index", population()), Shown("again", "index", population())]
+def written(shown: Sequence[Shown], folder: Path) -> dict[str, Any]:
+    """Returns the explorer's data as its item writes them."""
     item = explorer_item(lambda data: data)
     assert item.write is not None
-    contents = []
-    for _ in range(2):
-        item.write(shown, tmp_path)
-        contents.append((tmp_path / FILE).read_bytes())
-    assert contents[0] == contents[1]
-    data = json.loads(gzip.decompress(contents[0]))
-    assert (len(data["scenes"]), len(data["optima"])) == (1, 1)  # which both share
+    item.write(shown, folder)
+    return dict(json.loads(gzip.decompress((folder / FILE).read_bytes())))
+
+
+def test_first_agent_over_training_and_the_final_policies_of_others(tmp_path: Path) -> None:
+    shown = [Shown("table", "index", population()), Shown("again", "index", population())]
+    data = written(shown, tmp_path)
+    content = (tmp_path / FILE).read_bytes()
+    written(shown, tmp_path)
+    assert (tmp_path / FILE).read_bytes() == content
+    assert (len(data["scenes"]), len(data["sights"])) == (1, 1)  # which both share
     agent = data["agents"][1]
-    assert (agent["algorithm"], agent["kind"], agent["scene"], agent["optimum"]) == ("again", "q", 0, 0)
+    assert (agent["algorithm"], agent["kind"], agent["scene"], agent["sight"]) == ("again", "q", 0, 0)
     assert agent["steps"] == [0, 200, 300]  # every second map, and the last
     values = np.array(agent["values"]).reshape(3, 120, 5).cumsum(axis=0)
     assert values[1, 13].tolist() == [123, -500, 250, data["no_number"], 2000]
@@ -76,45 +81,54 @@ def test_first_agent_over_training_and_the_final_policies_of_a_hundred(tmp_path:
     assert not values[0].any()
     greedy = masks(agent["greedy"])
     assert (greedy[2, 13], {*np.delete(greedy.ravel(), 2 * 120 + 13)}) == (UP | PING, {RIGHT})
-    assert agent["seeds"] == list(range(4, 4 + MOST_AGENTS))
-    assert agent["final"]["success"] == pytest.approx(np.arange(MOST_AGENTS) / 120, abs=1e-6)
-    final = masks(agent["final"]["greedy"])
-    assert (final.shape, final[0, 13], final[1, 13]) == ((MOST_AGENTS, 120), UP | PING, RIGHT)
-    # S1 pays 1 for a correct PING and -0.1 for a move; the discount is 0.5.
-    best = np.array(data["optima"][0]["values"]).reshape(120, 5) / 10 ** data["decimals"]
-    optimal = masks(data["optima"][0]["optimal"])[0]
-    inside, before = 4 * 12 + 6, 4 * 12 + 5
-    assert (optimal[inside], best[inside].max()) == (PING, 1.0)
-    assert (optimal[before], best[before].max()) == (RIGHT, pytest.approx(-0.1 + 0.5 * 1.0))
+    assert agent["seeds"] == [4, 5, 6, 7]
+    assert MOST_MASKS == 4 * 120
+    assert agent["others"]["success"] == pytest.approx([1 / 120, 2 / 120, 3 / 120], abs=1e-6)
+    assert np.unique(masks(agent["others"]["greedy"])).tolist() == [RIGHT]
 
 
-def test_nothing_is_written_of_scenes_that_one_map_does_not_show(tmp_path: Path) -> None:
-    item = explorer_item(lambda data: data)
-    assert item.write is not None
-    item.write([Shown("table", "index", blank("S1")), Shown("table", "parts", blank("Moody"))], tmp_path)
-    assert len(json.loads(gzip.decompress((tmp_path / FILE).read_bytes()))["agents"]) == 1
-    hidden = [
-        Shown("table", "parts", blank("Moody")),
-        Shown("t", "offset", blank("Walking", observation="offset")),
-    ]
-    item.write(hidden, tmp_path / "nothing")
+@pytest.mark.parametrize("name", ["Turning", "Moody", "Walking", "Walls", "TwoPeople", "Delayed", "Anywhere"])
+def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) -> None:
+    data = written([Shown("table", "offset", blank(name, 1, observation="offset"))], tmp_path)
+    model, scene = compile_seen(load_scenario(name), "offset"), data["scenes"][0]
+    n_states, shape = len(model.observation), model.next_state.shape
+    kind = np.array(scene["kind"])
+    kinds = {
+        key: np.array(values).reshape(kind.max() + 1, -1)[kind] for key, values in scene["kinds"].items()
+    }
+    change = kinds["change"].reshape(shape)
+    assert (change + np.arange(n_states)[:, None, None] == model.next_state).all()
+    assert (kinds["probability"].reshape(shape) == model.probability).all()
+    for key in ("grid_reward", "issuer_reward", "terminated", "event"):
+        assert (kinds[key] == getattr(model, key)).all()
+    assert (kinds["over"][:, 0] == model.is_over).all()
+    assert (np.cumsum(data["sights"][0]["changes"]) == model.observation).all()
+    # The number of a state, and of the view that shows it.
+    _, n_ticks, n_delayed, n_pings = scene["shape"]
+    block = np.arange(n_states) // len(model.position)
+    tick, place = block // n_pings // n_delayed % n_ticks, block // n_pings // n_delayed // n_ticks
+    context = place * len(scene["phases"]) + np.array(scene["ticks"])[tick]
+    assert (context == model.context).all()
+    zones = np.array([[*map(int, view["zone"])] for view in scene["views"]])
+    assert (zones[context, model.cell] == model.zone).all()
+    for place, view in zip(model.scenario.places, scene["views"][:: len(scene["phases"])], strict=True):
+        assert divmod(view["glyphs"][0]["cell"], scene["columns"]) == place
+    assert scene["walls"] == np.flatnonzero(model.scenario.grid.is_wall).tolist()
 
 
-def test_an_agent_that_sees_the_offset_is_shown_around_the_issuer(tmp_path: Path) -> None:
-    values = np.zeros((1, 4, 19 * 23, 5), dtype=np.float32)
-    values[0, -1, (9 + 2) * 23 + 11 - 5] = 1  # the issuer two rows below the agent, five columns to its left
-    made = blank("Anywhere", 1, observation="offset", values=values)
-    item = explorer_item(lambda data: data)
-    assert item.write is not None
-    item.write([Shown("table", "offset", made)], tmp_path)
-    data = json.loads(gzip.decompress((tmp_path / FILE).read_bytes()))
-    assert data["scenes"][0]["origin"] == [9, 11]
-    changes = np.array(data["agents"][0]["values"]).reshape(-1, 19, 23, 5)
-    assert np.argwhere(changes.any(axis=(0, 3))).tolist() == [[9 - 2, 11 + 5]]
-    # Outside the regions the optimum is the scenario's, wherever the issuer stands.
-    model = compile_scenario(load_scenario("Anywhere"))
-    outside = model.fresh_state[model.zone_of_cell == ZONES.index("outside")]
-    best = solve(model, made.discount, None if made.discount < 1 else made.horizon).value[outside]
-    cell = 19 * 23 - 1 - made.model.observation[outside]
-    around = np.array(data["optima"][0]["values"]).reshape(-1, 5).max(axis=1) / 10 ** data["decimals"]
-    assert around[cell] == pytest.approx(best, abs=0.51 * 10 ** -data["decimals"])
+def test_scenarios_that_differ_in_what_is_seen_share_a_scene(tmp_path: Path) -> None:
+    forms = [("Moody", "index"), ("MoodyHidden", "index"), ("Walking", "index"), ("Walking", "offset")]
+    shown = [Shown("table", form, blank(name, 1, observation=form)) for name, form in forms]
+    data = written(shown, tmp_path)
+    assert [(agent["scene"], agent["sight"]) for agent in data["agents"]] == [(0, 0), (0, 1), (1, 2), (1, 3)]
+    observed = [sight["observed"] for sight in data["sights"]]
+    assert observed == [["agent", "phase"], ["agent"], ["agent", "issuer"], ["offset"]]
+
+
+def test_large_tables_of_values_are_left_out(tmp_path: Path) -> None:
+    blanks = [blank("Anywhere", 3, observation=form) for form in ("index", "offset")]
+    data = written([Shown("table", "any", each) for each in blanks], tmp_path)
+    assert [agent["values"] is None for agent in data["agents"]] == [True, False]
+    assert [len(agent["steps"]) for agent in data["agents"]] == [1, 3]
+    assert [agent["seeds"] for agent in data["agents"]] == [[0], [0]]
+    assert (data["agents"][0]["greedy"], data["agents"][0]["others"]["greedy"]) == ("O" * 13320, "")

@@ -5,19 +5,25 @@ import { members, PING } from "./agents.js";
 
 const UNIT_RANGE = { low: 0, high: 1, hasLower: false, hasHigher: false };
 export const INDIFFERENT = "#e4e7ea"; // of a cell in which no action is better than another
-const ranges = new Map(); // of every agent that was shown, by kind of map
+const ranges = new Map(); // of every agent that was shown, by kind of map and, of differences, by block
 
 // A value as a kind of map shows it: the value itself, or its difference from the optimum.
-const shownValue = (agent, kind, map, cell, action) =>
-  agent.valueAt(map, cell, action) - (kind === "difference" ? agent.optimumAt(cell)[action] : 0);
+const shownValue = (agent, kind, map, state, action) =>
+  agent.valueAt(map, state, action) - (kind === "difference" ? agent.optimumAt(state)[action] : 0);
 
-// All values of all maps of one kind, in rising order.
-function sortedValues(agent, kind) {
+const statesOf = (room, block) => Array.from({ length: room.nCells }, (_, cell) => block * room.nCells + cell);
+
+// All values of all maps of one kind, in rising order: those of all observations, or differences in a block.
+function sortedValues(agent, kind, block) {
+  const { room, sight } = agent;
+  const seen = new Map(); // a state of each observation in which there is something to do
+  if (kind === "difference") for (const state of statesOf(room, block)) seen.set(state, state);
+  else room.kind.forEach((_, state) => room.isOver(state) || seen.set(sight.of[state], state));
   const shown = kind === "ping" ? [PING] : explorer.actions.map((_, a) => a);
   const values = [];
-  for (let cell = 0; cell < agent.nCells; cell++) {
-    if (agent.isOver(cell)) continue;
-    agent.steps.forEach((_, map) => values.push(...shown.map((a) => shownValue(agent, kind, map, cell, a))));
+  for (const state of seen.values()) {
+    if (room.isOver(state)) continue;
+    agent.steps.forEach((_, map) => values.push(...shown.map((a) => shownValue(agent, kind, map, state, a))));
   }
   return Float64Array.from(values.filter((value) => !Number.isNaN(value))).sort();
 }
@@ -30,12 +36,12 @@ function quantile(sorted, share) {
 }
 
 // The ends of an agent's colour scale over all of training, and whether there are values beyond them.
-function rangeOf(agent, kind) {
+function rangeOf(agent, kind, block) {
   if (!agent.hasValues) return UNIT_RANGE;
   if (agent.kind === "probability" && kind !== "difference") return UNIT_RANGE;
   if (!ranges.has(agent)) ranges.set(agent, {});
-  ranges.get(agent)[kind] ??= measured(sortedValues(agent, kind));
-  return ranges.get(agent)[kind];
+  const key = kind === "difference" ? block : kind;
+  return (ranges.get(agent)[key] ??= measured(sortedValues(agent, kind, block)));
 }
 
 function measured(sorted) {
@@ -44,51 +50,61 @@ function measured(sorted) {
   return { low, high, hasLower: sorted[0] < low, hasHigher: sorted.at(-1) > high };
 }
 
-// One colour scale for two agents if their values are of the same kind.
-export function sharedRange(agent, other, kind) {
-  const range = rangeOf(agent, kind);
-  if (agent.kind !== other.kind || !other.hasValues) return range;
-  const theirs = rangeOf(other, kind);
-  return {
-    low: Math.min(range.low, theirs.low),
-    high: Math.max(range.high, theirs.high),
-    hasLower: range.hasLower || theirs.hasLower,
-    hasHigher: range.hasHigher || theirs.hasHigher,
-  };
+// One colour scale for the agents of two panels if their values are of the same kind; that of differences has
+// zero in its middle.
+export function sharedRange(panel, other, kind) {
+  const { agent, block } = panel;
+  const all = [rangeOf(agent, kind, block)];
+  if (agent.kind === other.agent.kind && other.agent.hasValues) all.push(rangeOf(other.agent, kind, other.block));
+  let [low, high] = [Math.min(...all.map((range) => range.low)), Math.max(...all.map((range) => range.high))];
+  if (kind === "difference") [low, high] = [-1, 1].map((sign) => sign * Math.max(-low, high, 0.01));
+  const scale = kind === "difference" ? explorer.diverging : explorer.colours;
+  return { low, high, scale, hasLower: all.some((range) => range.hasLower), hasHigher: all.some((range) => range.hasHigher) };
 }
 
-function colourOf(value, { low, high }) {
+function colourOf(value, { low, high, scale }) {
   if (Number.isNaN(value)) return explorer.palette["no value"];
   const share = high > low ? Math.min(Math.max((value - low) / (high - low), 0), 1) : 0.5;
-  return explorer.colours[Math.round(share * (explorer.colours.length - 1))];
+  return scale[Math.round(share * (scale.length - 1))];
 }
 
 const agreement = (isOptimal) => explorer.colours.at(isOptimal ? -1 : 0);
-const isBright = (colour) => explorer.colours.indexOf(colour) > explorer.colours.length * 0.6;
+
+// Whether black can be seen better on a colour than white.
+function isBright(colour) {
+  const [red, green, blue] = [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
+  return 0.3 * red + 0.59 * green + 0.11 * blue > 140;
+}
 
 // What a map of an agent can show of what is asked for: without values, only the greedy policy.
 export const kindFor = (agent, kind) => (agent.hasValues ? kind : "policy");
 
 // Paints a map of an agent on a scene: `kind` is an option of the page's "Show" menu.
-export function paint(view, agent, map, kind, range, withMarks) {
+export function paint(view, { agent, block }, map, kind, range, withMarks) {
+  const { room } = agent;
   const hasShapes = kind === "values" || kind === "difference";
-  const indifferent = view.cells.map((_, cell) => !agent.isOver(cell) && agent.isIndifferent(map, cell));
+  const states = statesOf(room, block);
+  const over = states.map((state) => room.isOver(state));
+  const indifferent = states.map((state, cell) => !over[cell] && agent.isIndifferent(map, state));
+  view.showBlock(block);
   view.showHatch(indifferent);
   view.cells.forEach(({ whole, shapes, arrows, dot }, cell) => {
-    const isOver = agent.isOver(cell);
+    const state = states[cell];
+    const isOver = over[cell];
     const isIndifferent = indifferent[cell];
-    const greedy = agent.greedyAt(map, cell);
-    const colours = shapes.map((_, a) => colourOf(shownValue(agent, kind, map, cell, a), range));
+    const greedy = agent.greedyAt(map, state);
+    const colours = shapes.map((_, a) => (agent.hasValues ? colourOf(shownValue(agent, kind, map, state, a), range) : ""));
     shapes.forEach((shape, a) => {
       shape.setAttribute("visibility", hasShapes && !isOver && !isIndifferent ? "visible" : "hidden");
       shape.setAttribute("fill", colours[a]);
     });
-    const isOptimal = (greedy & ~agent.optimum.optimal[cell]) === 0;
+    const isOptimal = members(greedy).every((a) => agent.bestAt(state).includes(a));
     const background = isIndifferent ? INDIFFERENT : { ping: colours[PING], policy: agreement(isOptimal) }[kind];
-    whole.setAttribute("fill", isOver ? explorer.palette.over : background ?? "#000");
+    const closed = explorer.palette[room.walls.includes(cell) ? "wall" : "over"];
+    whole.setAttribute("fill", isOver ? closed : background ?? "#000");
 
     const isMarked = (withMarks || kind === "policy") && !isOver && !isIndifferent;
-    const moves = members(greedy).filter((a) => a < agent.scene.moves.length);
+    const moves = members(greedy).filter((a) => a < explorer.moves.length);
     arrows.setAttribute("d", isMarked ? moves.map((a) => view.arrow(cell, a)).join("") : "");
     arrows.setAttribute("class", isBright(background ?? colours[moves[0] ?? 0]) ? "mark on-bright" : "mark");
     dot.setAttribute("visibility", isMarked && (greedy >> PING) & 1 ? "visible" : "hidden");
@@ -104,6 +120,7 @@ export function paintLegend(root, kind, range) {
     high.replaceChildren(swatch(false), " some greedy action is not optimal");
     return;
   }
+  ramp.style.background = `linear-gradient(to right, ${range.scale.join(",")})`;
   low.textContent = (range.hasLower ? "\u2264 " : "") + show(range.low, 2);
   high.textContent = (range.hasHigher ? "\u2265 " : "") + show(range.high, 2);
   const zero = -range.low / (range.high - range.low);

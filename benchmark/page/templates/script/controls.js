@@ -1,7 +1,8 @@
 // The controls: the slider through training, what is shown, both players, and the walk's buttons.
 import { byId, grouped } from "./elements.js";
-import { agents } from "./agents.js";
+import { agents, learnerOf } from "./agents.js";
 import { Panel } from "./panel.js";
+import { Walk } from "./walk.js";
 import { addressOf, asked } from "./address.js";
 
 const slider = byId("step");
@@ -19,6 +20,7 @@ function refresh() {
   const place = Math.max(steps.findLastIndex((step) => step <= shown.step), 0);
   shown.step = steps[place];
   slider.max = steps.length - 1;
+  slider.parentElement.hidden = steps.length === 1;
   slider.value = place;
   const text = `${grouped(shown.step)} of ${grouped(steps.at(-1))}`;
   byId("step-text").textContent = text;
@@ -27,13 +29,37 @@ function refresh() {
   panels[0].draw(shown, panels[1]);
   panels[1].draw(shown, panels[0]);
   clearTimeout(addressTimer); // browsers allow few changes of the address a second
-  const address = addressOf(panels.map((panel) => panel.agent), shown);
+  const address = addressOf(panels, shown);
   if (hasAddress) addressTimer = setTimeout(() => history.replaceState(null, "", address), 150);
+}
+
+// The walk of an agent after training, to its end.
+function walkFrom(agent, start) {
+  const walk = new Walk(agent, agent.steps.length - 1, start);
+  while (walk.step());
+  return walk;
+}
+
+// A table and the best net, in the first scenario of those where the person may be in most places, with the person
+// where their walks end differently, if they do somewhere.
+function firstPair() {
+  const most = Math.max(...agents.map((agent) => agent.room.places.length));
+  const { scenario } = agents.find((agent) => agent.room.places.length === most);
+  const there = agents.filter((agent) => agent.scenario === scenario);
+  const table = there.find((agent) => agent.family === "tabular") ?? there[0];
+  const nets = there.filter((agent) => agent.family === "deep");
+  const best = nets.reduce((found, net) => (net.score.at(-1) > found.score.at(-1) ? net : found), nets[0]);
+  const pair = [table, best ?? there.at(-1)];
+  const { room } = table;
+  const middle = Math.floor(room.starts.length / 2);
+  const differs = (start) => new Set(pair.map((agent) => walkFrom(agent, start).steps.at(-1).event)).size > 1;
+  const start = [...room.starts.slice(middle), ...room.starts].find(differs) ?? room.starts[middle];
+  return pair.map((agent) => ({ ...agent, block: room.blockOf(start) }));
 }
 
 // Shows what an address asks for, as far as it exists.
 function follow({ wishes, step, kind }) {
-  panels.forEach((panel, i) => panel.choose(wishes[i]));
+  panels.forEach((panel, i) => panel.choose({ learner: learnerOf(wishes[i]), ...wishes[i] }));
   shown.step = step >= 0 ? step : allSteps().at(-1);
   if ([...kinds.options].some((option) => option.value === kind)) shown.kind = kind;
   kinds.value = shown.kind;
@@ -84,7 +110,11 @@ export function start() {
   });
   byId("walk-again").addEventListener("click", () => {
     stopWalking();
-    for (const panel of panels) panel.startWalk(panel.agent.scene.start);
+    for (const panel of panels) panel.startWalk(panel.agent.room.startOf(panel.agent.room.blockOf(panel.walk.start)));
+  });
+  byId("walk-another").addEventListener("click", () => {
+    stopWalking();
+    for (const panel of panels) panel.startWalk(panel.walk.start, panel.walk.number + 1);
   });
   slider.addEventListener("input", () => {
     stopTraining();
@@ -109,11 +139,14 @@ export function start() {
     byId("explorer").scrollIntoView();
   });
 
-  const point = (cell, scene) => panels.forEach((panel) => panel.follow(cell, scene));
-  panels.push(...["left", "right"].map((side) => new Panel(document.querySelector(`[data-side="${side}"]`), refresh, point)));
-  const [first] = agents;
-  const other = agents.find((agent) => agent.scene === first.scene && agent.method !== first.method) ?? agents.at(-1);
-  follow({ wishes: [first, other] });
+  const point = (cell, room) => panels.forEach((panel) => panel.follow(cell, room));
+  const situate = (change, room) => {
+    stopWalking();
+    if (panels.map((panel) => panel.change(change, room)).some(Boolean)) refresh();
+  };
+  const callbacks = { refresh, point, situate };
+  panels.push(...["left", "right"].map((side) => new Panel(document.querySelector(`[data-side="${side}"]`), callbacks)));
+  follow({ wishes: firstPair() });
   if (asked()) follow(asked());
   refresh();
   hasAddress = true;

@@ -8,6 +8,7 @@ const [LOWEST, HIGHEST] = [-0.1, 1.1]; // of the axis
 const clipped = (score) => Math.min(Math.max(score, 0), 1);
 
 export function curveOf(agent, map) {
+  if (agent.timeline.length === 1 && !(agent.curve?.step.length > 1)) return [];
   const { mean, low } = agent.curve ?? { mean: [], low: [] };
   const last = agent.timeline.at(-1) || 1;
   const x = (step) => LEFT + ((WIDTH - LEFT - RIGHT) * step) / last;

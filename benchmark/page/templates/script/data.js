@@ -1,23 +1,29 @@
 // The page's data: the text of CSV files by their links, and what the explorer shows (null if nothing).
 import { byId } from "./elements.js";
-
-export const bytes = (base64) => Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+import { Room } from "./room.js";
 
 function unzipped(node) {
-  const zipped = new Blob([bytes(node.textContent)]);
+  const zipped = new Blob([Uint8Array.from(atob(node.textContent), (letter) => letter.charCodeAt(0))]);
   return new Response(zipped.stream().pipeThrough(new DecompressionStream("gzip"))).json();
 }
 
-export const csv = await unzipped(byId("data"));
+// The running sums of changes.
+function summed(changes) {
+  let sum = 0;
+  return Int32Array.from(changes, (change) => (sum += change));
+}
+
+const unzippedCsv = unzipped(byId("data"));
 const parts = await Promise.all([...document.querySelectorAll("script.agents")].map(async (node) => {
   const part = await unzipped(node);
   const { experiment, folder } = node.dataset;
-  const linked = (agent) => ({ scene: part.scenes[agent.scene], optimum: part.optima[agent.optimum] });
-  return { ...part, agents: part.agents.map((agent) => ({ ...agent, ...linked(agent), experiment, folder })) };
+  const rooms = part.scenes.map((packed) => new Room(packed));
+  const sights = part.sights.map(({ observed, changes }) => ({ observed, of: summed(changes) }));
+  const linked = (agent) => ({ ...agent, room: rooms[agent.scene], sight: sights[agent.sight], experiment, folder });
+  return { ...part, rooms, agents: part.agents.map(linked) };
 }));
 
-// Of several experiments, the agents, scenes and optima one after the other; all else is the same.
+export const csv = await unzippedCsv;
+// Of several experiments, the agents and rooms one after the other; all else is the same.
 const all = (key) => parts.flatMap((part) => part[key]);
-export const explorer = parts.length
-  ? { ...parts[0], agents: all("agents"), scenes: all("scenes"), optima: all("optima") }
-  : null;
+export const explorer = parts.length ? { ...parts[0], agents: all("agents"), rooms: all("rooms") } : null;

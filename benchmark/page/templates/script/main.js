@@ -10,10 +10,9 @@ import { start } from "./controls.js";
 import { paintKey } from "./key.js";
 
 if (explorer) {
-  document.documentElement.style.setProperty("--ramp", explorer.colours.join(","));
   start();
   paintKey();
   byId("wait").remove();
   byId("explore").hidden = false;
-  if (asked()) byId("explorer").scrollIntoView();
+  if (asked()) byId("explorer").scrollIntoView({ behavior: "instant" });
 }

@@ -1,105 +1,161 @@
-// A panel: menus that choose an agent, its map with a cursor, its readout, curve and walk.
+// A panel: menus that choose an agent and where people are, its map with a cursor, its readout, curve and walk.
 import { element } from "./elements.js";
-import { agents, rowAndColumn } from "./agents.js";
+import { agents, placeOf, rowAndColumn } from "./agents.js";
 import { SceneView } from "./scene.js";
 import { kindFor, paint, paintLegend, sharedRange } from "./colours.js";
 import { curveOf } from "./curve.js";
 import { described, readoutOf } from "./readout.js";
 import { Walk } from "./walk.js";
 
-const LEARNER = ["scenario", "algorithm", "observation", "experiment"];
-export const KEYS = [...LEARNER, "seed"]; // of an agent
-const sameSize = (scene, other) => scene.rows === other?.rows && scene.columns === other?.columns;
+const CHOSEN = ["scenario", "learner", "experiment"]; // what names an agent, but for its seed
+const sameSize = (room, other) => room.rows === other?.rows && room.columns === other?.columns;
+const alike = (room, other) => sameSize(room, other) && String([room.shape, room.places]) === String([other.shape, other.places]);
+const MOVES = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] };
 
 export class Panel {
-  // `refresh` is called after the reader has chosen another agent, `point` with a cell that they
-  // point at and its scene.
-  constructor(root, refresh, point) {
+  // `refresh` is called after the reader has chosen another agent, `point` with a cell that they point at and
+  // its room, and `situate` with a change of where people are, see `Room.changed`, and its room.
+  constructor(root, { refresh, point, situate }) {
     this.find = (selector) => root.querySelector(selector);
     this.root = root;
-    this.point = (cell) => point(cell, this.agent.scene);
-    this.menus = Object.fromEntries(KEYS.map((key) => [key, this.find(`[name=${key}]`)]));
-    for (const [key, menu] of Object.entries(this.menus)) {
-      menu.parentElement.hidden = key === "experiment" && new Set(agents.map((agent) => agent[key])).size === 1
-        || key === "seed" && agents.every((agent) => agent.seeds.length === 1);
-      menu.addEventListener("change", () => {
-        this.choose({ ...Object.fromEntries(KEYS.map((name) => [name, this.agent[name]])), [key]: menu.value });
+    this.point = (cell) => point(cell, this.agent.room);
+    this.situate = (change) => situate(change, this.agent.room);
+    const menu = (name) => this.find(`[name=${name}]`);
+    this.menus = Object.fromEntries([...CHOSEN, "seed"].map((key) => [key, menu(key)]));
+    for (const [key, select] of Object.entries(this.menus)) {
+      select.parentElement.hidden = key === "experiment" && new Set(agents.map((agent) => agent[key])).size === 1;
+      select.addEventListener("change", () => {
+        const { agent, block } = this;
+        this.choose({ ...agent, [key]: select.value, block }, agent.room);
         refresh();
       });
     }
+    this.situation = Object.fromEntries(["person", "phase", "pings"].map((key) => [key, menu(key)]));
+    for (const [key, select] of Object.entries(this.situation)) {
+      select.addEventListener("change", () => this.situate({ [key]: Number(select.value) }));
+    }
     this.find(".map").addEventListener("keydown", (event) => this.key(event));
   }
-  // Chooses the agent that has what is wished for, as far as there is one.
-  choose(wish) {
-    const choose = (key, names) => {
+  // Chooses the agent that has what is wished for, as far as there is one; the block is one of a room, by default
+  // of the agent's.
+  choose(wish, roomOfBlock) {
+    const choose = (key, names, labels = names) => {
       const name = names.includes(wish[key]) ? wish[key] : names[0];
-      this.menus[key].replaceChildren(...names.map((value) => element("option", { value }, value)));
+      this.menus[key].replaceChildren(...names.map((value, i) => element("option", { value }, labels[i])));
       this.menus[key].value = name;
       return name;
     };
     let left = agents;
-    for (const key of LEARNER) {
-      const name = choose(key, [...new Set(left.map((agent) => agent[key]))]);
+    for (const key of CHOSEN) {
+      const named = new Map(left.toReversed().map((agent) => [agent[key], key === "learner" ? agent.label : agent[key]]));
+      const names = [...named.keys()].toReversed();
+      const name = choose(key, names, names.map((each) => named.get(each)));
       left = left.filter((agent) => agent[key] === name);
     }
     const seed = choose("seed", left[0].seeds);
+    this.menus.seed.parentElement.hidden = left[0].seeds.length === 1;
     const before = this.agent;
-    if (before && KEYS.every((key) => before[key] === { ...left[0], seed }[key])) return;
     this.agent = left[0].ofSeed(seed);
-    const { scene } = this.agent;
-    if (before?.scene !== scene) {
-      this.view = new SceneView(scene, (cell) => this.point(cell));
+    const { room } = this.agent;
+    if (before?.room !== room) {
+      this.view = new SceneView(room, (cell) => this.point(cell), (person) => this.situate({ person }));
       this.find(".map").replaceChildren(this.view.image);
-      if (!sameSize(scene, before?.scene)) this.cursor = scene.start;
+      if (!sameSize(room, before?.room)) this.cursor = room.starts[0] % room.nCells;
     }
+    const nBlocks = room.kind.length / room.nCells;
+    const block = alike(room, roomOfBlock ?? room) ? Math.trunc(Number(wish.block)) : NaN;
+    this.block = block >= 0 && block < nBlocks ? block : room.blockOf(room.starts[0]);
+    this.fillSituation();
     this.map = 0;
-    this.startWalk(scene.start);
+    this.startWalk(room.startOf(this.block));
+  }
+  // Offers what there is a choice of: where the person is, the phase, and the wrong PINGs if they are observed.
+  fillSituation() {
+    const { room, sight } = this.agent;
+    const count = (length) => Array.from({ length }, (_, i) => i);
+    const offered = {
+      person: room.places.length > 1 ? room.places.map((cell) => [cell, placeOf(room, cell)]) : [],
+      phase: room.hasNamedPhases ? room.phases.map((name, i) => [i, name]) : [],
+      pings: sight.observed.includes("wrong_pings") ? count(room.shape[3]).map((n) => [n, n]) : [],
+    };
+    for (const [key, select] of Object.entries(this.situation)) {
+      select.replaceChildren(...offered[key].map(([value, text]) => element("option", { value }, text)));
+      select.parentElement.hidden = !offered[key].length;
+    }
+    this.find(".drag").hidden = !offered.person.length;
+  }
+  // Shows another block: that of a walk, where wrong PINGs count only if they are observed.
+  showBlock(block) {
+    const { room, sight } = this.agent;
+    const parts = room.partsOf(block);
+    this.block = room.blockWith({ ...parts, pings: sight.observed.includes("wrong_pings") ? parts.pings : 0 });
+    const { person, phase, pings } = this.situation;
+    [person.value, phase.value, pings.value] = [room.personOn(room.viewOf(this.block)), room.phaseOf(this.block), parts.pings];
   }
   key(event) {
-    const { rows, columns } = this.agent.scene;
-    const { row, column } = rowAndColumn(this.agent.scene, this.cursor);
-    const moves = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] };
-    if (event.key === "Enter") this.startWalk(this.cursor);
-    else if (event.key in moves) {
-      const [toRow, toColumn] = [row + moves[event.key][0], column + moves[event.key][1]];
-      if (toRow >= 0 && toRow < rows && toColumn >= 0 && toColumn < columns) this.point(toRow * columns + toColumn);
+    const { room } = this.agent;
+    if (event.key === "Enter") this.startWalk(this.block * room.nCells + this.cursor);
+    else if (event.key in MOVES) {
+      const moved = event.shiftKey ? room.personOn(room.viewOf(this.block)) : this.cursor;
+      const { row, column } = rowAndColumn(room, moved);
+      const [toRow, toColumn] = [row + MOVES[event.key][0], column + MOVES[event.key][1]];
+      const cell = toRow * room.columns + toColumn;
+      if (toRow >= 0 && toRow < room.rows && toColumn >= 0 && toColumn < room.columns) {
+        if (event.shiftKey) this.situate({ person: cell });
+        else this.point(cell);
+      }
     } else return;
     event.preventDefault();
   }
-  // Shows the numbers of a cell that the reader points at in a scene, if this one has the same size.
-  follow(cell, scene) {
-    if (sameSize(this.agent.scene, scene)) this.look(cell);
+  // Shows the numbers of a cell that the reader points at in a room, if this one has the same size.
+  follow(cell, room) {
+    if (sameSize(this.agent.room, room)) this.look(cell);
+  }
+  // Changes where people are as the reader did in a room like this; returns whether that is possible.
+  change(change, room) {
+    const block = alike(this.agent.room, room) ? this.agent.room.changed(this.block, change) : null;
+    if (block === null || block === this.block) return false;
+    this.startWalk(this.agent.room.startOf(block));
+    return true;
   }
   look(cell) {
     this.cursor = cell;
     this.view.showCursor(cell);
-    this.find(".readout").replaceChildren(...readoutOf(this.agent, this.map, cell));
+    this.find(".readout").replaceChildren(...readoutOf(this.agent, this.map, this.block, cell));
   }
-  // Starts the walk in a cell, unless the episode is over there.
-  startWalk(cell = this.walk.start) {
-    if (this.agent.isOver(cell)) return;
-    this.walk = new Walk(this.agent, this.map, cell);
+  // Starts the walk in a state; with another number, ties and chance may go another way.
+  startWalk(state = this.walk.start, number = 0) {
+    this.walk = new Walk(this.agent, this.map, state, number);
     this.drawWalk();
   }
   // Draws what the agent knows at a step; a walk starts again if that is another map.
-  draw({ step, kind, marks }, other) {
-    const map = this.agent.mapAt(step);
+  draw(shown, other) {
+    this.shown = shown;
+    this.other = other;
+    const map = this.agent.mapAt(shown.step);
     if (map !== this.map) {
       this.map = map;
       this.startWalk();
     }
-    const painted = kindFor(this.agent, kind);
-    const range = sharedRange(this.agent, other.agent, painted);
-    paint(this.view, this.agent, map, painted, range, marks);
-    paintLegend(this.root, painted, range);
-    this.find(".about").replaceChildren(...described(this.agent, map, step));
+    this.paint();
+    this.find(".about").replaceChildren(...described(this.agent, map, shown.step));
     this.find(".curve").replaceChildren(...curveOf(this.agent, map));
-    const { algorithm, observation, scenario, seed, unitName, steps } = this.agent;
-    const title = `Map of ${algorithm}, ${observation}, in ${scenario}, ${unitName} ${steps[map]}, seed ${seed}.`;
-    this.find(".map").setAttribute("aria-label", `${title} Arrow keys choose a cell, Enter starts the walk there.`);
+    const { label, scenario, seed, unitName, steps } = this.agent;
+    const title = `Map of ${label} in ${scenario}, ${unitName} ${steps[map]}, seed ${seed}.`;
+    const shift = this.agent.room.places.length > 1 ? ", with Shift they move the person" : "";
+    this.find(".map").setAttribute("aria-label", `${title} Arrow keys choose a cell${shift}, Enter starts the walk there.`);
+  }
+  paint() {
+    const painted = kindFor(this.agent, this.shown.kind);
+    const range = sharedRange(this, this.other, painted);
+    paint(this.view, this, this.map, painted, range, this.shown.marks);
+    paintLegend(this.root, painted, range);
     this.look(this.cursor);
   }
   drawWalk() {
+    const { block } = this;
+    this.showBlock(this.agent.room.blockOf(this.walk.state));
+    if (this.shown && this.block !== block) this.paint();
     this.view.showPath(this.walk.path);
     this.find(".walked").textContent = this.walk.summary;
     this.find(".walk").replaceChildren(...this.walk.table);

@@ -1,7 +1,6 @@
-// The scene: paints cells, the outlines of the regions, glyphs and axes. The data say where everything is.
+// The scene: paints cells, walls, the outlines of the regions, people and axes. The data say where everything is.
 import { bordered, drawn, show } from "./elements.js";
 import { explorer } from "./data.js";
-import { originOf } from "./agents.js";
 
 const UNIT = 30; // side of a cell
 const MARGIN = 20; // for the numbers of rows and columns, of maps with up to so many columns
@@ -26,8 +25,12 @@ export function hatched(x, y, radius) {
   return `M${left},${y}L${x},${top}M${left},${bottom}L${right},${top}M${x},${bottom}L${right},${y}`;
 }
 
+// A sign, whose nose, if it has one, is a triangle that says where a person looks.
 export const GLYPHS = {
-  issuer: (x, y, size) => [star(x, y, 11 * size)],
+  issuer: (x, y, size, nose = []) => [
+    ...(nose.length ? [drawn("polygon", { points: nose.map(([row, column]) => `${x + UNIT * column},${y + UNIT * row}`).join(" "), fill: "#000", stroke: "#fff", ...UNTOUCHED })] : []),
+    star(x, y, 11 * size),
+  ],
   start: (x, y, size) => square(x, y, 10 * size),
 };
 
@@ -45,30 +48,60 @@ const trail = (stroke, width) =>
   drawn("polyline", { fill: "none", stroke, "stroke-width": width, "stroke-linejoin": "round", ...UNTOUCHED });
 
 export class SceneView {
-  // `look` is called with the number of the cell that the pointer enters or touches.
-  constructor(scene, look) {
-    this.scene = scene;
-    this.scale = Math.max(1, scene.columns / FEW); // of the numbers, so that they can be read on wide maps
+  // `look` is called with the number of the cell that the pointer enters or touches, `move` with that to which
+  // the person is dragged.
+  constructor(room, look, move) {
+    this.room = room;
+    this.scale = Math.max(1, room.columns / FEW); // of the numbers, so that they can be read on wide maps
     this.margin = MARGIN * this.scale;
-    const [width, height] = [this.margin + UNIT * scene.columns + 2, UNIT * scene.rows + this.margin];
-    const style = `min-width:${12 * scene.columns}px; max-height:max(21rem, ${12 * scene.rows}px)`;
+    const [width, height] = [this.margin + UNIT * room.columns + 2, UNIT * room.rows + this.margin];
+    const style = `min-width:${12 * room.columns}px; max-height:max(23rem, ${12 * room.rows}px)`;
     this.image = drawn("svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", style });
-    this.cells = scene.zone.map((_, cell) => this.paintCell(cell, look));
+    this.cells = Array.from({ length: room.nCells }, (_, cell) => this.paintCell(cell, look));
+    this.listenForDrags(move);
     this.hatch = drawn("path", { class: "hatch" });
+    this.things = drawn("g", { class: "things", ...UNTOUCHED });
     this.trail = [trail("#fff", 3.4), trail(explorer.palette.path, 1.8)];
     this.walker = walker(0, 0);
     this.cursor = drawn("rect", { class: "cursor", width: UNIT, height: UNIT, ...UNTOUCHED });
     this.image.append(
       drawn("g", {}, ...this.cells.map((cell) => cell.group)),
       drawn("g", UNTOUCHED, this.hatch),
-      ...scene.outlines.flatMap((outline) => outlined("path", { d: this.pathOf(outline.loops) }, outline.dashed)),
-      ...scene.glyphs.flatMap((glyph) => GLYPHS[glyph.kind](...this.centre(glyph.cell), 1)),
+      this.things,
       drawn("g", UNTOUCHED, ...this.cells.flatMap(({ arrows, dot }) => [arrows, dot])),
       ...this.trail, this.walker, this.cursor, ...this.axes(),
     );
   }
+  // Shows regions and people as they are in a block.
+  showBlock(block) {
+    const view = this.room.viewOf(block);
+    if (this.view === view) return;
+    this.view = view;
+    this.things.replaceChildren(
+      ...view.outlines.flatMap((loops, i) => outlined("path", { d: this.pathOf(loops) }, this.room.outlines[i][1])),
+      ...view.glyphs.flatMap(({ kind, cell, nose }) => GLYPHS[kind](...this.centre(cell), 1, nose)),
+    );
+    const isHere = (cell) => this.room.places.length > 1 && cell === this.room.personOn(view);
+    this.cells.forEach(({ group }, cell) => group.classList.toggle("person", isHere(cell)));
+  }
+  // Where there is a choice of places, the person can be dragged: a pointer that is pressed on their cell moves them.
+  listenForDrags(move) {
+    let isDragging = false;
+    const cellAt = ({ clientX, clientY }) =>
+      this.cells.findIndex(({ group }) => group === document.elementFromPoint(clientX, clientY)?.parentNode);
+    const isPerson = (event) => event.target.parentNode.classList.contains("person");
+    this.image.addEventListener("pointerdown", (event) => (isDragging = isPerson(event)));
+    // A finger would scroll the page.
+    this.image.addEventListener("touchstart", (event) => isPerson(event) && event.preventDefault(), { passive: false });
+    this.image.addEventListener("pointermove", (event) => {
+      if (isDragging && cellAt(event) >= 0) move(cellAt(event));
+    });
+    for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
+      this.image.addEventListener(end, () => (isDragging = false));
+    }
+  }
   centre(cell) {
-    return this.at(Math.floor(cell / this.scene.columns) + 0.5, (cell % this.scene.columns) + 0.5);
+    return this.at(Math.floor(cell / this.room.columns) + 0.5, (cell % this.room.columns) + 0.5);
   }
   at(row, column) {
     return [this.margin + UNIT * column, UNIT * row];
@@ -80,10 +113,10 @@ export class SceneView {
   paintCell(cell, look) {
     const [x, y] = this.centre(cell);
     const shapes = explorer.actions.map((_, a) => {
-      if (a >= this.scene.triangles.length) {
+      if (a >= explorer.triangles.length) {
         return drawn("circle", { cx: x, cy: y, r: UNIT * 0.2, stroke: "#fff", "stroke-width": 0.8, "stroke-opacity": 0.7 });
       }
-      const corners = this.scene.triangles[a].map(([row, column]) => `${x + UNIT * column},${y + UNIT * row}`);
+      const corners = explorer.triangles[a].map(([row, column]) => `${x + UNIT * column},${y + UNIT * row}`);
       return drawn("polygon", { points: corners.join(" ") });
     });
     const whole = drawn("rect", { x: x - UNIT / 2, y: y - UNIT / 2, width: UNIT, height: UNIT });
@@ -95,7 +128,7 @@ export class SceneView {
   }
   arrow(cell, action) {
     const [x, y] = this.centre(cell);
-    const [dy, dx] = this.scene.moves[action];
+    const [dy, dx] = explorer.moves[action];
     const to = (along, across) => `${x + dx * along - dy * across},${y + dy * along + dx * across}`;
     return `M${to(6.5, 0)}L${to(13, 0)}M${to(10, 2.6)}L${to(13, 0)}L${to(10, -2.6)}`;
   }
@@ -104,14 +137,12 @@ export class SceneView {
     this.hatch.setAttribute("d", isHatched.map((is, cell) => (is ? hatched(...this.centre(cell), UNIT / 2) : "")).join(""));
   }
   axes() {
-    const [firstRow, firstColumn] = originOf(this.scene);
-    const everySecond = (count, first) => Array.from({ length: count }, (_, i) => i).filter((i) => (i - first) % 2 === 0);
+    const everySecond = (count) => Array.from({ length: Math.ceil(count / 2) }, (_, i) => 2 * i);
     const text = (x, y, anchor, number) => drawn("text", { x, y, "text-anchor": anchor, style: `font-size:${11 * this.scale}px` }, show(number));
-    const bottom = this.at(this.scene.rows, 0)[1] + 14 * this.scale;
+    const bottom = this.at(this.room.rows, 0)[1] + 14 * this.scale;
     return [
-      ...everySecond(this.scene.rows, firstRow).map((row) => text(this.margin - 5, this.at(row + 0.5, 0)[1] + 4 * this.scale, "end", row - firstRow)),
-      ...everySecond(this.scene.columns, firstColumn)
-        .map((column) => text(this.at(0, column + 0.5)[0], bottom, "middle", column - firstColumn)),
+      ...everySecond(this.room.rows).map((row) => text(this.margin - 5, this.at(row + 0.5, 0)[1] + 4 * this.scale, "end", row)),
+      ...everySecond(this.room.columns).map((column) => text(this.at(0, column + 0.5)[0], bottom, "middle", column)),
     ];
   }
   showCursor(cell) {
