@@ -148,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_jobs(verify)
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
-    watch.add_argument("--scenario", default="S1", help="a scenario of the experiment (default: S1)")
+    watch.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
     about = "a variant of the experiment (default: q_learning)"
     watch.add_argument("--algorithm", default="q_learning", metavar="NAME", help=about)
     watch.add_argument("--observation", help="an observation of that variant (default: its first)")

@@ -446,9 +446,7 @@ def _path(experiment: str | Path) -> Path:
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
     if path.suffix != ".toml":
         if str(experiment) not in names:
-            unknown_name(
-                "experiments", "experiment", str(experiment), [*names, "or the path of a .toml file"]
-            )
+            unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
         return shipped
     if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
         reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"

@@ -19,7 +19,7 @@ const VALUES = {
 export function described(agent, map, step) {
   const { curve, scene } = agent;
   const shown = agent.steps[map];
-  const time = shown === step ? "" : `At ${agent.unitName} ${grouped(shown)}: `;
+  const time = shown === step ? "" : `Shown: ${agent.unitName} ${grouped(shown)}. `;
   const values = agent.hasValues ? VALUES[agent.kind](agent) : "Of this agent only the final greedy policy is published.";
   const hasDiverged = agent.hasValues && Number.isNaN(agent.valueAt(map, scene.start, 0));
   const note = hasDiverged ? " This net has diverged: it has no values, and its policy counts as the random one." : "";
