@@ -56,8 +56,8 @@ PACKAGES: Final[Mapping[str, str]] = {
     "sklearn": "scikit-learn",
 }
 _NAME_RULE: Final = (
-    "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false, NA, or "
-    "device of Windows (con, nul)"
+    "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false, NA, "
+    "or device of Windows (con, nul)"
 )
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
 _DEVICE: Final = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]", re.IGNORECASE)  # no file can have such a name
