@@ -108,11 +108,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="python -m benchmark", description=about, epilog=_EPILOG, formatter_class=raw)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    def command(name: str, summary: str) -> argparse.ArgumentParser:
+    def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         sub.set_defaults(command=name)
-        about = "folder of results (default: results)"
-        sub.add_argument("--results", type=Path, default=Path("results"), metavar="DIR", help=about)
+        about = f"folder of results (default: {results or 'that of this project'})"
+        sub.add_argument("--results", type=Path, default=results, metavar="DIR", help=about)
         return sub
 
     command("list", "show scenarios, algorithms and experiments, and how many runs are done")
@@ -160,7 +160,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "write an animated .webp or .gif instead of showing it"
     watch.add_argument("--save", type=Path, metavar="FILE", help=about)
 
-    assess = command("assess", "score an agent exactly, and rank it among the published learners")
+    summary = "score an agent exactly, and rank it among the published learners"
+    assess = command("assess", summary, results=None)
     agent = assess.add_mutually_exclusive_group(required=True)
     about = "a function of the observation that returns an action or five probabilities"
     agent.add_argument("--agent", metavar="MODULE:FUNCTION", help=about)
