@@ -6,8 +6,11 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NoReturn
+
+from benchmark import packages
 
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
 
@@ -18,12 +21,15 @@ def _is_interrupt(error: BaseException) -> bool:
 
 
 try:
-    from envs.inputs import InputError, needed_by
+    from envs.inputs import EXTRAS, InputError, needed_by
 except BaseException as error:  # imports take a second
-    if not _is_interrupt(error):
-        raise
-    print(_INTERRUPTED, file=sys.stderr)
-    sys.exit(130)
+    if _is_interrupt(error):
+        print(_INTERRUPTED, file=sys.stderr)
+        sys.exit(130)
+    if _sentence := packages.broken(error):
+        print(f"error: {_sentence}", file=sys.stderr)
+        sys.exit(2)
+    raise
 
 _EPILOG = """\
 examples:
@@ -52,6 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
+        if options.command == "doctor":
+            options.broken = _examined()
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with needed_by(f"benchmark {options.command}"):
             code = int(import_module(f"benchmark.commands.{options.command}").main(options))
@@ -61,7 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except (InputError, MemoryError, OSError) as error:
         message: object = error
-        if isinstance(error, MemoryError):
+        if sentence := packages.broken(error.__cause__ or error):
+            message = InputError(sentence)
+        elif isinstance(error, MemoryError):
             message = "out of memory; give fewer --jobs or run a smaller experiment."
         elif isinstance(error, OSError):
             _silence_output()
@@ -70,11 +80,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {message}", file=sys.stderr)
         return 2
     except (Exception, KeyboardInterrupt) as error:
-        if not _is_interrupt(error):
-            raise
-        print(_INTERRUPTED, file=sys.stderr)
-        return 130
+        if _is_interrupt(error):
+            print(_INTERRUPTED, file=sys.stderr)
+            return 130
+        if sentence := packages.broken(error):
+            print(f"error: {InputError(sentence)}", file=sys.stderr)
+            return 2
+        raise
     return code
+
+
+def _examined() -> list[str]:
+    """Imports all packages that are there; returns sentences on those that cannot be imported.
+
+    Raises:
+      InputError: Commands cannot work without one of them.
+    """
+    print("importing every package ...", file=sys.stderr)
+    there = [each for modules in EXTRAS.values() for each in modules if find_spec(each) is not None]
+    found = packages.unusable(there, os.cpu_count() or 1)
+    for module in EXTRAS["reproduce"]:
+        if module in found:
+            raise InputError(found[module])
+    return [*dict.fromkeys(found.values())]
 
 
 def _open_streams() -> None:

@@ -68,7 +68,12 @@ def main(options: argparse.Namespace) -> int:
 
         experiment = load_experiment(options.experiment)
         runs, limits = all_specifications(experiment, seeds), forecast(experiment)
-    found = [_installation(), [cache], _machine(options.results), _store(options.results / "runs.db")]
+    found = [
+        _installation(options.broken),
+        [cache],
+        _machine(options.results),
+        _store(options.results / "runs.db"),
+    ]
     if options.cluster is not None:
         found.append([_cluster(options.cluster, runs)])
     if limits:
@@ -84,22 +89,30 @@ def main(options: argparse.Namespace) -> int:
     return 1 if "problem" in states else 0
 
 
-def _installation() -> Iterator[Finding]:
-    """Yields whether packages are there, in which versions, and what records will say of the code."""
+def _installation(broken: Sequence[str]) -> Iterator[Finding]:
+    """Yields whether packages are there, in which versions, and what records will say of the code.
+
+    Given are sentences on those that cannot be imported.
+    """
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
     if others := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
         yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
-    complete = []
+    for sentence in broken:
+        yield Finding("problem", "packages", sentence.removesuffix("."))
+    complete: list[str] = []
+    absent: list[str] = []
     for extra, modules in EXTRAS.items():
-        if missing := [module for module in modules if find_spec(module) is None]:
+        missing = [module for module in modules if find_spec(module) is None]
+        if missing and len(missing) < len(modules):
             text = str(missing_package(f"the extra {extra}", missing[0])).removesuffix(".")
             yield Finding("note", "packages", f"{text} (packages that are missing: {len(missing)})")
         else:
-            complete.append(extra)
-    yield _finding("packages", f"complete extras: {', '.join(complete) or 'none'}")
+            (absent if missing else complete).append(extra)
+    more = f"; others: {', '.join(absent)} (make .venv/.NAME installs one)" if absent else ""
+    yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
     commit = provenance.commit(Path(provenance.__file__)) or "(none: no checkout)"
     advice = "commit changes of agents, benchmark and envs before runs that are to be published"
     yield _finding("code", f"records will name the commit {commit}", advice * commit.endswith("-changed"))
@@ -109,6 +122,8 @@ def _outside(requirements: Iterable[Requirement]) -> list[str]:
     """Lists the installed packages that are in another version than is required."""
     found = []
     for each in requirements:
+        if each.name == "setuptools":  # a fresh environment has its own, and only a test of ours needs it
+            continue
         with suppress(PackageNotFoundError):
             installed = version(each.name).partition("+")[0]  # a build may add +cpu
             if not each.specifier.contains(installed, prereleases=True):
