@@ -77,10 +77,10 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING
-    (`ping_limit`); the person then stays as before that step. The registered ids truncate an episode after 200
-    steps: an agent that keeps bumping into a wall would never finish. `max_episode_steps=-1` lifts the limit,
-    in `gymnasium.make` and in `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)` has no
-    limit.
+    (`ping_limit`); the person then stays as before that step. The registered ids truncate an episode after
+    200 steps: an agent that keeps bumping into a wall would never finish. `max_episode_steps=-1` lifts the
+    limit, in `gymnasium.make` and in `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)`
+    has no limit.
 
     ## Information
     `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an index into

@@ -62,8 +62,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
           overrides: As for `ProxemicEnv`.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
-          render_mode: `"rgb_array"` or None. `gymnasium.make_vec` takes the others of `ProxemicEnv`, too, with
-            `vectorization_mode="sync"`.
+          render_mode: `"rgb_array"` or None. `gymnasium.make_vec` also takes the others of `ProxemicEnv`,
+            with `vectorization_mode="sync"`.
 
         Raises:
           InputError: An argument is not accepted.
