@@ -58,8 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
-        if options.command == "doctor":
-            options.broken = _examined()
+        if options.command == "doctor":  # which would end, or hang, by what it is to find
+            _examine()
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with needed_by(f"benchmark {options.command}"):
             code = int(import_module(f"benchmark.commands.{options.command}").main(options))
@@ -90,19 +90,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _examined() -> list[str]:
-    """Imports all packages that are there; returns sentences on those that cannot be imported.
-
-    Raises:
-      InputError: Commands cannot work without one of them.
-    """
-    print("importing every package ...", file=sys.stderr)
-    there = [each for modules in EXTRAS.values() for each in modules if find_spec(each) is not None]
+def _examine() -> None:
+    """Refuses, by an InputError, a package that cannot be imported and without which no command works."""
+    there = [module for module in EXTRAS["reproduce"] if find_spec(module) is not None]
     found = packages.unusable(there, os.cpu_count() or 1)
-    for module in EXTRAS["reproduce"]:
+    for module in there:
         if module in found:
             raise InputError(found[module])
-    return [*dict.fromkeys(found.values())]
 
 
 def _open_streams() -> None:

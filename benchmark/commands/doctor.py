@@ -20,6 +20,7 @@ from packaging.requirements import Requirement
 from rich.console import Console
 from rich.text import Text
 
+from benchmark import packages
 from benchmark.commands import parse_jobs, parse_seeds
 from benchmark.execution import provenance
 from benchmark.execution.machine import free_memory, usable_cores
@@ -69,7 +70,7 @@ def main(options: argparse.Namespace) -> int:
         experiment = load_experiment(options.experiment)
         runs, limits = all_specifications(experiment, seeds), forecast(experiment)
     found = [
-        _installation(options.broken),
+        _installation(),
         [cache],
         _machine(options.results),
         _store(options.results / "runs.db"),
@@ -89,18 +90,18 @@ def main(options: argparse.Namespace) -> int:
     return 1 if "problem" in states else 0
 
 
-def _installation(broken: Sequence[str]) -> Iterator[Finding]:
-    """Yields whether packages are there, in which versions, and what records will say of the code.
-
-    Given are sentences on those that cannot be imported.
-    """
+def _installation() -> Iterator[Finding]:
+    """Yields whether packages are there, in which versions, and what records will say of the code."""
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
-    if others := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
+    if versions := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
-        yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
+        yield _finding("versions", f"other than in constraints.txt: {', '.join(versions)}", advice)
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
-    for sentence in broken:
+    print("importing every package ...", file=sys.stderr)
+    others = [each for extra, modules in EXTRAS.items() if extra != "reproduce" for each in modules]
+    there = [module for module in others if find_spec(module) is not None]
+    for sentence in dict.fromkeys(packages.unusable(there, usable_cores()).values()):
         yield Finding("problem", "packages", sentence.removesuffix("."))
     complete: list[str] = []
     absent: list[str] = []
