@@ -57,7 +57,7 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
       InputError: The name is unknown, the module cannot be imported, or the object is not an algorithm.
     """
     if name not in ALGORITHMS and ":" not in name:
-        unknown_name(source, "algorithm", name, [*ALGORITHMS, "module:attribute"])
+        unknown_name(source, "algorithm", name, ALGORITHMS, "module:attribute")
     found = imported(ALGORITHMS.get(name, name), source, "algorithm")
     if is_sb3_class(found):
         try:

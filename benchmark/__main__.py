@@ -6,8 +6,11 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NoReturn
+
+from benchmark import packages
 
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
 
@@ -18,12 +21,15 @@ def _is_interrupt(error: BaseException) -> bool:
 
 
 try:
-    from envs.inputs import InputError, needed_by
+    from envs.inputs import EXTRAS, InputError, needed_by
 except BaseException as error:  # imports take a second
-    if not _is_interrupt(error):
-        raise
-    print(_INTERRUPTED, file=sys.stderr)
-    sys.exit(130)
+    if _is_interrupt(error):
+        print(_INTERRUPTED, file=sys.stderr)
+        sys.exit(130)
+    if _sentence := packages.broken(error):
+        print(f"error: {_sentence}", file=sys.stderr)
+        sys.exit(2)
+    raise
 
 _EPILOG = """\
 examples:
@@ -52,6 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
+        if options.command == "doctor":  # which would end, or hang, by what it is to find
+            _examine()
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with needed_by(f"benchmark {options.command}"):
             code = int(import_module(f"benchmark.commands.{options.command}").main(options))
@@ -61,7 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except (InputError, MemoryError, OSError) as error:
         message: object = error
-        if isinstance(error, MemoryError):
+        if sentence := packages.broken(error.__cause__ or error):
+            message = InputError(sentence)
+        elif isinstance(error, MemoryError):
             message = "out of memory; give fewer --jobs or run a smaller experiment."
         elif isinstance(error, OSError):
             _silence_output()
@@ -70,11 +80,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {message}", file=sys.stderr)
         return 2
     except (Exception, KeyboardInterrupt) as error:
-        if not _is_interrupt(error):
-            raise
-        print(_INTERRUPTED, file=sys.stderr)
-        return 130
+        if _is_interrupt(error):
+            print(_INTERRUPTED, file=sys.stderr)
+            return 130
+        if sentence := packages.broken(error):
+            print(f"error: {InputError(sentence)}", file=sys.stderr)
+            return 2
+        raise
     return code
+
+
+def _examine() -> None:
+    """Refuses, by an InputError, a package that cannot be imported and without which no command works."""
+    there = [module for module in EXTRAS["reproduce"] if find_spec(module) is not None]
+    found = packages.unusable(there, os.cpu_count() or 1)
+    for module in there:
+        if module in found:
+            raise InputError(found[module])
 
 
 def _open_streams() -> None:
@@ -108,11 +130,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="python -m benchmark", description=about, epilog=_EPILOG, formatter_class=raw)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    def command(name: str, summary: str) -> argparse.ArgumentParser:
+    def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         sub.set_defaults(command=name)
-        about = "folder of results (default: results)"
-        sub.add_argument("--results", type=Path, default=Path("results"), metavar="DIR", help=about)
+        about = f"folder of results (default: {results or 'that of this project'})"
+        sub.add_argument("--results", type=Path, default=results, metavar="DIR", help=about)
         return sub
 
     command("list", "show scenarios, algorithms and experiments, and how many runs are done")
@@ -148,7 +170,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_jobs(verify)
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
-    watch.add_argument("--scenario", default="S1", help="a scenario of the experiment (default: S1)")
+    watch.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
     about = "a variant of the experiment (default: q_learning)"
     watch.add_argument("--algorithm", default="q_learning", metavar="NAME", help=about)
     watch.add_argument("--observation", help="an observation of that variant (default: its first)")
@@ -160,7 +182,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "write an animated .webp or .gif instead of showing it"
     watch.add_argument("--save", type=Path, metavar="FILE", help=about)
 
-    assess = command("assess", "score an agent exactly, and rank it among the published learners")
+    summary = "score an agent exactly, and rank it among the published learners"
+    assess = command("assess", summary, results=None)
     agent = assess.add_mutually_exclusive_group(required=True)
     about = "a function of the observation that returns an action or five probabilities"
     agent.add_argument("--agent", metavar="MODULE:FUNCTION", help=about)

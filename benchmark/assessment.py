@@ -33,6 +33,7 @@ with needed_by("benchmark.assessment"):
     from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.drawing.tables import read_csv
+    from benchmark.experiments import experiment_names
     from benchmark.reports.folder import SCORES, Folder
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
@@ -299,31 +300,31 @@ def _named(model: Model, o: int) -> str:
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
     """Reads the scores of all published runs in a scenario: experiment, learner, score.
 
+    Experiments of users do not count, nor do miniatures for tests.
+
     Raises:
       InputError: A folder of results is damaged.
     """
     found = []
-    for file in sorted(results.glob(f"*/{SCORES}")):
-        folder = Folder(file.parent)
-        with folder.reading():
-            found += _scores(folder, scenario)
+    for name in experiment_names():
+        folder = Folder(results / name)
+        if SCORES in folder and not name.endswith("_smoke"):
+            with folder.reading():
+                found += _scores(folder, scenario)
     return pd.concat(found, ignore_index=True) if found else None
 
 
 def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
     """Reads the scores of a folder's learners in a scenario; none if they cannot be compared.
 
-    They can if the folder has the scenario as it is now and the same time limit, and is complete, with the
-    seeds that its experiment declares. Miniatures for tests do not count, nor do reference implementations,
-    which are trained with the settings of another learner.
+    They can if the folder has the scenario as it is now and the same time limit, and is complete. Reference
+    implementations do not count, as they are trained with the settings of another learner.
     """
     name, manifest, frame = scenario.name, folder.manifest, read_csv(folder.path / SCORES)
     is_comparable = (
         manifest["scenarios"].get(name) == scenario.model_dump(mode="json")
         and manifest["horizon"] == HORIZON
         and not manifest["partial"]
-        and manifest["experiment"] == folder.path.name  # else, other seeds
-        and not folder.path.name.endswith("_smoke")
         and "score" in frame  # not every experiment measures it
     )
     if not is_comparable:

@@ -57,10 +57,11 @@ PACKAGES: Final[Mapping[str, str]] = {
     "sklearn": "scikit-learn",
 }
 _NAME_RULE: Final = (
-    "a name of at most 60 letters, digits, _ and -, the first a letter or digit, that is not a number, true, "
-    "false or NA"
+    "a name of at most 60 letters, digits, _ and -, the first a letter or digit; no number, true, false, NA, "
+    "or device of Windows (con, nul)"
 )
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
+_DEVICE: Final = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]", re.IGNORECASE)  # no file can have such a name
 # Names that readers of a CSV file, which pandas or R infer from its texts, take for values of another type.
 _VALUE: Final = re.compile(r"[0-9]+(e-?[0-9]+)?|inf|infinity|na|nan|none|null|true|false", re.IGNORECASE)
 # Control characters, those of lines and writing direction among them, and halves of characters.
@@ -141,10 +142,10 @@ def is_name(text: str) -> bool:
 
     Names become parts of files, columns, labels and Gymnasium ids, and so need no escaping anywhere.
 
-    >>> [is_name(text) for text in ("S1", "rate-0_1", "9x", "_x", "a/b", "a b", "..", "", "1e5", "NA")]
-    [True, True, True, False, False, False, False, False, False, False]
+    >>> [is_name(text) for text in ("S1", "rate-0_1", "9x", "_x", "a/b", "a b", "..", "", "1e5", "NA", "con")]
+    [True, True, True, False, False, False, False, False, False, False, False]
     """
-    return _NAME.fullmatch(text) is not None and _VALUE.fullmatch(text) is None
+    return _NAME.fullmatch(text) is not None and not (_VALUE.fullmatch(text) or _DEVICE.fullmatch(text))
 
 
 def _named(text: str) -> str:
@@ -303,27 +304,45 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
         raise InputError(f"{source}: {where}{_reason(first)}.") from None
 
 
-def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str]) -> NoReturn:
-    """Refuses a name by an InputError that lists the accepted names and points to the most similar."""
+def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> NoReturn:
+    """Refuses a name by an InputError that lists the accepted names and points to the most similar.
+
+    What is accepted otherwise, such as a path, comes last.
+    """
     accepted = sorted(accepted)
+    message = f"{source}: unknown {kind} {shortened(name, _LONGEST_NAME)}{_guess(name, accepted)}; accepted: "
+    last = f", or {otherwise}" if otherwise else ""
+    room = max(_LONGEST_MESSAGE - len(message) - len(last) - 1, _SHORTEST_LIST)
+    raise InputError(f"{message}{shortened(', '.join(accepted), room)}{last}.")
+
+
+def _guess(name: str, accepted: Iterable[str]) -> str:
+    """Returns the question whether the most similar name was meant; empty if none is similar."""
     nearest = difflib.get_close_matches(name[:_LONGEST_NAME], accepted, n=1, cutoff=0.6)
-    hint = f" (did you mean {nearest[0]}?)" if nearest else ""
-    message = f"{source}: unknown {kind} {shortened(name, _LONGEST_NAME)}{hint}; accepted: "
-    room = max(_LONGEST_MESSAGE - len(message) - 1, _SHORTEST_LIST)
-    raise InputError(f"{message}{shortened(', '.join(accepted), room)}.")
+    return f" (did you mean {nearest[0]}?)" if nearest else ""
 
 
 def imported(name: str, source: str, kind: str) -> object:
-    """Imports what a name `module:attribute` in a source means, of some kind, or raises an InputError."""
+    """Imports what a name `module:attribute` in a source means, of some kind, or raises an InputError.
+
+    The message recommends no package but this project's own: a misspelt name could be that of any other.
+    """
     module, _, attribute = name.partition(":")
+    found: Any = None
     try:
-        found: object = getattr(import_module(module), attribute)
+        found = import_module(module)
+        return getattr(found, attribute)
     except Exception as error:  # a module can raise anything
-        hint = ""
-        if missing := _missing(error):
-            hint = f"; {_installer(missing) or f'if {missing} is in a package, install that with pip'}"
+        hint, missing = "", _missing(error)
+        if found is not None:
+            hint = _guess(attribute, dir(found))
+        elif missing is not None and (installer := _installer(missing)):
+            hint = f"; {installer}"
+        elif missing == module.partition(".")[0]:
+            known = [each for modules in EXTRAS.values() for each in modules]
+            accepted = "a module of the current folder, of the experiment's folder or of an installed package"
+            hint = f"{_guess(missing, known)}; accepted: {accepted}"
         raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {error}{hint}.") from error
-    return found
 
 
 @contextmanager
@@ -346,9 +365,9 @@ def needed_by(what: str) -> Iterator[None]:
 def missing_package(what: str, module: str) -> MissingPackageError:
     """Returns the error that something needs a package, named as it is imported, which is not installed."""
     package = PACKAGES.get(module, module)
-    installer = _installer(module) or f"pip install {package} installs it"
+    installer = f"; {installer}" if (installer := _installer(module)) else ""
     return MissingPackageError(
-        f"{what} needs the package {package}, which is not installed; {installer}.", name=module
+        f"{what} needs the package {package}, which is not installed{installer}.", name=module
     )
 
 

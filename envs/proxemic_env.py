@@ -53,6 +53,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
 
     The issuer's cell has a value for each cell in which the issuer may be. What varies and does not follow
     from the observation is hidden, as the number of wrong PINGs is in all shipped scenarios except `Counted`.
+    Observed, this number is at most `ping_limit - 1`, since the PING that reaches the limit ends the episode:
+    after the fifth wrong PING in `Counted`, the observation still has 4, and `info["wrong_pings"]` is 5.
 
     ## Starting State
     One of the scenario's starts, all equally likely, with no wrong PING so far. A start is a cell of the
@@ -66,11 +68,19 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     reaching a person and for the fifth wrong PING, -0.4 for an earlier wrong PING, -0.8 for a move that ends
     in the uncomfortable region and -0.1 for any other move.
 
+    The person moves, turns or changes mood after the agent's action. Event and rewards of a step follow from
+    the state before that: a move into a cell that is uncomfortable until the person turns away costs -0.8.
+    `info["zone"]` and the observation are those afterwards.
+
+    A person whose next cell is the agent's waits: the clock stands still for that step, so that all that the
+    person does later comes a step later.
+
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING
-    (`ping_limit`). The registered ids truncate an episode after 200 steps: an agent that keeps bumping into a
-    wall would never finish. `max_episode_steps=-1` lifts the limit, in `gymnasium.make` and in
-    `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)` has no limit.
+    (`ping_limit`); the person then stays as before that step. The registered ids truncate an episode after
+    200 steps: an agent that keeps bumping into a wall would never finish. `max_episode_steps=-1` lifts the
+    limit, in `gymnasium.make` and in `gymnasium.make_vec`. Without Gymnasium's registry, `ProxemicEnv(...)`
+    has no limit.
 
     ## Information
     `event`, what the action led to, an index into `envs.EVENTS`; `zone`, where the agent is, an index into
@@ -79,7 +89,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     ## Arguments
     `gymnasium.make("envs:Proxemic/S1-v0", observation="one_hot", overrides={"issuer.position": [8, 6]})`.
 
-    - `scenario`: a name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's values
+    - `scenario`: a name, the path of a TOML file, a `Scenario`, or a mapping of a scenario's values; so every
+      id makes an env of any scenario
     - `observation`: see Observation Space
     - `overrides`: new values for keys of the scenario
     - `render_mode`: `"ansi"` (text), `"rgb_array"` (image) or `"human"` (window)
@@ -89,7 +100,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     with Cognitive Agents, arXiv 2108.03730.
     """
 
-    metadata = {"render_modes": list(render.MODES), "render_fps": 8}  # noqa: RUF012, as declared by Env
+    # That of an env has the modes that work. If the class had only these, `gymnasium.make` would wrap an env
+    # that is to be shown in a window, and recommend another package.
+    metadata = {"render_modes": list(render.MODES), "render_fps": render.FRAMES_PER_SECOND}  # noqa: RUF012
     spec = JsonSpec()
 
     def __init__(
@@ -108,6 +121,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
             raise InputError(f"render_mode = {render_mode!r}; accepted: {', '.join(render.MODES)}.")
         self.model: Model = compile_seen(load_scenario(scenario, overrides), observation)
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_modes": render.working_modes()}
         table = observation_table(self.model, observation)
         self.observation_space = observation_space(table)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]

@@ -1,5 +1,6 @@
 """Paints a scene as text or as an image, and shows images in a window (which requires pygame-ce)."""
 
+from importlib.util import find_spec
 from typing import Any, Final
 
 import numpy as np
@@ -9,7 +10,13 @@ from envs.inputs import InputError, needed_by
 from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene
 
 MODES: Final = ("ansi", "rgb_array", "human")
+FRAMES_PER_SECOND: Final = 8
 CELL_PIXELS: Final = 40
+
+
+def working_modes() -> list[str]:
+    """Returns the modes for which all packages are installed; a window needs pygame-ce."""
+    return [mode for mode in MODES if mode != "human" or find_spec("pygame") is not None]
 
 
 def to_text(scene: Scene, agent: int, event: str) -> str:

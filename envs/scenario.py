@@ -717,7 +717,8 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
     if path.suffix != ".toml":
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"
         if str(scenario) not in scenario_names():
-            unknown_name("scenarios", "scenario", str(scenario), scenario_names())
+            otherwise = "the path of a .toml file"
+            unknown_name("scenarios", "scenario", str(scenario), scenario_names(), otherwise)
     check_file_name(path, "the scenario is")
     changed = override(read_toml(path), overrides or {}, str(path))
     return _checked(json.dumps(changed, default=str), path)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import seeding
@@ -12,10 +13,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from envs import render
 from envs.inputs import InputError
 from envs.model import ACTIONS, PING, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
+from envs.scene import scene_of
 from envs.specs import JsonSpec
 
 _BLOCK: Final = 256  # draws that an env takes from its generator at once
@@ -48,7 +51,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         overrides: Mapping[str, Any] | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        render_mode: None = None,
+        render_mode: str | None = None,
     ) -> None:
         """Compiles the scenario.
 
@@ -59,7 +62,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
           overrides: As for `ProxemicEnv`.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
-          render_mode: None; a batch cannot be rendered.
+          render_mode: `"rgb_array"` or None. `gymnasium.make_vec` also takes the others of `ProxemicEnv`,
+            with `vectorization_mode="sync"`.
 
         Raises:
           InputError: An argument is not accepted.
@@ -69,15 +73,21 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if max_episode_steps is not None and max_episode_steps != -1:
             accepted = "at least 1, or None or -1 for no limit"
             self._limit = _whole_number("max_episode_steps", max_episode_steps, accepted)
-        if render_mode is not None:
-            raise InputError(f"render_mode = {render_mode!r}; accepted: None, for a batch.")
+        if render_mode not in (None, "rgb_array"):
+            accepted = 'rgb_array or None; others with vectorization_mode = "sync"'
+            raise InputError(f"render_mode = {render_mode!r}; accepted for a batch: {accepted}.")
+        self.render_mode = render_mode
         try:
             self._mode = AutoresetMode(autoreset_mode)
         except ValueError:
             accepted = ", ".join(mode.value for mode in AutoresetMode)
             raise InputError(f"autoreset_mode = {autoreset_mode}; accepted: {accepted}.") from None
         self.model = compile_seen(load_scenario(scenario, overrides), observation)
-        self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
+        self.metadata = {
+            "autoreset_mode": self._mode,
+            "render_modes": ["rgb_array"],
+            "render_fps": render.FRAMES_PER_SECOND,
+        }
         self._table = observation_table(self.model, observation)
         self.single_observation_space = observation_space(self._table)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
@@ -201,6 +211,15 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             self._begin(np.flatnonzero(ended), info)
         info = _with_masks(info, np.ones(self.num_envs, dtype=np.bool_)) | final
         return self.observe(), rewards, terminated, truncated, info
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Returns an image of every env, (H, W, 3) uint8, as `SyncVectorEnv` does; None without a mode."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make_vec takes.")
+            return None
+        context, cell = self.model.context[self._state].tolist(), self.model.cell[self._state].tolist()
+        scenes = (scene_of(self.model, each) for each in context)
+        return tuple(render.to_image(scene, agent) for scene, agent in zip(scenes, cell, strict=True))
 
     def advance(
         self, actions: NDArray[Any], draw: Callable[[], NDArray[np.float64]]

@@ -2,7 +2,7 @@
 
 import argparse
 
-from benchmark.assessment import PICTURES, assess
+from benchmark.assessment import PICTURES, RESULTS, assess
 from benchmark.drawing.style import check_file
 from envs import InputError
 from envs.inputs import imported
@@ -23,7 +23,7 @@ def main(options: argparse.Namespace) -> int:
         observation=options.observation,
         algorithm=options.algorithm,
         stochastic=options.stochastic,
-        results=options.results,
+        results=options.results or RESULTS,
     )
     print(assessment)
     if options.save is not None:

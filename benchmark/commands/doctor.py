@@ -20,6 +20,7 @@ from packaging.requirements import Requirement
 from rich.console import Console
 from rich.text import Text
 
+from benchmark import packages
 from benchmark.commands import parse_jobs, parse_seeds
 from benchmark.execution import provenance
 from benchmark.execution.machine import free_memory, usable_cores
@@ -68,7 +69,12 @@ def main(options: argparse.Namespace) -> int:
 
         experiment = load_experiment(options.experiment)
         runs, limits = all_specifications(experiment, seeds), forecast(experiment)
-    found = [_installation(), [cache], _machine(options.results), _store(options.results / "runs.db")]
+    found = [
+        _installation(),
+        [cache],
+        _machine(options.results),
+        _store(options.results / "runs.db"),
+    ]
     if options.cluster is not None:
         found.append([_cluster(options.cluster, runs)])
     if limits:
@@ -87,19 +93,27 @@ def main(options: argparse.Namespace) -> int:
 def _installation() -> Iterator[Finding]:
     """Yields whether packages are there, in which versions, and what records will say of the code."""
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
-    if others := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
+    if versions := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
-        yield _finding("versions", f"other than in constraints.txt: {', '.join(others)}", advice)
+        yield _finding("versions", f"other than in constraints.txt: {', '.join(versions)}", advice)
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
-    complete = []
+    print("importing every package ...", file=sys.stderr)
+    others = [each for extra, modules in EXTRAS.items() if extra != "reproduce" for each in modules]
+    there = [module for module in others if find_spec(module) is not None]
+    for sentence in dict.fromkeys(packages.unusable(there, usable_cores()).values()):
+        yield Finding("problem", "packages", sentence.removesuffix("."))
+    complete: list[str] = []
+    absent: list[str] = []
     for extra, modules in EXTRAS.items():
-        if missing := [module for module in modules if find_spec(module) is None]:
+        missing = [module for module in modules if find_spec(module) is None]
+        if missing and len(missing) < len(modules):
             text = str(missing_package(f"the extra {extra}", missing[0])).removesuffix(".")
             yield Finding("note", "packages", f"{text} (packages that are missing: {len(missing)})")
         else:
-            complete.append(extra)
-    yield _finding("packages", f"complete extras: {', '.join(complete) or 'none'}")
+            (absent if missing else complete).append(extra)
+    more = f"; others: {', '.join(absent)} (make .venv/.NAME installs one)" if absent else ""
+    yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
     commit = provenance.commit(Path(provenance.__file__)) or "(none: no checkout)"
     advice = "commit changes of agents, benchmark and envs before runs that are to be published"
     yield _finding("code", f"records will name the commit {commit}", advice * commit.endswith("-changed"))
@@ -109,6 +123,8 @@ def _outside(requirements: Iterable[Requirement]) -> list[str]:
     """Lists the installed packages that are in another version than is required."""
     found = []
     for each in requirements:
+        if each.name == "setuptools":  # a fresh environment has its own, and only a test of ours needs it
+            continue
         with suppress(PackageNotFoundError):
             installed = version(each.name).partition("+")[0]  # a build may add +cpu
             if not each.specifier.contains(installed, prereleases=True):

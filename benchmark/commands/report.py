@@ -1,16 +1,18 @@
 """Draws an experiment's tables and figures from its stored runs, and builds the page."""
 
 import argparse
+import sys
+from pathlib import Path
 
 from benchmark.analysis.search import searched
 from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, load_experiment
+from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.schema import read_experiment
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.experiments.specification import digest_of_search
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, sameness
+from benchmark.reports import document, draw, files, measured, sameness
 from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
@@ -24,7 +26,7 @@ def main(options: argparse.Namespace) -> int:
         if folders:
             with files.alone(options.results):
                 for folder in folders:
-                    document.write(folder)
+                    _write_texts(folder)
                 if options.results.resolve() == sameness.REPOSITORY / "results":
                     text = document.front(options.results)
                     files.write_text(sameness.REPOSITORY / "README.md", text)
@@ -50,6 +52,16 @@ def main(options: argparse.Namespace) -> int:
     if made.certificate is not None:
         print(made.certificate)
     return 0
+
+
+def _write_texts(folder: Path) -> None:
+    """Writes the texts of a folder of results; those of a user's experiment stay if its code is not found."""
+    try:
+        document.write(folder)
+    except InputError as error:
+        if folder.name in (*experiment_names(), *measured.REPORTS):
+            raise
+        print(f"{folder}: its texts stay as they are: {error}", file=sys.stderr)
 
 
 def _write_chosen(given: str, experiment: Experiment, store: Store) -> None:

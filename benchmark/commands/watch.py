@@ -25,6 +25,7 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
+    check_size,
     load_experiment,
     specifications,
 )
@@ -43,8 +44,10 @@ def specification(
 ) -> RunSpecification:
     """Returns a run of an experiment, with any seed; the default observation is the variant's first.
 
+    The scenario is one of the experiment's, or else a shipped one or the path of a file.
+
     Raises:
-      InputError: The experiment has no such run.
+      InputError: The experiment has no such run, or the scenario is not there or too large.
     """
     if variant not in experiment.algorithms:
         unknown_name(experiment.name, "variant", variant, experiment.algorithms)
@@ -56,9 +59,10 @@ def specification(
         accepted = "an experiment without sweep, grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
     paths = {Path(declared).stem: declared for declared in experiment.scenarios}
-    if scenario not in paths:
-        unknown_name(experiment.name, "scenario", scenario, paths)
-    return specifications(experiment, DEFAULT_CONDITION, paths[scenario], variant, observation, [seed])[0]
+    of = DEFAULT_CONDITION, paths.get(scenario, scenario), variant, observation
+    (run,) = specifications(experiment, *of, [seed])
+    check_size(run)  # as if the experiment declared it
+    return run
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:

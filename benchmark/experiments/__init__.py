@@ -10,6 +10,7 @@ from benchmark.experiments.schema import (
 from benchmark.experiments.specification import (
     RunSpecification,
     all_specifications,
+    check_size,
     evaluation_steps,
     load_experiment,
     population_of,
@@ -23,6 +24,7 @@ __all__ = [
     "Reporting",
     "RunSpecification",
     "all_specifications",
+    "check_size",
     "evaluation_steps",
     "experiment_names",
     "load_experiment",

@@ -7,6 +7,7 @@ The readings of the paper are conditions. A sweep adds axes, and each point of t
 
 import json
 import math
+import sys
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -33,6 +34,8 @@ from envs.inputs import (
 )
 
 EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
+# Folders of experiments that were read, where Python also looks for modules.
+SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
 MOST_CONDITIONS: Final = 10_000  # of an experiment
 MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
@@ -503,9 +506,7 @@ def _path(experiment: str | Path) -> Path:
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
     if path.suffix != ".toml":
         if str(experiment) not in names:
-            unknown_name(
-                "experiments", "experiment", str(experiment), [*names, "or the path of a .toml file"]
-            )
+            unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
         return shipped
     if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
         reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"
@@ -513,9 +514,22 @@ def _path(experiment: str | Path) -> Path:
     return path
 
 
+def find_modules_in(folder: str) -> None:
+    """Has modules found in a folder, after all others, here and in worker processes that start later."""
+    if folder not in SEARCHED:
+        SEARCHED.append(folder)
+    if folder not in sys.path:
+        sys.path.append(folder)
+
+
 def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Reads an experiment's tables; those of an extension are those of its base with changes."""
+    """Reads an experiment's tables; those of an extension are those of its base with changes.
+
+    Modules beside the file can be imported from now on.
+    """
     data = read_toml(path)
+    if path.parent != EXPERIMENT_DIRECTORY:
+        find_modules_in(str(path.parent.resolve()))
     if "extends" in data:
         extension = parse(Extension, data, str(path))
         base = _path(extension.extends)

@@ -204,7 +204,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
             for of_scenario, name, observation in loaded.populations_of(condition):
                 if of_scenario == declared:
                     with _refused_in(f"{path}: algorithms.{name}"):
-                        _check_size(_run(loaded, condition, scenario, name, observation))
+                        check_size(_run(loaded, condition, scenario, name, observation))
     return loaded
 
 
@@ -217,7 +217,7 @@ def _refused_in(where: str) -> Iterator[None]:
         raise InputError(f"{where}: {error}") from error
 
 
-def _check_size(run: RunSpecification) -> None:
+def check_size(run: RunSpecification) -> None:
     """Checks that observations, and what is recorded of a run, fit into memory.
 
     Raises:

@@ -407,10 +407,13 @@ def _script() -> str:
 
 
 def _index(results: Path) -> str:
-    """Returns the page that lists all folders of results."""
-    folders = {}
-    for path in sorted(results.iterdir()):
-        is_apart = any(map(path.match, (".*", "*_smoke", "*_partial", "*_seeds_*")))
+    """Returns the page that lists all folders of results, among the published ones no others."""
+    folders, paths = {}, sorted(results.iterdir())
+    ignored = sameness.ignored(paths)
+    for path in paths:
+        is_apart = path.absolute() in ignored or any(
+            map(path.match, (".*", "*_smoke", "*_partial", "*_seeds_*"))
+        )
         if is_apart or not (path / "README.md").exists():
             continue
         paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")

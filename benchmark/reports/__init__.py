@@ -33,7 +33,7 @@ def load_report(name: str, source: str = "benchmark.reports") -> Report:
       InputError: Unknown name, a module that cannot be imported, or an object that is not a report.
     """
     if name not in REPORTS and ":" not in name:
-        unknown_name(source, "report", name, [*REPORTS, "module:attribute"])
+        unknown_name(source, "report", name, REPORTS, "module:attribute")
     return _of_class(REPORTS.get(name, name), source, "report", Report)
 
 

@@ -106,6 +106,13 @@ def published_file(name: str, file: str) -> bytes | None:
     return _git("show", f"HEAD:results/{name}/{file}")
 
 
+def ignored(paths: Iterable[Path]) -> set[Path]:
+    """Returns which of these git ignores in this checkout, as it does results of users' experiments."""
+    given = [str(path.absolute()) for path in paths]
+    listing = _git("-c", "core.quotePath=off", "check-ignore", "--", *given) or b""
+    return {Path(line) for line in os.fsdecode(listing).splitlines()}
+
+
 def keep_published(folder: Path, name: str) -> None:
     """Keeps the published bytes of packed files with the published content: zlib's versions differ."""
     for path in folder.glob("*.gz"):

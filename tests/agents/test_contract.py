@@ -29,14 +29,24 @@ TRAINING = Training(
     ("name", "expected"),
     [
         ("q_lerning", r"mine.toml: unknown algorithm q_lerning \(did you mean q_learning\?\)"),
-        ("no.such:THING", "mine.toml: algorithm no.such:THING cannot be imported"),
+        ("dnq", r"unknown algorithm dnq \(did you mean dqn\?\); accepted: .*, or module:attribute\.$"),
+        (
+            "no.such:THING",
+            "algorithm no.such:THING cannot be imported: No module named 'no'; accepted: a module",
+        ),
+        (
+            "stable_baselines:PPO",
+            r"'stable_baselines' \(did you mean stable_baselines3\?\); accepted: a module",
+        ),
+        ("agents.policy:mask_polcy", r"no attribute 'mask_polcy' \(did you mean mask_policy\?\)\.$"),
         ("agents.policy:NOTHING", "cannot be imported"),
         ("agents.policy:greedy_masks", "is not an algorithm"),
     ],
 )
 def test_wrong_names_get_a_sentence(name: str, expected: str) -> None:
-    with pytest.raises(InputError, match=expected):
+    with pytest.raises(InputError, match=expected) as refusal:
         load_algorithm(name, "mine.toml")
+    assert "pip" not in str(refusal.value)  # it would install whatever has the misspelt name
 
 
 def test_schedules_know_which_steps_are_mapped() -> None:

@@ -279,33 +279,34 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
         return assess(lambda _: 0, scenario=scenario, observation="index", results=tmp_path).standing
 
     assert standing() is None
-    publish(tmp_path / "some", SCORES)
+    publish(tmp_path / "beyond", SCORES)
     expected = [
         ["Q-learning table", 2, 0.5],
         ["net on one-hot cells", 1, 0.25],
         ["net on coordinates", 1, 0.0],
     ]
     assert standing().learners[["learner", "runs", "score"]].to_numpy().tolist() == expected
-    publish(tmp_path / "some_seeds_0-9", SCORES, experiment="some")
-    publish(tmp_path / "some_smoke", SCORES)
-    publish(tmp_path / "unfinished", SCORES, partial="Partial: a run is missing.")
-    publish(tmp_path / "longer", SCORES, horizon=201)
-    publish(tmp_path / "unscored", SCORES.replace("score", "success"))
+    publish(tmp_path / "beyond_seeds_0-9", SCORES, experiment="beyond")
+    publish(tmp_path / "beyond_smoke", SCORES)
+    publish(tmp_path / "mine", SCORES)  # an experiment that is not the project's
+    publish(tmp_path / "equivalence", SCORES, partial="Partial: a run is missing.")
+    publish(tmp_path / "when", SCORES, horizon=201)
+    publish(tmp_path / "tuning", SCORES.replace("score", "success"))
     changed = load_scenario("S1", {"rewards.other": -0.2}).model_dump(mode="json")
-    publish(tmp_path / "changed", SCORES, scenarios={"S1": changed})
-    assert set(standing().learners["experiment"]) == {"some"}
-    publish(tmp_path / "another", SCORES)
+    publish(tmp_path / "compare_deep_long", SCORES, scenarios={"S1": changed})
+    assert set(standing().learners["experiment"]) == {"beyond"}
+    publish(tmp_path / "ablation", SCORES)
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
-    assert set(standing().learners["experiment"]) == {"some", "another"}
+    assert set(standing().learners["experiment"]) == {"beyond", "ablation"}
     assert standing("S2") is None
-    publish(tmp_path / "damaged", "algorithm,score\ntable,1.0\n")
+    publish(tmp_path / "reproduce", "algorithm,score\ntable,1.0\n")
     with pytest.raises(InputError, match="damaged"):
         standing()
-    shutil.rmtree(tmp_path / "damaged")
-    whole = (tmp_path / "some" / "scores.csv.gz").read_bytes()
+    shutil.rmtree(tmp_path / "reproduce")
+    whole = (tmp_path / "beyond" / "scores.csv.gz").read_bytes()
     for part in (whole[:-12], whole[:20] + b"xxxx" + whole[24:], b""):
-        (tmp_path / "some" / "scores.csv.gz").write_bytes(part)
-        with pytest.raises(InputError, match="some: damaged"):
+        (tmp_path / "beyond" / "scores.csv.gz").write_bytes(part)
+        with pytest.raises(InputError, match="beyond: damaged"):
             standing()
 
 

@@ -86,6 +86,23 @@ def test_noise_equals_gymnasiums_over_many_blocks_of_draws() -> None:
         assert (ours.step(actions)[1] == theirs.step(actions)[1]).all()
 
 
+def test_images_equal_gymnasiums() -> None:
+    """In a scenario where agents differ in the place of the person, too."""
+    options: dict[str, Any] = {"num_envs": 3, "render_mode": "rgb_array"}
+    ours = gymnasium.make_vec("envs:Proxemic/Anywhere-v0", **options)
+    theirs = gymnasium.make_vec("envs:Proxemic/Anywhere-v0", vectorization_mode="sync", **options)
+    assert isinstance(ours, ProxemicVectorEnv)
+    for env in (ours, theirs):
+        env.reset(seed=3)
+        env.step(np.array([1, 3, 4]))
+    images: Any = ours.render()
+    assert isinstance(images, tuple)
+    assert [(each.shape, each.dtype) for each in images] == [((400, 480, 3), np.uint8)] * 3
+    assert not (images[0] == images[1]).all()
+    assert_same(images, theirs.render())
+    assert ours.metadata["render_fps"] == theirs.metadata["render_fps"]
+
+
 def test_batch_returns_copies() -> None:
     env = ProxemicVectorEnv(2, observation="one_hot")
     first, info = env.reset()
@@ -153,7 +170,7 @@ def test_spec_of_a_batch_is_json_and_makes_it_again() -> None:
         ({"num_envs": 0}, "num_envs = 0"),
         ({"max_episode_steps": 0}, "max_episode_steps = 0"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes; accepted: NextStep, SameStep, Disabled"),
-        ({"render_mode": "human"}, "human"),
+        ({"render_mode": "human"}, "'human'; accepted for a batch: rgb_array or None; .*\"sync\""),
     ],
 )
 def test_wrong_batch_arguments_are_refused(arguments: dict[str, Any], expected: str) -> None:

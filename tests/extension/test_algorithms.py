@@ -2,7 +2,10 @@
 
 import json
 import linecache
+import os
 import runpy
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -21,9 +24,11 @@ from agents.tabular.learner import TabularAlgorithm
 from agents.tabular.updates import Successor, UpdateRule
 from benchmark.execution.driver import run
 from benchmark.execution.job import execute_job
+from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_processes import arrays_of
+from tests.support import ROOT
 
 
 def next_value(after: Successor) -> float:
@@ -56,6 +61,25 @@ class Scaled(QRDQN):
         super()._store_transition(replay_buffer, buffer_action, new_obs, self.scale * reward, dones, infos)
 
 
+BESIDE = """
+from agents.tabular.plain import Q_LEARNING as LEARNER
+from benchmark.reports.item import item
+
+@item("beside", "a number", {"number": "number"})
+def ITEM(data):
+    yield {"number": 7}
+"""
+OF_MODULE_BESIDE = """
+description = "An algorithm, which is trained in a process, and an item, from a module beside this file."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 200
+map_every = 200
+settings = { budget = 400 }
+report = { kind = "comparison", items = ["beside_mine:ITEM"] }
+algorithms.beside = { algorithm = "beside_mine:LEARNER", observations = ["index"], seeds = 2 }
+algorithms.table = { algorithm = "q_learning", observations = ["index"], seeds = 2 }
+"""
 EXPERIMENT = f"""
 description = "Algorithms from outside."
 report = "comparison"
@@ -152,3 +176,23 @@ def test_compiled_rules_are_cached_until_they_change(tmp_path: Path, monkeypatch
     compiled, loaded, changed = result(RULE), result(RULE), result(RULE.replace("1.0", "0.5"))
     assert [compiled[0], loaded[0], changed[0]] == [0, 1, 0]
     assert compiled[1] == loaded[1] != changed[1]
+
+
+def test_module_beside_the_experiment_is_found_and_digested(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "beside_mine.py").write_text(BESIDE, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(OF_MODULE_BESIDE, encoding="utf-8")
+    (tmp_path / "elsewhere").mkdir()
+    command = [sys.executable, "-m", "benchmark", "run", "../mine.toml", "--jobs", "1"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command, cwd=tmp_path / "elsewhere", env=environment, capture_output=True, text=True
+    )
+    assert done.stdout == "mine: 4 runs done, 0 were done already.\n", done.stderr
+    # The same module, as a report's stamp and workers of a cluster are compared by it.
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    load_experiment(tmp_path / "mine.toml")
+    before = digest_of_source("beside_mine")
+    (tmp_path / "beside_mine.py").write_text(f"{BESIDE}# changed", encoding="utf-8")
+    assert "" != before != digest_of_source("beside_mine")

@@ -44,7 +44,7 @@ def load_executor(name: str, source: str = "executors") -> ExecutorFactory:
       InputError: Unknown name, a module that cannot be imported, or an object that cannot be called.
     """
     if name not in EXECUTORS and ":" not in name:
-        unknown_name(source, "executor", name, [*EXECUTORS, "module:attribute"])
+        unknown_name(source, "executor", name, EXECUTORS, "module:attribute")
     factory = imported(EXECUTORS.get(name, name), source, "executor")
     if not callable(factory):
         accepted = "a class or function that takes the number of jobs"

@@ -18,6 +18,7 @@ from benchmark.execution.job import execute_job
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import environment
 from benchmark.execution.store import Record
+from benchmark.experiments.schema import SEARCHED, find_modules_in
 from envs import InputError
 
 _ANSWER_S: Final = 10  # how long to wait for the scheduler: at the start, and when the connection is lost
@@ -96,7 +97,7 @@ class Cluster:
         except TimeoutError:
             advice = f"dask worker {self._address} --nthreads 1 starts one"
             raise InputError(f"{where}: there is no worker; {advice}.") from None
-        answers = self._client.run(refusal, here, on_error="return")
+        answers = self._client.run(refusal, here, folders=SEARCHED, on_error="return")
         # A worker whose connection breaks has died meanwhile.
         alive = {worker: each for worker, each in answers.items() if not isinstance(each, OSError)}
         if not alive:
@@ -105,7 +106,8 @@ class Cluster:
 
     async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
         name = job[0].algorithm
-        call = _Call(name, environment(name), pickle.dumps((job, None if logs is None else logs.absolute())))
+        packed = pickle.dumps((job, None if logs is None else logs.absolute()))
+        call = _Call(name, environment(name), packed, SEARCHED)
         try:
             if self._client.status != "running":
                 raise ClosedClientError  # Dask might not, and wait forever
@@ -130,21 +132,28 @@ class _Call:
         return execute, self._arguments
 
 
-def execute(algorithm: str, expected: Mapping[str, str], packed: bytes) -> list[Record] | str:
+def execute(
+    algorithm: str, expected: Mapping[str, str], packed: bytes, folders: Collection[str]
+) -> list[Record] | str:
     """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
     Returns the records; or why the worker is refused, as no exception is sure to reach the driver. The job is
     packed, with the folder for logs, since other code than the driver's might not be able to read it.
     """
-    reason = refusal({algorithm: expected}, get_worker())
+    reason = refusal({algorithm: expected}, get_worker(), folders)
     return execute_job(*pickle.loads(packed)) if reason is None else reason
 
 
-def refusal(expected: Mapping[str, Mapping[str, str]], dask_worker: Worker) -> str | None:
+def refusal(
+    expected: Mapping[str, Mapping[str, str]], dask_worker: Worker, folders: Collection[str]
+) -> str | None:
     """Returns why a worker must not execute runs, as a sentence; None if it may.
 
-    For each algorithm the driver's `environment` is expected. Dask passes `dask_worker` by this name.
+    For each algorithm the driver's `environment` is expected. Dask passes `dask_worker` by this name. Modules
+    are also looked for in the folders of experiments, if the worker has them at the same path.
     """
+    for folder in folders:
+        find_modules_in(folder)
     worker = f"worker {dask_worker.address}"
     if dask_worker.state.nthreads != 1:  # torch has settings of the process, and so has the peak of memory
         return f"{worker} has {dask_worker.state.nthreads} threads; accepted: 1, as with --nthreads 1."

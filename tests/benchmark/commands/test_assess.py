@@ -1,10 +1,12 @@
 """The command that assesses an agent."""
 
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.assessment import assess
 
 AGENT = """
 def act(observation):
@@ -29,3 +31,15 @@ def test_a_function_is_assessed_and_drawn(
     assert f"region overlap       {16 / 36:g}" in text
     assert "ranks 1 of " in text
     assert path.read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_the_rank_is_that_of_python_in_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "agent_elsewhere.py").write_text(AGENT, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(["assess", "--agent", "agent_elsewhere:act", "--observation", "coordinates"]) == 0
+    here = assess(import_module("agent_elsewhere").act, scenario="S1", observation="coordinates")
+    assert here.standing is not None
+    assert capsys.readouterr().out == f"{here}\n"

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmark import packages
 from benchmark.__main__ import main
 from benchmark.commands import doctor
 from benchmark.execution import calibration, machine
@@ -26,8 +27,12 @@ Examine = Callable[..., tuple[int, list[str]]]
 
 
 @pytest.fixture
-def examine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Examine:
-    """Runs the command; returns its exit code and its lines, with single spaces."""
+def examine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Examine:
+    """Runs the command; returns its exit code and its lines, with single spaces.
+
+    Packages are not imported, which would take seconds every time.
+    """
+    monkeypatch.setattr(packages, "unusable", lambda *_: {})
 
     def run(*arguments: str) -> tuple[int, list[str]]:
         code = main(["doctor", *arguments, "--results", str(tmp_path)])
@@ -50,11 +55,12 @@ def about(subject: str, lines: list[str]) -> list[str]:
 def test_findings_are_plain_lines_and_short_jobs_run_in_a_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The real thing. How far it comes in three seconds depends on the machine."""
+    """The real thing, but for the packages. How far it comes in three seconds depends on the machine."""
+    monkeypatch.setattr(packages, "unusable", lambda *_: {})
     monkeypatch.setattr(calibration, "estimate", partial(calibration.estimate, limit_s=3.0))
     assert main(["doctor", "reproduce_smoke", "--results", str(tmp_path)]) == 0
     said = capsys.readouterr()
-    assert said.err.count("\n") == 1
+    assert said.err.count("\n") == 2
     assert all(re.match(r"(ok|note|problem) {2,}[a-z]+ +\S", line) for line in said.out.splitlines())
     known = [int(n) for n in re.findall(r"(\d+) from short jobs", said.out)]
     unknown = [int(n) for n in re.findall(r"unknown for (\d+) populations", said.out)]
@@ -63,10 +69,10 @@ def test_findings_are_plain_lines_and_short_jobs_run_in_a_process(
 
 
 def test_versions_are_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, examine: Examine) -> None:
-    """What is not installed, and +cpu, are ignored."""
+    """What is not installed, +cpu, and setuptools, which every fresh environment brings, are ignored."""
     constraints = tmp_path / "constraints.txt"
     monkeypatch.setattr(doctor, "_CONSTRAINTS", constraints)
-    same = f"# exact\nabsent==1\ntorch=={version('torch').partition('+')[0]}\n"
+    same = f"# exact\nabsent==1\nsetuptools==0.1\ntorch=={version('torch').partition('+')[0]}\n"
     constraints.write_text(same, encoding="utf-8")
     assert about("versions", examine()[1])[0].startswith("ok")
     constraints.write_text(same + "numpy==0.1\n", encoding="utf-8")
@@ -96,9 +102,10 @@ def test_cores_and_memory_are_those_of_the_control_groups(
 
 
 def test_results_that_cannot_be_a_folder_are_a_problem(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()
+    monkeypatch.setattr(packages, "unusable", lambda *_: {})
     assert main(["doctor", "--results", str(tmp_path / "file")]) == 1
     assert re.search(r"^problem +disk +.*file is not a folder", capsys.readouterr().out, re.MULTILINE)
 
@@ -107,13 +114,27 @@ def test_cache_that_cannot_be_written_is_a_problem(tmp_path: Path) -> None:
     """As numba finds it where neither the folder of the code nor that of the user is writable."""
     code = (
         "import sys; from numba.core import caching; caching.CacheImpl._locator_classes = []\n"
+        "from benchmark import packages; packages.unusable = lambda *_: {}\n"
         "from benchmark.__main__ import main; sys.exit(main(sys.argv[1:]))"
     )
     arguments = [sys.executable, "-c", code, "doctor", "reproduce", "--results", str(tmp_path)]
     done = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 1
     assert re.search(r"^problem +compiling +.*NUMBA_CACHE_DIR", done.stdout, re.MULTILINE), done.stderr
-    assert done.stderr == ""
+    assert done.stderr == "importing every package ...\n"
+
+
+def test_extras_are_complete_absent_or_lack_a_package(
+    examine: Examine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    absent = {"optuna", "sklearn", "rliable"}  # all of one extra, and one of another
+    monkeypatch.setattr(doctor, "find_spec", lambda name: None if name in absent else True)
+    note, extras = about("packages", examine()[1])
+    assert note.startswith("note the extra deep needs the package rliable, which is not installed; ")
+    assert re.match(r"ok installed extras: reproduce, cluster, .*; others: tune \(", extras)
+    monkeypatch.setattr(packages, "unusable", lambda *_: {"torch": "torch is broken."})
+    code, lines = examine()
+    assert (code, about("packages", lines)[0]) == (1, "problem torch is broken")
 
 
 # The store

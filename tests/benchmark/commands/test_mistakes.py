@@ -30,6 +30,7 @@ FILES = {
     ("arguments", "expected"),
     [
         ("run reproduct", "reproduct (did you mean reproduce?)"),
+        ("run reproduct", ", or the path of a .toml file."),
         ("run FOLDER/reproduce.toml", "reproduce"),  # its results would be those of the shipped one
         ("run reproduce --jobs 0", "--jobs 0: "),
         ("run reproduce --seeds 9-2", "--seeds 9-2: "),
@@ -46,6 +47,8 @@ FILES = {
         ("doctor no_such", "no_such"),
         ("doctor --seeds 1", "--seeds: "),
         ("watch --scenario S9", "S9"),
+        ("watch --scenario anywhere", "anywhere (did you mean Anywhere?)"),
+        ("watch --scenario nowhere.toml", "nowhere.toml: "),
         ("watch --algorithm dqm", "dqn"),
         ("watch --algorithm dqn --observation index", "observation index"),
         ("watch --seed -1", "--seed -1"),

@@ -18,6 +18,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
 from envs.render import Window
+from envs.scenario import SCENARIO_DIRECTORY
 
 COMPARED = load_experiment("compare_deep")
 
@@ -31,6 +32,25 @@ def test_the_run_is_that_of_the_experiment_and_is_stored(film: Film, watched: Pa
     assert np.abs(film.values[-1] - record.arrays["q"]).max() <= 0.0005 + 1e-7  # three decimals
     assert film.steps == list(range(0, 10_001, 400))
     assert film.scores[-1] == pytest.approx(1)
+
+
+def test_any_scenario_can_be_watched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A shipped one that the experiment does not declare, and a file in the current folder."""
+    text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
+    (tmp_path / "Hallway.toml").write_text(text.replace("rows = 10", "rows = 20"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert not {"Walls", "Hallway"} & {*COMPARED.scenarios}
+    for scenario, name, n_rows in (("Walls", "Walls", 10), ("Hallway.toml", "Hallway", 20)):
+        assert main(["watch", "--terminal", "--scenario", scenario]) == 0
+        shown = capsys.readouterr()
+        assert shown.err == f"training {name}: q_learning, index, seed 0 ...\n"
+        assert shown.out.count("@ agent") == 26
+        run = watch.specification(COMPARED, scenario, "q_learning", None, 0)
+        assert run.scenario.grid.rows == n_rows
+        with Store(Path("results") / "runs.db", read_only=True) as store:
+            assert run.digest in store.ended()
 
 
 def test_moments_walk_cell_by_cell_at_every_map(film: Film) -> None:

@@ -189,6 +189,21 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
             assert stored.provenance["commit"] == record.provenance["commit"]
 
 
+def test_module_beside_the_experiment_is_found_by_workers(
+    pair: Machines, mixed: Path, tmp_path: Path
+) -> None:
+    """Though it is nowhere on their path."""
+    text = MIXED.replace('"q_learning"', '"beside_cluster:LEARNER"').replace("seeds = 8", "seeds = 1")
+    mixed.write_text(text, encoding="utf-8")
+    (tmp_path / "beside_cluster.py").write_text(
+        "from agents.tabular.plain import Q_LEARNING as LEARNER\n", encoding="utf-8"
+    )
+    pair.addresses("a", "b")
+    assert main(["run", str(mixed), "--results", str(tmp_path), "--cluster", pair.address]) == 0
+    with Store(tmp_path / "runs.db") as store:
+        assert set(store.statuses().values()) == {"done"}
+
+
 def test_workers_that_differ_are_refused(
     pair: Machines, mixed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

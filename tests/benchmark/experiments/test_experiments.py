@@ -238,7 +238,8 @@ def test_mistakes_get_one_line(tmp_path: Path, experiment: str, old: str, new: s
 
 NOT_NAMES = [
     "", "_x", "-x", ".", "..", "a.b", "a b", "a/b", "../../x", "a=b", "=1+1", "a|b", "a&b", "$x$", "<b>",
-    "a,b", "é", "x\n", "1", "007", "1e5", "nan", "NA", "Null", "inf", "true", "x" * 61,
+    "a,b", "é", "x\n", "1", "007", "1e5", "nan", "NA", "Null", "inf", "true", "x" * 61, "con", "NUL", "aux",
+    "prn", "com1", "LPT9", "con.", "x ",
 ]  # fmt: skip
 
 
@@ -254,7 +255,7 @@ def test_what_is_no_name_is_refused_in_a_sentence(name: str) -> None:
             parse(Experiment, tables, "mine.toml", name="mine")
 
 
-@pytest.mark.parametrize("name", ["x" * 60, "9-x", "a-b_c", "NAN0", "1-2", "e5"])
+@pytest.mark.parametrize("name", ["x" * 60, "9-x", "a-b_c", "NAN0", "1-2", "e5", "com10", "console"])
 def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: str) -> None:
     (tmp_path / f"{name}.toml").write_text(
         f"""

@@ -11,12 +11,14 @@ import pytest
 
 from benchmark.__main__ import main
 from benchmark.drawing.tables import plain, show
+from benchmark.experiments import experiment_names
 from benchmark.page import build
+from benchmark.reports import measured, sameness
 from benchmark.reports.document import Document
 from envs import InputError
 from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
-from tests.support import ROOT
+from tests.support import ROOT, git
 
 
 class Page(HTMLParser):
@@ -194,10 +196,41 @@ def test_page_is_written_when_a_file_has_changed(made: Path, tmp_path: Path) -> 
     assert "[mine](mine/README.md)" in (tmp_path / "README.md").read_text(encoding="utf-8")
 
 
-def test_texts_of_all_folders_and_the_page_are_written_again(results: Path, tmp_path: Path) -> None:
+def test_results_of_users_experiments_leave_git_status_clean(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ignoring = (ROOT / ".gitignore").read_text(encoding="utf-8")
+    kept = {*re.findall(r"^!results/(\w+)/$", ignoring, flags=re.MULTILINE)}
+    shipped = {name for name in experiment_names() if not name.endswith("_smoke")}
+    assert kept == shipped - {"compare_deep_long"} | {*measured.REPORTS}
+    results = tmp_path / "results"
+    shutil.copytree(ROOT / "results" / "equivalence", results / "equivalence")
+    (tmp_path / ".gitignore").write_text(ignoring, encoding="utf-8")
+    git(tmp_path, "init", "--quiet")
+    monkeypatch.setattr(sameness, "REPOSITORY", tmp_path)
+    build.update(results, "equivalence")
+    git(tmp_path, "add", "--all")
+    git(tmp_path, "commit", "--quiet", "--message", "Published")
+    shutil.copytree(made, results / "mine")
+    build.update(results, "mine")
+    for path in ("results/runs.db", "map.png", "film.webp"):
+        (tmp_path / path).touch()
+    assert git(tmp_path, "status", "--porcelain") == ""
+    (results / "equivalence" / "README.md").write_text("changed", encoding="utf-8")
+    assert git(tmp_path, "status", "--porcelain") == " M results/equivalence/README.md\n"
+
+
+def test_texts_of_all_folders_and_the_page_are_written_again(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(results, tmp_path / "results", ignore=shutil.ignore_patterns("README.md", "index.html"))
     shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "mine")
+    shutil.copytree(tmp_path / "results" / "speed", tmp_path / "results" / "other")
+    manifest = tmp_path / "results" / "other" / "manifest.json"
+    text = manifest.read_text(encoding="utf-8")
+    manifest.write_text(text.replace("tests.benchmark.page.made:", "of_another_machine:"), encoding="utf-8")
     assert main(["report", "--results", str(tmp_path / "results")]) == 0
+    assert re.match(r".*other: its texts stay as they are: .*'of_another_machine'", capsys.readouterr().err)
     for file in ("index.html", "compare_deep/README.md", "reproduce/README.md"):
         made, there = ((path / file).read_text(encoding="utf-8") for path in (tmp_path / "results", results))
         assert made == there, file

@@ -20,7 +20,7 @@ const VALUES = {
 export function described(agent, map, step) {
   const { curve, room, sight } = agent;
   const shown = agent.steps[map];
-  const time = shown === step ? "" : `At ${agent.unitName} ${grouped(shown)}: `;
+  const time = shown === step ? "" : `Shown: ${agent.unitName} ${grouped(shown)}. `;
   const values = agent.hasValues ? VALUES[agent.kind](agent) : "Of this agent only the final greedy policy is published.";
   const isHidden = (name) => !sight.observed.includes(name);
   const hidden = [

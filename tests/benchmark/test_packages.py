@@ -1,0 +1,101 @@
+"""Packages that are there and cannot be imported: every command says which, and what mends it."""
+
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from benchmark.packages import broken, unusable
+from envs.inputs import imported
+from tests.support import ROOT
+
+NET = """
+description = "A net that Stable-Baselines3 trains."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 200
+map_every = 200
+settings = { budget = 200 }
+algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
+"""
+
+
+def sentence(package: str, reason: str) -> str:
+    installed = version(package).partition("+")[0]
+    return (
+        f"the package {package} is broken ({reason}); pip install --force-reinstall {package}=={installed} "
+        "mends it."
+    )
+
+
+def benchmark(folder: Path, package: str, content: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs a command where a package has another content."""
+    (folder / package).mkdir()
+    (folder / package / "__init__.py").write_text(content, encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
+    command = [sys.executable, "-m", "benchmark", *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(
+    ("package", "content", "reason", "command"),
+    [
+        ("numba", "raise RuntimeError('planted')", "RuntimeError: planted", "list"),
+        ("numba", "import ctypes; ctypes.CDLL('/no.so')", "OSError: /no.so: cannot open", "run reproduce"),
+        ("numba", "", "ModuleNotFoundError: No module named 'numba.core'", "watch"),  # there in part
+        ("pandas", "raise ImportError('planted')", "ImportError: planted", "report reproduce"),
+        ("numpy", "raise ImportError('planted')", "ImportError: planted", "--help"),
+    ],
+)
+def test_commands_name_a_broken_package(
+    tmp_path: Path, package: str, content: str, reason: str, command: str
+) -> None:
+    done = benchmark(tmp_path, package, content, *command.split())
+    before, _, after = sentence(package, reason).rpartition(")")
+    assert done.stderr.startswith(f"error: {before}"), done.stderr
+    assert done.stderr.endswith(f"){after}\n")
+    assert done.stderr.count("\n") == 1
+    assert done.returncode == 2
+
+
+def test_run_names_the_package_that_a_worker_cannot_import(tmp_path: Path) -> None:
+    (tmp_path / "net.toml").write_text(NET, encoding="utf-8")
+    done = benchmark(tmp_path, "torch", "raise RuntimeError('planted')", "run", "net.toml")
+    assert sentence("torch", "RuntimeError: planted") in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.returncode == 1
+
+
+def test_packages_are_imported_in_processes_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    fakes = {
+        "tabulate": "import time; time.sleep(1000)",
+        "packaging": "import os; os.abort()",
+        "sklearn": "print('said'); raise SystemError('planted')",
+        "optuna": "import sklearn",
+    }
+    for name, content in fakes.items():
+        (tmp_path / f"{name}.py").write_text(content, encoding="utf-8")
+    assert unusable(["tabulate"], jobs=1, limit_s=0.5) == {
+        "tabulate": sentence("tabulate", "not imported within 0.5 s")
+    }
+    assert unusable(["packaging", "jinja2", "sklearn", "optuna"], jobs=2) == {
+        "packaging": sentence("packaging", "importing it ended by signal 6"),
+        "sklearn": sentence("scikit-learn", "SystemError: planted"),
+        "optuna": sentence("scikit-learn", "SystemError: planted"),  # the one that is broken
+    }
+
+
+def test_modules_of_users_are_no_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing that pip finds under their names would mend them."""
+    (tmp_path / "of_a_user.py").write_text("import numpy; numpy.no_such_thing", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match="cannot be imported: module 'numpy' has no attribute") as raised:
+        imported("of_a_user:X", "mine.toml", "algorithm")
+    assert raised.value.__cause__ is not None
+    assert broken(raised.value.__cause__) == ""
