@@ -11,7 +11,7 @@ import io
 import json
 import re
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,18 +76,30 @@ def update(results: Path, experiment: str) -> str:
 
 
 def write(results: Path, experiment: str | None = None) -> Path:
-    """Writes the page of the published experiments, or of another one, and the list of all results.
+    """Writes what `texts` returns; returns the page's path.
+
+    Raises:
+      InputError: There is nothing to show, or the page cannot be written.
+    """
+    with files.alone(results):
+        for path, text in texts(results, experiment):
+            files.write_text(path, text)
+    return _subjects(results, experiment)[1]
+
+
+def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
+    """Yields the page of the published experiments, or of another one, and the list of all results.
 
     Args:
       results: The folder of results.
       experiment: One that is published, or None: the page shows all of these that are there, and is
         `index.html` of `results`. Another one: the page shows that alone, and lies in its folder.
 
-    Returns:
-      The page's path.
+    Yields:
+      Where each is, and its text. The list comes last, as it says which pages are there.
 
     Raises:
-      InputError: There is nothing to show, or the page cannot be written.
+      InputError: There is nothing to show.
     """
     names, target = _subjects(results, experiment)
     if not names:
@@ -98,10 +110,8 @@ def write(results: Path, experiment: str | None = None) -> Path:
             f"compare-deep make them{hint}."
         )
     parts = [_Part(results / name, "" if target.parent != results else f"{name}/") for name in names]
-    with files.alone(results):
-        files.write_text(target, _render(parts))
-        files.write_text(results / "README.md", _index(results))
-    return target
+    yield target, _render(parts)
+    yield results / "README.md", _index(results)
 
 
 def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
