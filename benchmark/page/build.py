@@ -39,6 +39,7 @@ _CURVES: Final = ("curves.csv", "learning.csv")  # in which the explorer looks u
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _FIGURE_COLOURS: Final = 64  # of a figure's palette on the page; more look the same
 _LEADING_COLOURS: Final = 96  # of a leading one, which has more of them
+_MOST_PIXELS: Final = 16_383  # of a side of a WebP image
 _MOST_ROWS: Final = 60  # of a table that is shown at once; longer ones are shown on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
@@ -252,7 +253,9 @@ class _Part:
     def _figure(self, item: Item, n_colours: int = _FIGURE_COLOURS) -> dict[str, Any]:
         """Returns a figure small enough for the page; the link leads to the drawing itself."""
         with Image.open(self.folder.path / f"{item.name}.png") as image:
-            small = image.convert("RGB").quantize(n_colours, dither=Image.Dither.NONE).convert("RGB")
+            small = image.convert("RGB")
+            small.thumbnail((_MOST_PIXELS, _MOST_PIXELS))
+            small = small.quantize(n_colours, dither=Image.Dither.NONE).convert("RGB")
         buffer = io.BytesIO()
         small.save(buffer, "WEBP", lossless=True, method=4)
         return {
