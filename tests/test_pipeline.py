@@ -138,7 +138,7 @@ def test_changed_page_is_reported(results: Path, tmp_path: Path) -> None:
 def test_damaged_stores_are_problems_not_mistakes(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whether it is found when the store is opened or later; another file, or none, is a mistake of the user."""
+    """Whether it is found when the store is opened or later; having none is a mistake of the user."""
     content = (results / "runs.db").read_bytes()
     command = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--runs", "0"]
     assert main(command) == 2

@@ -1,4 +1,4 @@
-"""Verifies what is stored and published: checksums, some runs repeated, tables, figures and texts made again."""
+"""Verifies what is stored and published: checksums, some runs repeated, results drawn again."""
 
 import argparse
 import secrets
@@ -157,4 +157,4 @@ def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
         return
     for path, text in texts.items():
         if path.exists() and path.read_bytes() != text.encode():
-            yield f"{path}: different from what the tables make; 'report' without an experiment writes it again."
+            yield f"{path}: different from what the tables make; 'report' writes it again."

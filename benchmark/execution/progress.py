@@ -113,7 +113,7 @@ class Display:
         return (total - done) / done * (now - self._started_s)
 
     def _left(self) -> str:
-        """Returns what to say of the time left: that of these jobs, of an experiment with stages one stage."""
+        """Returns what to say of the time left: for these jobs, which may be one stage of several."""
         left = self.seconds_left()
         if left is None:
             return ""

@@ -273,8 +273,8 @@ class Store:
     def alone(self) -> Iterator[None]:
         """Waits until no other process trains into this store, which would train the same runs again.
 
-        The lock is one of SQLite on an empty file beside the store: the system releases it however the process
-        ends. Where there are no locks, nothing is waited for.
+        The lock is one of SQLite on an empty file beside the store: the system releases it however the
+        process ends. Where nothing can be locked, there is no wait.
         """
         with ExitStack() as stack:
             with suppress(sqlite3.Error):

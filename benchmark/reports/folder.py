@@ -16,9 +16,10 @@ from envs import InputError
 
 MANIFEST: Final = "manifest.json"
 SCORES: Final = "scores.csv.gz"  # every run of a comparison
-_UNREADABLE: Final = (OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error) + (
+_UNREADABLE: Final = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error,
     jinja2.UndefinedError,  # a template asks for what a table does not have
-)
+)  # fmt: skip
 
 
 class Folder:

@@ -12,7 +12,6 @@ from benchmark.experiments.schema import MOST_CONTRASTS
 from envs import InputError
 from envs.inputs import unknown_name
 
-
 # Figures of so many scenarios under so many conditions, or rows, are about 60,000 pixels high; Pillow refuses
 # to read one that is much higher.
 MOST_PLACES: Final = 600
@@ -205,8 +204,8 @@ def check(experiment: Experiment) -> None:
     """Checks what an experiment declares to be compared.
 
     Raises:
-      InputError: See `Declared.of`; or all algorithms are planners, budgets are not in steps, or figures would
-        be too high.
+      InputError: See `Declared.of`; or all algorithms are planners, budgets are not in steps, or figures
+        would be too high.
     """
     compared = Declared.of(experiment)
     n_rows = len(compared.contrasts) if compared.n_pooled(2) == 1 else 0  # for each of the places
@@ -215,8 +214,8 @@ def check(experiment: Experiment) -> None:
     if n_places > most:
         raise InputError(
             f"{experiment.argument}: report: {len(experiment.scenarios)} scenarios under "
-            f"{len(experiment.conditions)} conditions with {len(compared.contrasts)} contrasts make figures that "
-            f"are too high; accepted: at most {most} scenarios times conditions."
+            f"{len(experiment.conditions)} conditions with {len(compared.contrasts)} contrasts make figures "
+            f"that are too high; accepted: at most {most} scenarios times conditions."
         )
     families = {load_algorithm(declared.algorithm).family for declared in experiment.algorithms.values()}
     if families == {"planner"}:
