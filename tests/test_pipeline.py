@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import os
 import re
 import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
+from benchmark.commands import verify
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
 from benchmark.reports.item import PICTURES
@@ -89,29 +92,32 @@ def test_results_do_not_depend_on_how_the_work_was_split(results: Path, tmp_path
 def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A forged record with the right checksum, an edited table and a damaged record are all found."""
     shutil.copytree(results, tmp_path, dirs_exist_ok=True)
-    verify = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
-    assert main([*verify, "--runs", "2"]) == 0
+    command = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--jobs", "2", "--seed", "3"]
+    assert main([*command, "--runs", "2"]) == 0
     assert re.search(r"reproduce_smoke: identical to .* \((\d+) of \1 files\)\.", capsys.readouterr().out)
     with Store(tmp_path / "runs.db") as store:
         forged, *_ = store.get(sorted(store.ended()))
         arrays = dict(forged.arrays) | {"q": np.nextafter(forged.arrays["q"], 1)}
         store.add([dataclasses.replace(forged, arrays=arrays)])
     (tmp_path / "reproduce_smoke" / "optimal.csv").write_text("success\n1.0\n")
+    for name in ("README.md", "manifest.json"):  # the last number
+        changed = re.sub(r"\d(?=\D*$)", "x", (file := tmp_path / "reproduce_smoke" / name).read_text())
+        file.write_text(changed)
     (tmp_path / "reproduce_smoke" / "notes.txt").write_text("a reader's own")
     names = {path.name for path in tmp_path.iterdir()}
-    assert main([*verify, "--runs", "156"]) == 1
+    assert main([*command, "--runs", "156"]) == 1
     found = capsys.readouterr()
     assert f"({forged.digest[:12]}): differs in q." in found.err
-    assert "optimal.csv" in found.err
+    assert "4 of 15 files: README.md, manifest.json, optimal.csv, sensitivity.csv." in found.err
     assert "notes.txt" not in found.err
     assert found.out.splitlines() == [
         "checksums: correct in all 156 records.",
         "runs: 155 of 156 repeated runs are identical (drawn from 156 with --seed 3).",
-        "problems found: 2.",
+        "problems found: 3.",  # the page cannot be made of that table
     ]
     assert names == {path.name for path in tmp_path.iterdir()}  # nothing is left aside
     execute(tmp_path / "runs.db", f"UPDATE runs SET provenance = '' WHERE digest = '{forged.digest}'")
-    assert main([*verify, "--runs", "2"]) == 1
+    assert main([*command, "--runs", "2"]) == 1
     found = capsys.readouterr()
     assert f"1 of 156 records are damaged (the first: {forged.digest[:12]})" in found.err
     assert "runs: 2 of 2 repeated runs are identical" in found.out
@@ -121,6 +127,47 @@ def test_results_are_verified(results: Path, tmp_path: Path, capsys: pytest.Capt
     with Store(tmp_path / "runs.db") as store, Store(results / "runs.db") as other:
         mended, original = (arrays_of(each.get([forged.digest])) for each in (store, other))
     assert mended == original
+
+
+def test_changed_page_is_reported(results: Path, tmp_path: Path) -> None:
+    shutil.copytree(results, tmp_path, dirs_exist_ok=True)
+    assert [*verify.rewritten({"reproduce_smoke"}, tmp_path)] == []
+    page = tmp_path / "reproduce_smoke" / "index.html"
+    page.write_text(page.read_text(encoding="utf-8").replace("156", "157", 1), encoding="utf-8")
+    (problem,) = verify.rewritten({"reproduce_smoke"}, tmp_path)
+    assert problem.startswith(f"{page}: different")
+
+
+def test_damaged_stores_are_problems_not_mistakes(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whether it is found when the store is opened or later; having none is a mistake of the user."""
+    content = (results / "runs.db").read_bytes()
+    command = ["verify", "reproduce_smoke", "--results", str(tmp_path), "--runs", "0"]
+    assert main(command) == 2
+    for start in range(0, 20_000, 1000):
+        damaged = content[:start] + bytes(64) + content[start + 64 :]
+        (tmp_path / "runs.db").write_bytes(damaged)
+        assert main(command) == (damaged != content), start
+        assert "problems found: " in capsys.readouterr().out or damaged == content
+
+
+def test_read_only_archive_is_verified(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        archive = Path(folder)
+        shutil.copytree(results, archive, dirs_exist_ok=True)
+        paths = [archive, *archive.rglob("*")]
+        for path in paths:
+            path.chmod(0o555 if path.is_dir() else 0o444)
+        user = os.geteuid()
+        try:
+            os.seteuid(user or 65534)  # the superuser could write all the same
+            assert main(["verify", "reproduce_smoke", "--results", folder, "--runs", "1"]) == 0
+        finally:
+            os.seteuid(user)
+            for path in paths:
+                path.chmod(0o755)
+    assert "problems found" not in capsys.readouterr().out
 
 
 def test_every_record_of_the_store_is_verified(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

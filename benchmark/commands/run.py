@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Collection, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,9 +63,22 @@ def _execute(
     jobs: int,
     executor: ExecutorFactory | None,
 ) -> int:
-    """Executes the runs that are missing, and says how many; returns the exit code."""
+    """Trains the runs that are missing when no other command trains; returns the exit code."""
     if n_damaged := store.discard_damaged(run.digest for run in runs):
         print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
+    with store.alone() if driver.pending(runs, store) else nullcontext():
+        return _train(name, runs, store, options, jobs, executor)
+
+
+def _train(
+    name: str,
+    runs: Sequence[RunSpecification],
+    store: Store,
+    options: argparse.Namespace,
+    jobs: int,
+    executor: ExecutorFactory | None,
+) -> int:
+    """Executes the runs that are missing now, and says how many; returns the exit code."""
     todo = driver.pending(runs, store)
     n_done = len(runs) - len(todo)
     if options.tensorboard is not None and n_done:

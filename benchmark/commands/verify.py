@@ -1,9 +1,12 @@
-"""Verifies what is stored and published: checksums, some runs repeated, tables and figures drawn again."""
+"""Verifies what is stored and published: checksums, some runs repeated, results drawn again."""
 
 import argparse
 import secrets
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +16,15 @@ from benchmark.analysis.stages import known_runs
 from benchmark.commands import parse_jobs
 from benchmark.commands.report import folder_name
 from benchmark.execution import driver
-from benchmark.execution.store import REPAIR_ADVICE, Record, Store
+from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
 from benchmark.experiments import (
     Experiment,
     RunSpecification,
     experiment_names,
     load_experiment,
 )
-from benchmark.reports import draw, files, sameness
+from benchmark.page import build as page
+from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
@@ -34,14 +38,18 @@ def main(options: argparse.Namespace) -> int:
     names = experiment_names() if options.experiment is None else [options.experiment]
     experiments = [load_experiment(name) for name in names]
     problems = []
-    with (
-        Store(options.results / "runs.db", read_only=True) as store,
-        files.alone(options.results),
-        files.scratch(options.results) as scratch,
-    ):
-        for problem in _problems(experiments, store, options, scratch):
-            print(problem, file=sys.stderr)
-            problems.append(problem)
+    try:
+        with (
+            Store(options.results / "runs.db", read_only=True) as store,
+            files.alone(options.results),
+            tempfile.TemporaryDirectory() as scratch,  # elsewhere, as the folder may be read-only
+        ):
+            for problem in _problems(experiments, store, options, Path(scratch)):
+                print(problem, file=sys.stderr)
+                problems.append(problem)
+    except DamagedError as error:
+        print(error, file=sys.stderr)
+        problems.append(str(error))
     if problems:
         print(f"problems found: {len(problems)}.")
     return 1 if problems else 0
@@ -78,6 +86,7 @@ def _problems(
     yield from differences
     n_same, drawn = len(sample) - len(differences), f"drawn from {len(stored)} with --seed {seed}"
     print(f"runs: {n_same} of {len(sample)} repeated runs are identical ({drawn}).")
+    pages = set[str | None]()
     for experiment in experiments:
         folder = options.results / folder_name(experiment, None, partial=False)
         is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
@@ -86,6 +95,9 @@ def _problems(
         elif is_published or any(run.digest in ended for run in runs[experiment.name]):
             what = "runs are missing" if is_published else "there is no report"
             print(f"{experiment.name}: not drawn again, since {what}.")
+        if is_published:
+            pages.add(None if experiment.name in page.PUBLISHED else experiment.name)
+    yield from rewritten(pages, options.results)
 
 
 def _differences(runs: Sequence[RunSpecification], store: Store, path: Path, jobs: int) -> Iterator[str]:
@@ -119,13 +131,30 @@ def _difference(before: Record, after: Record) -> str:
 
 def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) -> Iterator[str]:
     """Draws an experiment again; yields what differs from its folder."""
-    _, items = draw.report_of(experiment)
     made = scratch / experiment.name
     print(f"{experiment.name}: drawing tables and figures again ...", file=sys.stderr)
+    made.mkdir()
+    with suppress(OSError):  # it notes what earlier reports showed, which the store does not know
+        shutil.copy(folder / MANIFEST, made)
     draw.draw(experiment, store, made)
-    found = sameness.compare(made, experiment.name, draw.measured_files(items), folder)
+    # Measured times, too, are those that the store has.
+    found = sameness.compare(made, experiment.name, (), folder)
     assert found is not None  # there is a manifest
     if found.is_identical:
         print(found)
     else:
-        yield str(found)
+        yield f"{found}\n{experiment.name}: 'report {experiment.argument}' makes them from the stored runs."
+
+
+def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
+    """Yields which texts outside the folders of experiments are not what these folders make."""
+    try:
+        texts = {path: text for name in pages for path, text in page.texts(results, name)}
+        if None in pages and results.resolve() == sameness.REPOSITORY / "results":
+            texts[sameness.REPOSITORY / "README.md"] = document.front(results)
+    except InputError as error:  # a table of one of them is damaged
+        yield str(error)
+        return
+    for path, text in texts.items():
+        if path.exists() and path.read_bytes() != text.encode():
+            yield f"{path}: different from what the tables make; 'report' writes it again."

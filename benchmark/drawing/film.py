@@ -49,6 +49,7 @@ _WHITE: Final = (255, 255, 255)
 _BLACK: Final = (0, 0, 0)
 _MOST_PIXELS: Final = 1_500_000  # of a map: the cells of large rooms are smaller
 _LONGEST_SIDE: Final = 8000  # pixels
+_MOST_WEBP: Final = 16_383  # pixels of a side
 _FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
 # (row, column) from a cell's centre, in cells
 _CENTRE: Final = np.zeros((1, 2))
@@ -183,8 +184,11 @@ def picture(film: Film, moment: Moment, cell_pixels: int = 30, *, has_marks: boo
 def learning(films: Sequence[Sequence[Film]], cell_pixels: int = 21) -> list[Image.Image]:
     """Draws several agents side by side, at every step at which one of them has a map.
 
-    The films of a row share a colour scale, which is drawn below them.
+    The films of a row share a colour scale, which is drawn below them. As many of the first ones are drawn as
+    fit into a WebP image.
     """
+    width = max(picture(each, end_of(each, 0), cell_pixels).width for row in films for each in row)
+    films = [row[: max(_MOST_WEBP // (width + cell_pixels), 1)] for row in films]
     columns = max(sum(film.scene.columns for film in row) for row in films)
     cell_pixels = _fitting(cell_pixels, sum(max(film.scene.rows for film in row) for row in films), columns)
     scales = [colour_limits(np.concatenate([film.values.ravel() for film in row])) for row in films]

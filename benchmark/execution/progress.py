@@ -8,7 +8,7 @@ from typing import Final, Self
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from benchmark.execution.plan import Job
@@ -16,6 +16,7 @@ from benchmark.execution.store import Record
 from benchmark.experiments import RunSpecification
 
 _LINE_EVERY_S: Final = 30.0  # where the output is not a terminal
+_ENOUGH: Final = 0.1  # of the work, after which the time left is shown
 
 
 class Display:
@@ -39,18 +40,19 @@ class Display:
         self._running: Counter[str] = Counter()
         self._failed: Counter[str] = Counter()
         self._updates = 0
+        self._kind = {run.digest: kind_of(job[0]) for job in jobs for run in job}
+        self._todo = Counter(self._kind.values())  # runs by kind
+        self._ended: Counter[tuple[str, ...]] = Counter()
+        self._seconds: Counter[tuple[str, ...]] = Counter()  # that the runs which have ended took
+        self._began: dict[str, tuple[float, int]] = {}  # when a job started and its size, by its first run
         self._started_s = self._line_s = time.monotonic()
         self._bar = Progress(
             TextColumn("{task.description}"),
             *([BarColumn()] if self._console.width >= 90 else []),
             TimeElapsedColumn(),
-            TextColumn("elapsed,"),
-            TimeRemainingColumn(),
-            TextColumn("left"),
+            TextColumn("elapsed"),
             console=self._console,
-            speed_estimate_period=120,
         )
-        # The time left is estimated from jobs, not runs: a job of many tables ends all at once.
         self._task = self._bar.add_task(self._summary(), total=len(jobs))
         self._live = Live(get_renderable=self.__rich__, console=self._console, refresh_per_second=4)
 
@@ -70,12 +72,16 @@ class Display:
         """Notes that a job has started."""
         with self._lock:
             self._running.update(self._learner[run.digest] for run in job)
+            self._began[job[0].digest] = time.monotonic(), len(job)
 
     def advance(self, records: list[Record]) -> None:
         """Notes that a job has ended, with these records."""
         with self._lock:
             for record in records:
-                learner = self._learner[record.digest]
+                learner, kind = self._learner[record.digest], self._kind[record.digest]
+                self._began.pop(record.digest, None)
+                self._ended[kind] += 1
+                self._seconds[kind] += record.provenance.get("wall_time_s", 0.0)
                 self._running[learner] -= 1
                 (self._failed if record.status == "failed" else self._done)[learner] += 1
                 self._updates += int(record.arrays.get("updates", 0))  # a failed run has none
@@ -89,10 +95,32 @@ class Display:
         speed = self._updates / max(time.monotonic() - self._started_s, 1e-3)
         return f"{self._done.total():,} of {len(self._learner):,} runs{failed}, {speed:,.0f} updates/s"
 
+    def seconds_left(self) -> float | None:
+        """Estimates the time until all jobs have ended; None before a tenth of the work has been done.
+
+        A run is expected to take as long as those of its kind that have ended, which must be some of every
+        kind. Work is counted in seconds of runs: how many are done in a second is known from the time so far.
+        """
+        if any(self._ended[kind] == 0 for kind in self._todo):
+            return None
+        mean = {kind: self._seconds[kind] / self._ended[kind] for kind in self._todo}
+        total = sum(mean[kind] * n for kind, n in self._todo.items())
+        now, done = time.monotonic(), float(self._seconds.total())
+        for digest, (began, size) in self._began.items():
+            done += min(now - began, mean[self._kind[digest]] * size)
+        if total == 0 or done < _ENOUGH * total:
+            return None
+        return (total - done) / done * (now - self._started_s)
+
+    def _left(self) -> str:
+        """Returns what to say of the time left: for these jobs, which may be one stage of several."""
+        left = self.seconds_left()
+        if left is None:
+            return ""
+        return f", about {left:,.0f} s left" if left < 120 else f", about {left / 60:,.0f} min left"
+
     def _print_line(self) -> None:
-        left = self._bar.tasks[0].time_remaining
-        about = "" if left is None else f", about {left:,.0f} s left"
-        self._console.print(f"{self._name}: {self._summary()}{about}", markup=False, soft_wrap=True)
+        self._console.print(f"{self._name}: {self._summary()}{self._left()}", markup=False, soft_wrap=True)
 
     def __rich__(self) -> Group:
         """Returns the counts of every learner, and the bar."""
@@ -103,4 +131,10 @@ class Display:
                 line = f"{learner}: {self._done[learner]:,} of {n:,} done"
                 line += f", {running:,} running" * (running > 0)
                 lines.append(Text(line).append(f", {failed:,} failed" * (failed > 0), style="bold red"))
+            self._bar.update(self._task, description=self._summary() + self._left())
         return Group(*lines, self._bar)
+
+
+def kind_of(run: RunSpecification) -> tuple[str, ...]:
+    """Returns what runs have in common that are expected to take equally long: learner and settings."""
+    return run.algorithm, run.settings.model_dump_json(), run.observation

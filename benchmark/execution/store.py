@@ -9,10 +9,12 @@ import json
 import os
 import shutil
 import sqlite3
+import struct
 import sys
+import time
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar
@@ -41,8 +43,17 @@ CREATE TABLE runs (
 -- So that asking for all statuses reads no records.
 CREATE INDEX statuses ON runs (digest, status);
 """
+# The first bytes of a store, see "The Database Header" in SQLite's documentation of its file format. Those of
+# `_CHANGING` count what is in the file. A new _FORMAT needs another _SCHEMA, or a newer store would be taken
+# for a damaged one of this version.
+_HEADER: Final = struct.pack(
+    ">16sH6B20x7I20x", b"SQLite format 3", 4096, 1, 1, 0, 64, 32, 32, 4, 0, 0, 1, _FORMAT, 0, _APPLICATION_ID
+)
+_CHANGING: Final = slice(24, 44)
+_WAL: Final = b"\2\2"  # at 18, in a file whose owner has chosen this journal
 _SMALLEST_ROW: Final = 256  # bytes, fewer than any record has
 _LAST_ROW: Final = 10_000_000  # no file has more; a damaged one may say so
+_POLL_S: Final = 0.5  # how often to ask whether another process still trains
 _COLUMNS: Final = "digest, specification, status, error, provenance, checksum, head"
 # No failure replaces a valid record: another driver may have done the run meanwhile.
 _ADD: Final = f"""
@@ -64,6 +75,10 @@ _T = TypeVar("_T")
 
 class NoRunsError(InputError):
     """There is no store yet, or an empty file."""
+
+
+class DamagedError(InputError):
+    """A file is damaged, or is not a store of this version."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +154,8 @@ class Store:
 
         Raises:
           NoRunsError: There is nothing to read.
-          InputError: It cannot be opened, is not an SQLite file, or holds something else.
+          DamagedError: It is not an SQLite file, holds something else, or is damaged and may not be written.
+          InputError: It cannot be opened.
         """
         self._path = path  # where the file is, not a link to it
         self._read_only = read_only
@@ -165,6 +181,7 @@ class Store:
 
     def _connect(self) -> None:
         """Opens the file, creates its table if it is new, and checks that it is a store."""
+        self._mend_header()
         # Also for reading it is opened for writing: what an interrupted transaction left is then put right.
         uri = f"{self._path.absolute().as_uri()}?mode={'rw' if self._read_only else 'rwc'}"
         with self._input_errors():
@@ -193,6 +210,32 @@ class Store:
             self._connection.close()
             raise
 
+    def _mend_header(self) -> None:
+        """Restores the first bytes of the file if they are damaged: all else tells that it is a store."""
+        try:
+            with self._path.open("rb") as file:
+                page = file.read(4096)
+        except OSError:  # SQLite says what is wrong
+            return
+        found, sound = page[: len(_HEADER)], bytearray(_HEADER)
+        sound[_CHANGING] = found[_CHANGING]
+        if int.from_bytes(found[16:18]).bit_count() == 1:
+            sound[16:18] = found[16:18]  # the size of a page may be another power of two
+        is_ours = _SCHEMA.partition(";")[0].strip().encode() in page
+        is_older = 0 < int.from_bytes(found[60:64]) < _FORMAT
+        if found == sound or not is_ours or is_older or found[18:20] == _WAL:
+            return
+        if self._read_only:
+            raise self._unusable(f"its header is damaged; {REPAIR_ADVICE}", DamagedError)
+        try:
+            with self._path.open("r+b") as file:  # no other driver ever writes other bytes there
+                file.write(sound[: _CHANGING.start])
+                file.seek(_CHANGING.stop)
+                file.write(sound[_CHANGING.stop :])
+        except OSError as error:
+            raise self._unusable(f"{error.strerror}; {_ADVICE[sqlite3.SQLITE_READONLY]}") from error
+        print(f"{self._path}: its header was damaged, and has been restored.", file=sys.stderr)
+
     def _has_our_header(self) -> bool:
         """Returns whether the file begins like a store of this version, whatever follows."""
         with self._path.open("rb") as file:
@@ -214,7 +257,7 @@ class Store:
         found = self._number("PRAGMA application_id"), self._number("PRAGMA user_version")
         if found != (_APPLICATION_ID, _FORMAT):
             advice = _ADVICE[sqlite3.SQLITE_NOTADB]
-            raise InputError(f"{self._path}: not a store of this version of the project; {advice}.")
+            raise DamagedError(f"{self._path}: not a store of this version of the project; {advice}.")
 
     def _number(self, query: str) -> int:
         (number,) = self._connection.execute(query).fetchone()
@@ -225,6 +268,34 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self._connection.close()
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Waits until no other process trains into this store, which would train the same runs again.
+
+        The lock is one of SQLite on an empty file beside the store: the system releases it however the
+        process ends. Where nothing can be locked, there is no wait.
+        """
+        with ExitStack() as stack:
+            with suppress(sqlite3.Error):
+                path = self._path.with_name(f"{self._path.name}.lock")
+                self._lock(stack.enter_context(closing(sqlite3.connect(path, 0.0, isolation_level=None))))
+            yield
+
+    def _lock(self, connection: sqlite3.Connection) -> None:
+        """Waits until a connection has locked its file; says so, if it has to wait."""
+        is_waiting = False
+        while True:
+            try:
+                connection.execute("BEGIN EXCLUSIVE")
+                return
+            except sqlite3.OperationalError as error:
+                if _code(error) != sqlite3.SQLITE_BUSY:
+                    raise
+            if not is_waiting:
+                print(f"{self._path}: waiting for another command that trains runs ...", file=sys.stderr)
+            is_waiting = True
+            time.sleep(_POLL_S)
 
     def statuses(self) -> dict[str, str]:
         """Returns the status of every stored run, by digest."""
@@ -352,6 +423,7 @@ class Store:
 
     def _salvage(self) -> None:
         """Replaces a damaged file by one with its whole records, and keeps it beside."""
+        self._distrust_size()
         self._connection.execute("BEGIN EXCLUSIVE")  # waits for other drivers
         if self._inode_now() == self._inode:  # else one of them has done it meanwhile
             kept = self._path.with_name(f"{self._path.name}.damaged")
@@ -370,6 +442,15 @@ class Store:
             print(f"{what}; the damaged file is kept as {kept}.", file=sys.stderr)
         self._connection.close()
         self._connect()
+
+    def _distrust_size(self) -> None:
+        """Makes SQLite read a file to its end, if its header says that it ends earlier."""
+        with self._path.open("r+b") as file:
+            header = file.read(len(_HEADER))
+            size, pages = int.from_bytes(header[16:18]), int.from_bytes(header[28:32])
+            if 0 < pages * size < self._path.stat().st_size:
+                file.seek(24)  # a counter: as its copy at 92 differs, the number of pages is not believed
+                file.write(bytes([header[24] ^ 1]))
 
     def _whole_rows(self) -> Iterator[tuple[Any, ...]]:
         """Yields the rows of a damaged file that are whole."""
@@ -393,10 +474,11 @@ class Store:
             if code == sqlite3.SQLITE_CORRUPT and self._inode is None and not self._has_our_header():
                 code = sqlite3.SQLITE_NOTADB  # damaged where the file says what it holds
             advice = _ADVICE.get(code, "try again, or choose another folder with --results")
-            raise self._unusable(f"{' '.join(str(error).split())}; {advice}") from error
+            kind = DamagedError if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB) else InputError
+            raise self._unusable(f"{' '.join(str(error).split())}; {advice}", kind) from error
 
-    def _unusable(self, reason: str) -> InputError:
-        return InputError(f"{self._path}: cannot be used as the store of runs: {reason}.")
+    def _unusable(self, reason: str, kind: type[InputError] = InputError) -> InputError:
+        return kind(f"{self._path}: cannot be used as the store of runs: {reason}.")
 
 
 def _code(error: sqlite3.Error) -> int:

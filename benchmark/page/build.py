@@ -12,7 +12,7 @@ import json
 import re
 import tomllib
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -42,6 +42,7 @@ _SPEED: Final = "speed"  # the folder with measurements of this project, at the 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
+_MOST_PIXELS: Final = 16_383  # of a side of a WebP image
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
 _PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
@@ -78,18 +79,30 @@ def update(results: Path, experiment: str) -> str:
 
 
 def write(results: Path, experiment: str | None = None) -> Path:
-    """Writes the page of the published experiments, or of another one, and the list of all results.
+    """Writes what `texts` returns; returns the page's path.
+
+    Raises:
+      InputError: There is nothing to show, or the page cannot be written.
+    """
+    with files.alone(results):
+        for path, text in texts(results, experiment):
+            files.write_text(path, text)
+    return _subjects(results, experiment)[1]
+
+
+def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
+    """Yields the page of the published experiments, or of another one, and the list of all results.
 
     Args:
       results: The folder of results.
       experiment: One that is published, or None: the page shows all of these that are there, and is
         `index.html` of `results`. Another one: the page shows that alone, and lies in its folder.
 
-    Returns:
-      The page's path.
+    Yields:
+      Where each is, and its text. The list comes last, as it says which pages are there.
 
     Raises:
-      InputError: There is nothing to show, or the page cannot be written.
+      InputError: There is nothing to show.
     """
     names, target = _subjects(results, experiment)
     if not names:
@@ -100,10 +113,8 @@ def write(results: Path, experiment: str | None = None) -> Path:
             f"compare-deep make them{hint}."
         )
     parts = [_Part(results / name, "" if target.parent != results else f"{name}/") for name in names]
-    with files.alone(results):
-        files.write_text(target, _render(parts))
-        files.write_text(results / "README.md", _index(results))
-    return target
+    yield target, _render(parts)
+    yield results / "README.md", _index(results)
 
 
 def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
@@ -273,8 +284,10 @@ class _Part:
         else:
             form, buffer = "image/webp", io.BytesIO()
             with Image.open(path) as image:
-                width, height = image.size
-                image.convert("RGB").save(buffer, "WEBP", lossless=True, method=4)
+                small = image.convert("RGB")
+            small.thumbnail((_MOST_PIXELS, _MOST_PIXELS))
+            width, height = small.size
+            small.save(buffer, "WEBP", lossless=True, method=4)
             content = buffer.getvalue()
         return {
             "caption": self.inline(item.caption),

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+import jinja2
 import pandas as pd
 
 from benchmark.drawing.tables import read_csv
@@ -16,7 +17,10 @@ from envs import InputError
 
 MANIFEST: Final = "manifest.json"
 SCORES: Final = "scores.csv.gz"  # every run of a comparison
-_UNREADABLE: Final = (OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error)
+_UNREADABLE: Final = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error,
+    jinja2.UndefinedError,  # a template asks for what a table does not have
+)  # fmt: skip
 
 
 class Folder:

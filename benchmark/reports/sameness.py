@@ -78,10 +78,12 @@ def compare(
     Returns:
       The certificate; None if there is no other folder.
     """
-    made, published = _ids(folder), _published_ids(name) if other is None else _ids(other)
+    made = _ids(folder)
+    published = _published_ids(name) if other is None else _ids(other)
     if not published:
         return None
-    if other is not None:  # it may hold files of others
+    if other is not None:  # it may hold files of others, and has a manifest, made from the same store
+        made[MANIFEST], published[MANIFEST] = _id(folder / MANIFEST), _id(other / MANIFEST)
         known = {*made, *stamped(other / STAMP)}
         published = {file: blob for file, blob in published.items() if file in known}
     every = sorted(made.keys() | published.keys())

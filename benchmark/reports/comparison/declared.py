@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 from agents import load_algorithm
 from benchmark.analysis.contrasts import runs_for_any_equivalence
@@ -11,6 +11,11 @@ from benchmark.experiments import Experiment, Reporting
 from benchmark.experiments.schema import MOST_CONTRASTS
 from envs import InputError
 from envs.inputs import unknown_name
+
+# Figures of so many scenarios under so many conditions, or rows, are about 60,000 pixels high; Pillow refuses
+# to read one that is much higher.
+MOST_PLACES: Final = 600
+MOST_ROWS: Final = 1_000
 
 
 class Learner(NamedTuple):
@@ -199,9 +204,19 @@ def check(experiment: Experiment) -> None:
     """Checks what an experiment declares to be compared.
 
     Raises:
-      InputError: See `Declared.of`; or all algorithms are planners, or budgets are not in steps.
+      InputError: See `Declared.of`; or all algorithms are planners, budgets are not in steps, or figures
+        would be too high.
     """
-    Declared.of(experiment)
+    compared = Declared.of(experiment)
+    n_rows = len(compared.contrasts) if compared.n_pooled(2) == 1 else 0  # for each of the places
+    n_places = len(experiment.scenarios) * len(experiment.conditions)
+    most = min(MOST_PLACES, MOST_ROWS // max(n_rows, 1))
+    if n_places > most:
+        raise InputError(
+            f"{experiment.argument}: report: {len(experiment.scenarios)} scenarios under "
+            f"{len(experiment.conditions)} conditions with {len(compared.contrasts)} contrasts make figures "
+            f"that are too high; accepted: at most {most} scenarios times conditions."
+        )
     families = {load_algorithm(declared.algorithm).family for declared in experiment.algorithms.values()}
     if families == {"planner"}:
         raise InputError(f"{experiment.argument}: algorithms: accepted: at least one that is not a planner.")

@@ -84,6 +84,13 @@ def test_films_side_by_side_show_every_step_of_any(film: Film) -> None:
     assert len({frame.size for frame in frames}) == 1
 
 
+def test_animation_has_as_many_films_as_fit_into_a_file(film: Film, tmp_path: Path) -> None:
+    few = replace(film, steps=[0], values=film.values[:1], title="a title of some length " * 4)
+    write(learning([[few] * 60], 10), tmp_path / "learning.webp")
+    with Image.open(tmp_path / "learning.webp") as image:
+        assert 8_000 < image.width <= 16_383
+
+
 def test_cells_without_experience_are_hatched(film: Film) -> None:
     unvisited = film.greedy[25] == 31
     assert 10 < unvisited.sum() < 110

@@ -158,3 +158,35 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
     assert f"{len(expected) - stored} runs done, {stored} were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert arrays_of(store.get(sorted(store.statuses()))) == expected
+
+
+def test_second_driver_waits_for_the_first_and_repeats_nothing(
+    experiment: Path,
+    runs: list[RunSpecification],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The first stores a run meanwhile, and is killed, which releases its lock."""
+    code = (
+        "import sys; from pathlib import Path; from benchmark.execution.store import Store\n"
+        "with Store(Path(sys.argv[1])) as store, store.alone():\n"
+        "    print(flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "runs.db")]
+    first = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert first.stdout is not None
+    first.stdout.readline()
+
+    def end_first(_: float) -> None:
+        with Store(tmp_path / "runs.db") as store:
+            store.add(execute_job(runs[:1]))
+        first.kill()
+        first.communicate()
+
+    monkeypatch.setattr("benchmark.execution.store.time.sleep", end_first)
+    arguments = ["run", str(experiment), "--results", str(tmp_path), "--jobs", "1", "--executor", "thread"]
+    assert main(arguments) == 0
+    said = capsys.readouterr()
+    assert said.err.count("runs.db: waiting for another command that trains runs ...") == 1
+    assert f"{len(runs) - 1} runs done, 1 were done already" in said.out

@@ -1,13 +1,16 @@
 """The display of an experiment's progress."""
 
+import heapq
 import io
+from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from benchmark.execution.plan import plan
-from benchmark.execution.progress import Display
+from benchmark.execution.progress import Display, kind_of
 from benchmark.execution.store import Record
 from benchmark.experiments import RunSpecification, all_specifications, load_experiment
 
@@ -17,6 +20,43 @@ RUNS = all_specifications(load_experiment("compare_deep_smoke"))
 def ended(run: RunSpecification, status: str = "done") -> Record:
     arrays = {"updates": np.array(400)} if status != "failed" else {}
     return Record(run.digest, "{}", status, {}, arrays)
+
+
+def test_time_left_is_within_a_factor_of_two_after_a_tenth_of_the_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Two workers; tables cost nothing and come first, nets take long, each kind with its own time."""
+    now = [0.0]
+    monkeypatch.setattr("benchmark.execution.progress.time.monotonic", lambda: now[0])
+    tables = [run for run in RUNS if run.algorithm == "q_learning"][:2]
+    others = [run for run in RUNS if run.algorithm != "q_learning"]
+    kinds = sorted({kind_of(run) for run in others})
+    seconds = {run.digest: 0.01 for run in tables}
+    seconds |= {run.digest: 5.0 + 20 * kinds.index(kind_of(run)) for run in others}
+    jobs = [[run] for run in [*tables, *others]]
+    display = Display("mine", [job[0] for job in jobs], set(), jobs, Console(file=io.StringIO()))
+    ties, waiting, running, told = count(), iter(jobs), list[tuple[float, int, RunSpecification]](), []
+
+    def start() -> None:
+        for (run,) in (job for job in [next(waiting, None)] if job):
+            display.start([run])
+            heapq.heappush(running, (now[0] + seconds[run.digest], next(ties), run))
+
+    start(), start()
+    done = 0.0
+    while running:
+        now[0], _, run = heapq.heappop(running)
+        done += seconds[run.digest]
+        record = ended(run)
+        display.advance([replace(record, provenance={"wall_time_s": seconds[run.digest]})])
+        start()
+        told.append((now[0], done / sum(seconds.values()), display.seconds_left()))
+    for at, share, left in told[:-1]:
+        assert left is None if share < 0.1 else True
+        assert left is None or 0.5 < (left + 1) / (now[0] - at + 1) < 2, (at, left)
+    assert told[1][2] is None  # after the tables
+    assert sum(left is not None for _, _, left in told) > len(told) / 3
+    assert told[-1][2] == 0
 
 
 def shown(display: Display) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.execution.store import NoRunsError, Record, Store
+from benchmark.execution.store import DamagedError, NoRunsError, Record, Store
 from envs import InputError
 
 
@@ -222,6 +222,38 @@ def test_no_flipped_bit_is_used_silently(tmp_path: Path) -> None:
     assert n_same < 75  # most bits are those of records
     assert len(refused) < 5  # the header, or the schema
     assert not any("\n" in message for message in refused)
+
+
+def test_flipped_bit_of_the_header_costs_no_record(tmp_path: Path) -> None:
+    """Bits of all its fields, and all of the byte that says how many pages the file has."""
+    path = tmp_path / "runs.db"
+    records = {f"{i:064x}": record(f"{i:064x}", arrays={"a": np.arange(500.0) + i}) for i in range(12)}
+    with Store(path) as store:
+        store.add(records.values())
+    whole = path.read_bytes()
+    for bit in [*range(0, 800, 23), *range(248, 256)]:
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        with Store(path) as store:
+            store.discard_damaged(records)
+            store.add([record("new")])
+            assert store.ended() == {*records, "new"}, bit
+            assert store.damaged(records) == [], bit
+        with Store(path, read_only=True) as store:
+            assert store.problem() == "", bit
+
+
+def test_damaged_header_is_reported_to_readers_who_cannot_mend_it(tmp_path: Path) -> None:
+    path = tmp_path / "runs.db"
+    with Store(path) as store:
+        store.add([record("x")])
+    content = bytearray(path.read_bytes())
+    content[3] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(DamagedError, match="header is damaged; 'run EXPERIMENT' saves"):
+        Store(path, read_only=True)
+    assert path.read_bytes() == content
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from benchmark.__main__ import main
 from benchmark.drawing.tables import plain, show
@@ -182,6 +183,12 @@ def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, c
     with pytest.raises(InputError, match="reproduce"):
         build.write(tmp_path, "reproduce" if file == "manifest.json" else None)
     assert not (tmp_path / "index.html").exists()
+
+
+def test_figure_that_is_too_high_for_the_page_is_smaller_there(results: Path, tmp_path: Path) -> None:
+    shutil.copytree(results / "reproduce", tmp_path / "reproduce")
+    Image.new("RGB", (800, 40_000)).save(tmp_path / "reproduce" / "figure.png")
+    assert re.search(r'width="32[78]" height="16383"', build.write(tmp_path).read_text(encoding="utf-8"))
 
 
 def test_page_is_written_when_a_file_has_changed(made: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmark.experiments import Experiment, load_experiment
-from benchmark.reports.comparison.declared import Declared, Learner, forecast
+from benchmark.reports.comparison.declared import Declared, Learner, check, forecast
 from benchmark.reports.comparison.runs import Runs
 from benchmark.reports.draw import report_of
 from envs import InputError
@@ -30,6 +30,21 @@ CONTRAST = '["net, one_hot", "table, index"]'
 
 def declared(tmp_path: Path, reporting: str = "") -> Experiment:
     return experiment_of(tmp_path / "mine.toml", f'{BASE}\n[report]\nkind = "comparison"\n{reporting}\n')
+
+
+def test_figures_that_would_be_too_high_are_refused_before_the_runs(tmp_path: Path) -> None:
+    """Three contrasts that are not pooled, each a row in every scenario and condition: 333 of them."""
+    text = 'pool = "none"\nbaseline = "table, index"\ncontrasts = [["net, one_hot", "table, index"], '
+    text += '["net, coordinates", "table, index"], ["table, index", "other, index"]]'
+    experiment = declared(tmp_path, text)
+    for n in (166, 167):  # times two conditions
+        scenarios = [f"S{i}" for i in range(n)]
+        many = experiment.model_copy(update={"scenarios": scenarios})
+        if n == 166:
+            check(many)
+        else:
+            with pytest.raises(InputError, match=r"167 scenarios under 2 .* at most 333 scenarios"):
+                check(many)
 
 
 def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:

@@ -2,7 +2,11 @@
 
 import hashlib
 import json
+import os
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,6 +27,7 @@ from benchmark.reports.document import Document
 from benchmark.reports.folder import SCORES
 from benchmark.reports.item import Item
 from envs import InputError
+from tests.benchmark.execution.test_processes import until
 from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
 from tests.benchmark.reports.sentences import check_links, check_verdicts
 from tests.support import ROOT, mistyped_columns
@@ -41,6 +46,27 @@ def without(experiment: Experiment, *names: str, **reporting: Any) -> Experiment
     assert experiment.report is not None
     report = experiment.report.model_copy(update=reporting)
     return experiment.model_copy(update={"algorithms": variants, "report": report})
+
+
+def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) -> None:
+    for name in ("small.toml", "runs.db"):
+        shutil.copy(drawn.results / name, tmp_path)
+    arguments = ["report", str(tmp_path / "small.toml"), "--results", str(tmp_path)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "benchmark", *arguments], cwd=ROOT, start_new_session=True
+    )
+
+    def has_ended() -> bool:
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+    until(lambda: [*tmp_path.glob(".small.making/*.png")] or process.poll() is not None)
+    process.kill()
+    process.wait()
+    until(has_ended)  # whatever it had started
 
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
