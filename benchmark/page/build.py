@@ -384,7 +384,7 @@ def _agents(folder: Folder) -> dict[str, Any]:
     """Returns what the explorer shows of a folder, with what readers call the learners."""
     content = (folder.path / explorer.FILE).read_bytes()
     with folder.reading():
-        names = Names.from_manifest(folder.manifest)
+        names = folder.names
         try:
             shown: dict[str, Any] = json.loads(gzip.decompress(content))
         except (EOFError, zlib.error) as error:
