@@ -60,7 +60,9 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
     """Draws one value per cell, (O,)."""
     edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
     axis.set_facecolor(_OVER)
-    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), cmap=_colour_map(norm), norm=norm)
+    # An edge of the same colour, since the ground would shine through between cells.
+    style: dict[str, Any] = {"cmap": _colour_map(norm), "norm": norm, "edgecolors": "face", "linewidth": 0.2}
+    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), **style)
     _dress(axis, scene, _ON_VALUES)
 
 

@@ -96,7 +96,7 @@ def test_sentences_say_what_their_tables_say(drawn: Drawn, folder: str | Path) -
 
 
 def test_the_smaller_form_of_a_figure_stays(tmp_path: Path) -> None:
-    def drawn(tables: object, data: Any) -> Any:
+    def drawn(_: object, data: Any) -> Any:
         figure, axis = plt.subplots()
         axis.plot(np.random.default_rng(1).random((data.n, 20)), "o")
         return figure

@@ -13,9 +13,9 @@ from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.experiments.specification import tuning_of
+from benchmark.reports.item import PICTURES
 from benchmark.reports.search.results import _shares, _values
 from benchmark.reports.search.runs import check, expected_best, gain, mean
-from benchmark.reports.item import PICTURES
 from envs import InputError
 from tests.support import ROOT, mistyped_columns
 
