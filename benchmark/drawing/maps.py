@@ -14,7 +14,7 @@ import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon
@@ -47,7 +47,8 @@ _ONE_OF_MANY: Final[dict[str, Any]] = {"ls": "", "marker": ".", "ms": 3, "color"
 _WAY: Final[dict[str, Any]] = {"color": _RGB["person"], "lw": 0.9, "ls": ":"}
 
 _DIVERGING: Final = "PuOr"  # of values of both signs, whose middle is zero
-_OVER: Final = _RGB["over"]  # where there is no value
+_OVER: Final = to_hex(tuple(_RGB["over"]))  # where there is no value
+_OUTSIDE: Final = to_hex(tuple(_RGB["outside"]))
 
 # Of the gallery
 _COLUMNS: Final = 6
@@ -60,7 +61,9 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
     """Draws one value per cell, (O,)."""
     edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
     axis.set_facecolor(_OVER)
-    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), cmap=_colour_map(norm), norm=norm)
+    # An edge of the same colour, since the ground would shine through between cells.
+    style: dict[str, Any] = {"cmap": _colour_map(norm), "norm": norm, "edgecolors": "face", "linewidth": 0.2}
+    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), **style)
     _dress(axis, scene, _ON_VALUES)
 
 
@@ -225,11 +228,11 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     """Draws a map of the regions, with all starts of the agent and the way of an issuer who moves."""
     scene, n_phases = scene_of(model, context), len(model.scenario.stages)
     zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
-    axis.set_facecolor(_RGB["outside"])
+    axis.set_facecolor(_OUTSIDE)
     for zone in dict.fromkeys(scene.zone):
         if zone != "outside":
             _add_path(axis, outlines(zones == zone), {"fc": _RGB[zone], "lw": 0})
-    lines = {"colors": [_RGB["line"]], "lw": 0.25, "zorder": 1.1}
+    lines: dict[str, Any] = {"colors": [_RGB["line"]], "lw": 0.25, "zorder": 1.1}
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if model.scenario.moves:

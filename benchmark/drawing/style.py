@@ -134,7 +134,8 @@ def learner_style(variant: str, observation: str, variants: Sequence[str]) -> di
 
 
 def _lighter(colour: Any, share: float) -> str:
-    return to_hex([part + share * (1 - part) for part in to_rgb(colour)])
+    red, green, blue = (part + share * (1 - part) for part in to_rgb(colour))
+    return to_hex((red, green, blue))
 
 
 def in_dark(colour: str) -> str:

@@ -60,7 +60,7 @@ def is_of(frame: pd.DataFrame, learner: Learner) -> NDArray[np.bool_]:
 def is_of_any(frame: pd.DataFrame, learners: Sequence[Learner], runs: Runs) -> NDArray[np.bool_]:
     """Returns which rows are of these learners or of their references."""
     every = [*learners, *(each for learner in learners for each in references_of(learner, runs))]
-    return np.logical_or.reduce([is_of(frame, each) for each in every])
+    return np.asarray(np.logical_or.reduce([is_of(frame, each) for each in every]))
 
 
 def style_of(learner: Learner, runs: Runs) -> dict[str, Any]:
@@ -143,7 +143,7 @@ def legend(figure: Figure, learners: Sequence[Learner], runs: Runs, title: str, 
         Line2D([], [], label=runs.names(*each), lw=1.3, ms=5, **style_of(each, runs) | style)
         for each in learners
     ]
-    widest = max(len(handle.get_label()) for handle in handles)
+    widest = max(len(runs.names(*each)) for each in learners)
     columns = min(max(_CHARACTERS // (widest + 9), 1), 4)
     place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns, "frameon": False}
     figure.legend(handles=handles, **place, handlelength=3, title=title)

@@ -165,7 +165,7 @@ def _panels(tables: Frames, data: Maps, grids: Sequence[str]) -> Figure | None:
     widths = [_WIDTHS[draw] for draw, _ in panels]
     with figure_of(1, 1, (sum(widths), 4.9)) as (figure, axes):
         axes[0, 0].remove()
-        parts = np.atleast_1d(figure.subfigures(1, len(panels), width_ratios=widths))
+        parts = figure.subfigures(1, len(panels), width_ratios=widths, squeeze=False)[0]
         for part, (draw, grid) in zip(parts, panels, strict=True):
             axis = part.subplots()
             draw(axis, tables, data, grid)
@@ -255,8 +255,8 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
     axis.spines[:].set_visible(False)
     axis.tick_params(length=0)
     bar = axis.figure.colorbar(image, ax=axis, location="bottom", aspect=30, pad=0.02)
-    x, y = (names.of_side(side) for side in report.contrasts[0])
-    labels = [f"{name}\nneeds fewer steps" if name else "" for name in (y, "", x)]
+    net, table = (names.of_side(side) for side in report.contrasts[0])
+    labels = [f"{name}\nneeds fewer steps" if name else "" for name in (table, "", net)]
     bar.set_ticks([-most, 0, most], labels=labels)
     bar.ax.tick_params(length=0)
     left, _, right = bar.ax.get_xticklabels()

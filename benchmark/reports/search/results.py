@@ -245,7 +245,7 @@ def _(tables: Frames, data: Searches) -> Figure:
         index="learner", columns="setting", values="share", sort=False
     )
     n_rows, n_columns = table.shape
-    with figure_of(1, 1, (0.6 * n_columns + 2.6, 0.27 * n_rows + 1.4)) as (_, axes):
+    with figure_of(1, 1, (0.6 * n_columns + 2.6, 0.27 * n_rows + 1.4)) as (figure, axes):
         axis = axes[0, 0]
         edges = np.arange(n_columns + 1) - 0.5, np.arange(n_rows + 1) - 0.5
         axis.pcolormesh(*edges, table, cmap="Greys", vmin=0, vmax=1)
@@ -260,7 +260,7 @@ def _(tables: Frames, data: Searches) -> Figure:
         axis.xaxis.tick_top()
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
-    return axis.figure
+    return figure
 
 
 @item(

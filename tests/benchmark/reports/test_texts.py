@@ -129,6 +129,6 @@ def test_figures_have_the_texts_as_characters(exported: Path) -> None:
         path.stem: html.unescape("\n".join(re.findall("<text[^>]*>([^<]*)</text>", path.read_text())))
         for path in (exported / "svg").glob("*.svg")
     }
-    assert f"{EFFECT}: mood-1" in texts["effects"]
+    assert f"{EFFECT}:\nmood-1" in texts["effects"]
     assert PHASE in texts["scenarios"]
     assert f"S1, {GROUP}" in texts["curves"]
