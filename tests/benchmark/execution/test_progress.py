@@ -42,7 +42,8 @@ def test_time_left_is_within_a_factor_of_two_after_a_tenth_of_the_work(
             display.start([run])
             heapq.heappush(running, (now[0] + seconds[run.digest], next(ties), run))
 
-    start(), start()
+    start()
+    start()
     done = 0.0
     while running:
         now[0], _, run = heapq.heappop(running)
