@@ -47,8 +47,8 @@ _DASHES: Final[Mapping[str, Any]] = {  # of forms of observation; others are sol
     **dict.fromkeys(("offset", "offset_one_hot"), (0, (1, 1.2))),
 }
 _TINTS: Final[Mapping[str, float]] = {  # how much lighter a learner is drawn
-    "coordinates": 0.45,
-    "offset_coordinates": 0.25,
+    "coordinates": 0.3,
+    "offset_coordinates": 0.15,
     **dict.fromkeys(("offset", "offset_one_hot"), 0.4),
 }
 _RC: Final = {

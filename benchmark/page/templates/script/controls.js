@@ -24,6 +24,9 @@ function refresh() {
   slider.value = place;
   const text = `${grouped(shown.step)} of ${grouped(steps.at(-1))}`;
   byId("step-text").textContent = text;
+  const hasValues = panels.some((panel) => panel.agent.hasValues);
+  for (const option of kinds.options) option.disabled = !hasValues && option.value !== "policy";
+  kinds.value = hasValues ? shown.kind : "policy";
   slider.setAttribute("aria-valuetext", text);
   byId("step-label").textContent = `Training ${[...new Set(panels.map((panel) => panel.agent.unitName))].join(" or ")}`;
   panels[0].draw(shown, panels[1]);

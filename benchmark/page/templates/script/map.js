@@ -162,7 +162,7 @@ if (box) {
     let last = -Infinity;
     for (const end of ends.sort((a, b) => a.y - b.y)) {
       last = Math.max(end.y, last + 15);
-      image.append(drawn("text", { x: PLOT + 10, y: last + 4, style: `fill: ${end.colour}` }, looks[end.name].name));
+      image.append(drawn("text", { x: PLOT + 10, y: last + 4, style: "fill: var(--ink)" }, looks[end.name].name));
     }
     return element("figure", {}, image, element("figcaption", {}, `${title} Hollow, at the top: most runs never learn within their budget.`));
   }
