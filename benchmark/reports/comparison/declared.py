@@ -12,10 +12,9 @@ from benchmark.experiments.schema import MOST_CONTRASTS
 from envs import InputError
 from envs.inputs import unknown_name
 
-# Figures of so many scenarios under so many conditions, or rows, are about 60,000 pixels high; Pillow refuses
-# to read one that is much higher.
-MOST_PLACES: Final = 600
-MOST_ROWS: Final = 1_000
+# Scenarios times conditions: curves of so many take minutes to draw, and are about 30,000 pixels high.
+MOST_PLACES: Final = 300
+MOST_ROWS: Final = 1_000  # of contrasts: 60,000 pixels, and Pillow reads no image that is much higher
 
 
 class Learner(NamedTuple):
