@@ -24,7 +24,7 @@ from tests.support import ROOT
 RESULTS = ROOT / "results"
 GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
 CELLS: list[dict[str, Any]] = json.loads(site.TOUR.read_text(encoding="utf-8"))["cells"]
-SETTINGS = {load_algorithm(name).settings for name in ALGORITHMS}
+SETTINGS = sorted({load_algorithm(name).settings for name in ALGORITHMS}, key=lambda each: each.__name__)
 
 
 @pytest.fixture(scope="module")
