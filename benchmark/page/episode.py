@@ -22,7 +22,7 @@ _TAKEN: Final = (*[_DOWN, _RIGHT] * 2, PING, *[_RIGHT, _DOWN] * 2, *[_RIGHT] * 4
 _UNIT, _SECONDS = 20, 0.55  # pixels of a cell, seconds of a step
 _SIGNS: Final = {"wrong_ping": ("✗", "no"), "target_ping": ("✓", "yes")}
 _FEELS: Final = {
-    "outside": "At ease: the agent is far away, too far for the person to feel asked.",
+    "outside": "At ease: the agent is too far away.",
     "uncomfortable": "Uncomfortable: this is too close.",
     "target": "Comfortable: close enough, and not too close.",
 }

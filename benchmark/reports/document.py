@@ -128,6 +128,7 @@ class Document:
     def learners(self) -> str:
         """A Markdown table of the learners: their names, and where their settings come from; or empty."""
         manifest, rows = self.folder.manifest, []
+        plus = " or more" if manifest["report"].get("looks") else ""
         for variant, each in manifest["algorithms"].items():
             source = f"search `{each['tuned_by'].partition(':')[0]}`" if each.get("tuned_by") else "declared"
             for observation in each["settings"]:
@@ -137,7 +138,7 @@ class Document:
                         "name in CSV files": f"`{variant}, {observation}`",
                         "policy": each["policy"],
                         "settings": "searched here" if "search" in manifest["facts"] else source,
-                        "runs": each.get("runs"),
+                        "runs": each.get("runs") and f"{each['runs']}{plus}",
                     }
                     rows.append({key: value for key, value in row.items() if value is not None})
         return tables.to_markdown(pd.DataFrame(rows)) if rows else ""

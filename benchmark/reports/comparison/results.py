@@ -126,10 +126,8 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
         if outcome(declared, rows) == "undecided" and (n := runs_needed(declared, rows, n_tests)):
             parts.setdefault(n, []).append(str(place))
     told = "; ".join(f"{n:,} in {listed(names)}" for n, names in sorted(parts.items()))
-    start = (
-        "Exploratory: how many runs per learner would decide what is undecided, if all means stayed as they"
-    )
-    return f"{start} are: {told}." if told else None
+    start = "Exploratory: if all means stayed as they are, a verdict would take this many runs per learner:"
+    return f"{start} {told}." if told else None
 
 
 @item(
@@ -307,7 +305,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         if not isinstance(row.get("algorithm"), str):
             x, y = (folder.names.of_side(row[side]) for side in "xy")
             yield (
-                f"Exploratory, {row['effect']}: the difference in success, {x} minus {y}, is "
+                f"Exploratory, {row['effect']}: the success of {x} minus that of {y} is "
                 f"{words.difference(row, 'success', 'effects', 2)} (95 % interval, not adjusted)."
             )
 

@@ -129,7 +129,7 @@ def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
         + f" ({listed([*found])})" * (len(found) <= figures.FEW)
         for kind, found in winners.items()
     }
-    kinds = {"tabular": "a table", "deep": "a net", "both": "both at the same evaluation"}
+    kinds = {"tabular": "a table", "deep": "a net", "both": "a table and a net at the same evaluation"}
     if len(table["scenario"].unique()) > 1:
         if first := "; ".join(f"{text} in {told[kind]}" for kind, text in kinds.items() if kind in told):
             start = f"Of {len({*words.scenario_labels(own)})} scenarios"

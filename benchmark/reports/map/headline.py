@@ -111,18 +111,19 @@ def _steps(folder: Folder, line: _Line) -> str:
         least = link(f"{best['steps']:,.0f}", "cells", best)
         text += (
             f"But with {line.where}, the smallest median is that of {_named(folder, name)}: {least} steps, "
-            f"against {net} of the net and {table} of the first table (not tested)."
+            f"compared with {net} for the net and {table} for {folder.names.told(line.table)} (not tested)."
         )
     else:
         text += (
-            f"With {line.where}, the median run needs {net} steps with the net and {table} with this table."
+            f"With {line.where}, the median run needs {net} steps with the net and {table} with "
+            f"{folder.names.told(line.table)}."
         )
     return f"{text} A run has *learned* when success stays at or above {level:g}."
 
 
 def _control(folder: Folder, line: _Line) -> str:
     """Says what permuted coordinates do to both, and what both can do in unseen places."""
-    cells, parts = folder.frame("cells"), []
+    cells, than, parts = folder.frame("cells"), folder.names.told(line.table), list[str]()
     coded = cells[cells["grid"].isin(cells.loc[cells["permuted"] == 1, "grid"])]
     both = [pd.concat([_rows(coded, each, permuted=share) for share in (1.0, 0.0)]) for each in line[-2:]]
     if all(len(rows) == 2 for rows in both):
@@ -133,9 +134,9 @@ def _control(folder: Folder, line: _Line) -> str:
         budgets = [f"{rows['budget'].iloc[0]:,}" for rows in both]
         parts.append(
             f"As a control, the coordinates of the person's {coded['places'].iloc[0]} places are permuted at "
-            f"random; what this table observes does not change. Then {net[0]} runs of the net learn within "
-            f"{budgets[0]} steps (without it: {net[1]}), and {table[0]} runs of the table within "
-            f"{budgets[1]} (without it: {table[1]})."
+            f"random; what {than} observes does not change. Then {net[0]} runs of the net learn within "
+            f"{budgets[0]} steps (unpermuted: {net[1]}), and {table[0]} runs of the table within "
+            f"{budgets[1]} (unpermuted: {table[1]})."
         )
     unseen = cells[cells["unseen_success"].notna()] if "unseen_success" in cells else cells[:0]
     both = [_rows(unseen, each, places=unseen["places"].max()) for each in line[-2:]]
@@ -147,20 +148,20 @@ def _control(folder: Folder, line: _Line) -> str:
         )
         parts.append(
             f"With the person in a place that was not among the {both[0]['places'].iloc[0]} of training, "
-            f"the net succeeds in {net_text} of episodes, and this table in {table_text}."
+            f"the net succeeds in {net_text} of episodes, and the table in {table_text}."
         )
     return " ".join(parts)
 
 
 def _currencies(folder: Folder, line: _Line) -> str:
     """Says where the crossing is in the other currencies."""
-    wrong = _clause(folder, "crossings", line, "wrong PINGs", "need fewer wrong PINGs")
-    time = _clause(folder, "crossings_cpu", line, "CPU seconds", "need less CPU time")
     than = folder.names.told(line.table)
-    text = f"Compared with {than}, the net {wrong}. It {time}."
+    wrong = _clause(folder, "crossings", line, "wrong PINGs", f"need fewer wrong PINGs than {than}")
+    time = _clause(folder, "crossings_cpu", line, "CPU seconds", "need less CPU time")
+    text = f"By medians (not tested), the net {wrong}. It {time}."
     net, table = (_took(folder.frame("cpu"), "cpu", "cpu_time_s", line, each) for each in line[-2:])
     if net and table:
         text += (
-            f" With {line.where}, the median run trains for {net} with the net and {table} with this table."
+            f" With {line.where}, the median run trains for {net} with the net and {table} with the table."
         )
     return text

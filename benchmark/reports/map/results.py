@@ -146,7 +146,8 @@ def _(table: pd.DataFrame, _: Folder) -> str:
     """Says how sure verdicts are."""
     return (
         f"Of {table['contrasts'].sum():,} distinct contrasts, {table['undecided'].sum()} are undecided. "
-        "The probability of any wrong verdict among all of them is at most 5 %."
+        "The probability of any wrong verdict among all of them is at most 5 %, not counting changes of the "
+        "protocol."
     )
 
 

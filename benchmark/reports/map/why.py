@@ -102,7 +102,7 @@ def _correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate:
     return Estimate(found[0], float(low), float(high))
 
 
-@predictors.figure("Which measures of a scenario go with the steps that learners need.")
+@predictors.figure("Which measures of a scenario correlate with the steps that learners need.")
 def _(tables: Frames, data: Maps) -> Figure | None:
     frame, found = tables["measures"], tables.get("predictors")
     if found is None:

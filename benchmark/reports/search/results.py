@@ -78,8 +78,8 @@ def headline(folder: Folder) -> Finding:
             name = folder.names.told(_name(best))
             parts.append(f"from {ends[0]} to {ends[1]} for the best {kind}, {name}")
     return Finding(
-        f"The chosen settings, the best of the defaults and {search['trials']} trials, change success "
-        f"averaged over training {', and '.join(parts)}. Means are over {len(folder.manifest['scenarios'])} "
+        f"With the best of the defaults and {search['trials']} trials, success averaged over training goes "
+        f"{', and '.join(parts)}. Means are over {len(folder.manifest['scenarios'])} "
         f"scenarios, with {search['seeds']} fresh runs in each."
     )
 

@@ -232,7 +232,7 @@ def test_without_javascript_all_but_the_explorer_is_there(open_page: Open) -> No
 
 ENDINGS = {
     "target_ping": "PING in the target region: success.",
-    "issuer_reached": "The agent ran into the issuer, and the episode ended.",
+    "issuer_reached": "The agent ran into the person, and the episode ended.",
     "last_wrong_ping": "One wrong PING too many, and the episode ended.",
     CIRCLE: "and would do so until the limit of {} steps.",
     HORIZON: "The limit of {} steps is reached.",
@@ -289,9 +289,9 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
         opened.choose("left", *key)
         opened.panel("left", "select[name=seed]").select_option("1")
         about = opened.panel("left", ".about").inner_text()
-        only = r"(Shown: step [\d,]+\. )?Of this agent only the final greedy policy is published\. "
+        only = r"(Shown: step [\d,]+\. )?Only this agent's final greedy policy is published\. "
         assert re.match(only, about)
-        found = re.search(r"\(seed 1\): score (\S+), success probability ([\d.]+)[. ]", about)
+        found = re.search(r"\(seed 1\): unbounded score (\S+), success probability ([\d.]+)[. ]", about)
         assert found is not None
         expected = population.unbounded_scores[1, -1], population.arrays["success"][1, -1]
         assert [number(text.rstrip(".")) for text in found.groups()] == pytest.approx(expected, abs=0.0006)

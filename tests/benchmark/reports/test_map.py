@@ -153,7 +153,7 @@ def test_document_and_figures(made: Path) -> None:
         "In a room of 5 × 6 cells, a net (net on the offset's index) learns in fewer steps than the table (a"
         in text
     )
-    assert re.search(r" of 1[26] runs of the net learn within 30,000 steps \(without it: ", text)
+    assert re.search(r" of 1[26] runs of the net learn within 30,000 steps \(unpermuted: ", text)
     assert {"map.svg", "predictors.svg"} <= {path.name for path in made.iterdir()}
     reference = pd.read_csv(made / "reference.csv")
     assert {*reference["y"]} == {"check, index"}

@@ -95,7 +95,7 @@ def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(
     assert cells == sum(rows)
     words = " ".join(html.unescape(re.sub("<[^>]+>", " ", parser.render(text))).split())
     assert words.count(" ".join(TEXT.split())) == 3  # of the experiment, its note and the scenario
-    assert f"Exploratory, {EFFECT}: the difference" in words
+    assert f"Exploratory, {EFFECT}: the success of" in words
 
 
 @pytest.fixture(scope="module")

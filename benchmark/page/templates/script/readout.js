@@ -7,7 +7,7 @@ const ZONES = {
   outside: "outside the regions",
   target: "in the target region",
   uncomfortable: "in the uncomfortable region",
-  issuer: "the issuer's cell",
+  issuer: "the person's cell",
   wall: "a wall",
 };
 
@@ -21,7 +21,7 @@ export function described(agent, map, step) {
   const { curve, room, sight } = agent;
   const shown = agent.steps[map];
   const time = shown === step ? "" : `Shown: ${agent.unitName} ${grouped(shown)}. `;
-  const values = agent.hasValues ? VALUES[agent.kind](agent) : "Of this agent only the final greedy policy is published.";
+  const values = agent.hasValues ? VALUES[agent.kind](agent) : "Only this agent's final greedy policy is published.";
   const isHidden = (name) => !sight.observed.includes(name);
   const hidden = [
     room.places.length > 1 && isHidden("issuer") && isHidden("offset") && isHidden("phase") && "where the person is",
@@ -35,7 +35,7 @@ export function described(agent, map, step) {
     `. Mean score of all runs${curve.isStochastic ? ", which draw their actions" : ""}: `, sourced(curve.file, curve.line[place], show(curve.mean[place])),
     ` [${show(curve.low[place])}, ${show(curve.high[place])}]`,
   ];
-  const result = `score ${show(agent.score[map])}, success probability ${show(agent.success[map])}`;
+  const result = `unbounded score ${show(agent.score[map])}, success probability ${show(agent.success[map])}`;
   return [`${time}${values}${blind}${note} This agent (seed ${agent.seed}): ${result}`, ...mean, "."];
 }
 

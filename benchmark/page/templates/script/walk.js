@@ -9,7 +9,7 @@ import { members, placeOf } from "./agents.js";
 const SEED = 2021; // of the first walk: ties are broken, and outcomes drawn, the same way
 const ENDS = {
   target_ping: "PING in the target region: success.",
-  issuer_reached: "The agent ran into the issuer, and the episode ended.",
+  issuer_reached: "The agent ran into the person, and the episode ended.",
   last_wrong_ping: "One wrong PING too many, and the episode ended.",
 };
 
