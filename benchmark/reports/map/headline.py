@@ -86,7 +86,8 @@ def _clause(folder: Folder, table: str, line: _Line, currency: str, does: str) -
     low, high = (
         "–" if math.isinf(end) else f"{end:,.0f}" for end in (row["crossing_low"], row["crossing_high"])
     )
-    value = f"{link(format(row['crossing'], ',.0f'), table, row)} [{low}, {high}]"
+    ends = f"(95 % interval: {low} to {high})" if currency == "steps" else f"[{low}, {high}]"
+    value = f"{link(format(row['crossing'], ',.0f'), table, row)} {ends}"
     does = does.replace(" ", "s ", 1)
     if line.axis == "places":
         return f"{does} if the person may stand in about {value} or more places"
@@ -111,7 +112,8 @@ def _steps(folder: Folder, line: _Line) -> str:
         least = link(f"{best['steps']:,.0f}", "cells", best)
         text += (
             f"But with {line.where}, the smallest median is that of {_named(folder, name)}: {least} steps, "
-            f"compared with {net} for the net and {table} for {folder.names.told(line.table)} (not tested)."
+            f"compared with {net} for the net and {table} for {folder.names.told(line.table)} (medians, "
+            "not tested)."
         )
     else:
         text += (
