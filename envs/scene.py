@@ -43,6 +43,7 @@ BORDERS: Final = {
     "uncomfortable": ("uncomfortable region's edge", True),
 }
 COLOUR_MAP: Final = "cividis"  # of values, in every back end
+DIVERGING: Final = "PuOr"  # of values of both signs, whose middle is zero
 CLIPPED_SHARE: Final = 0.01  # of values, at each end of a colour scale, which outliers would stretch
 # Of each move: corners of its triangle, (row, column) from the cell's centre; the third is the centre.
 TRIANGLES: Final = np.array(

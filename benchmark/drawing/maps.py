@@ -26,7 +26,7 @@ from envs import ACTIONS, Model
 from envs.model import MOVES, PING
 from envs.regions import Loop, outlines
 from envs.scenario import FEEDBACK
-from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, TRIANGLES, Scene, scene_of
+from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, DIVERGING, TRIANGLES, Scene, scene_of
 
 _RGB: Final = {kind: np.array(colour) / 255 for kind, colour in COLOURS.items()}
 _DASHES: Final = (0, (2, 1.5))
@@ -46,7 +46,6 @@ _WALL: Final[dict[str, Any]] = {"fc": _RGB["wall"], "ec": _RGB["line"], "lw": 0,
 _ONE_OF_MANY: Final[dict[str, Any]] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
 _WAY: Final[dict[str, Any]] = {"color": _RGB["person"], "lw": 0.9, "ls": ":"}
 
-_DIVERGING: Final = "PuOr"  # of values of both signs, whose middle is zero
 _OVER: Final = to_hex(tuple(_RGB["over"]))  # where there is no value
 _OUTSIDE: Final = to_hex(tuple(_RGB["outside"]))
 
@@ -109,7 +108,7 @@ def dots(axis: Axes, cells: pd.DataFrame) -> None:
 
 def _colour_map(norm: Normalize) -> str:
     """Returns the colours of a scale: of one with zero in its middle, white is zero."""
-    return _DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
+    return DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
 
 
 def colour_bar(

@@ -210,7 +210,10 @@ class _Part:
                 dash = " ".join(f"{4 * part:g}" for part in style["ls"][1]) if style["ls"] != "-" else ""
                 colour = f"light-dark({style['color']}, {in_dark(style['color'])})"
                 name = names(variant, observation)
-                looks[f"{variant}, {observation}"] = {"name": name, "colour": colour, "dash": dash}
+                told = names.told(f"{variant}, {observation}")
+                looks[f"{variant}, {observation}"] = {
+                    "name": name, "told": told, "colour": colour, "dash": dash,
+                }  # fmt: skip
         return {"folder": self.prefix, "looks": looks}
 
     def link(self, file: str) -> str:
@@ -223,19 +226,19 @@ class _Part:
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links from the page to what can be reached from it."""
-        is_bare = False
+        bare = ""  # the file of a link that leads nowhere from the page, which is then named
         for token in [child for each in tokens for child in (each.children or [])]:
             target = str(token.attrGet("href") or "")
-            if token.type == "link_close" and is_bare:
-                token.tag, is_bare = "span", False
+            if token.type == "link_close" and bare:
+                token.type, token.content, bare = "text", f" ({bare})", ""
             if target and ":" not in target and not target.startswith(("#", "/")):
                 if ".csv" in target:
                     token.attrSet("href", self.link(target))
                     token.attrSet("class", "n" if "#row=" in target else "file")
-                elif repository := about()["repository"]:
+                elif self.prefix and (repository := about()["repository"]):
                     token.attrSet("href", f"{repository}/blob/main/{self.root}{target}")
-                else:  # a file that the page does not hold
-                    token.tag, token.attrs, is_bare = "span", {"title": f"{self.root}{target}"}, True
+                else:
+                    token.type, token.content, bare = "text", "", f"{self.root}{target}"
             if token.type == "text":
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
@@ -319,6 +322,7 @@ def _render(parts: Sequence[_Part]) -> str:
     templates.globals |= {
         "inside": names,
         "root": "results/" if parts[0].prefix else parts[0].root,
+        "hosted": about()["repository"] if parts[0].prefix else "",  # which has published folders alone
         **about(),
     }
     reports = []

@@ -29,7 +29,6 @@ from envs.scene import scene_of
 FILE: Final = "agents.json.gz"
 MOST_VALUED: Final = 500  # observations of a learner whose values are shown
 MOST_MASKS: Final = 480  # of the final policies of a learner, but of one agent at least
-_DIVERGING: Final = "PuOr"  # colours of differences
 _PALETTE: Final = ("path", "over", "wall", "no value")  # colours of `envs.scene` that the page's script uses
 _NO_NUMBER: Final = -(2**31)  # stands for NaN among packed values
 _FIRST_MASK: Final = ord("0")  # a mask is written as a character, from this one on
@@ -84,7 +83,7 @@ def packed(shown: Sequence[Shown]) -> dict[str, Any]:
         "first_mask": _FIRST_MASK,
         "tolerance": OPTIMUM_TOLERANCE,
         "colours": _colours(scenes.COLOUR_MAP),
-        "diverging": _colours(_DIVERGING),
+        "diverging": _colours(scenes.DIVERGING),
         "palette": {name: "#{:02x}{:02x}{:02x}".format(*scenes.COLOURS[name]) for name in _PALETTE},
         "clipped_share": scenes.CLIPPED_SHARE,
         "triangles": scenes.TRIANGLES.tolist(),

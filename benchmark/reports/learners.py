@@ -1,5 +1,6 @@
 """What readers call learners: a variant's title and what it observes. CSV files keep the short names."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Self
@@ -97,7 +98,7 @@ class Names:
         ('the Q-learning table', 'DQN on coordinates')
         """
         name = self.of_side(side)
-        return f"the {name}" if "table" in name.split() else name
+        return f"the {name}" if re.search(r"\btable\b", name) else name
 
     def in_table(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Returns a table with a column of learners, and with their names for sides of contrasts."""

@@ -41,7 +41,7 @@ def test_the_optimum_is_much_better_than_the_random_policy(name: str) -> None:
 def test_the_optimum_walks_straight_to_the_target_region(name: str, moves: int) -> None:
     model = compile_scenario(load_scenario(name))
     assert moves_to_target(model, 0) == moves
-    last = 2.0 if name == "YesNo" else 1.0  # of a right PING, with the issuer's reward
+    last = 2.0 if name == "YesNo" else 1.0  # of a correct PING, with the issuer's reward
     assert solve(model, horizon=200).value[model.start] == pytest.approx(last - 0.1 * moves)
 
 

@@ -89,10 +89,10 @@ if (box) {
       const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
       const row = contrasts.find((each) => isPlain(each) && isChosen(each));
       if (!row) return [`With ${where}${code}: no declared contrast.`];
-      const [x, y] = [row.x, row.y].map((name) => looks[name].name);
-      const words = { faster: `${x} needs fewer steps than the ${y}`, slower: `${x} needs more steps than the ${y}`,
-        "equally fast": `${x} and the ${y} need equally many steps`, "neither learns": `neither ${x} nor the ${y} learns`,
-        undecided: `it is undecided which of ${x} and the ${y} needs fewer steps` };
+      const [x, y] = [row.x, row.y].map((name) => looks[name].told);
+      const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
+        "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
+        undecided: `it is undecided which of ${x} and ${y} needs fewer steps` };
       return [`With ${where}${code}, after `, sourced(row.file, row.line, row.n), ` pairs of runs: ${words[row.verdict]}.`];
     }
 
