@@ -119,7 +119,7 @@ class NoisyFeedback(Table):
 
 
 class BoundedFeedback(Table):
-    """Drawn at each PING, uniformly between two bounds; or `high` for a correct one, `low` for a wrong one."""
+    """Drawn at each PING, uniformly between two bounds; or `high` if it is correct, `low` if it is wrong."""
 
     kind: Literal["uniform", "binary"]
     """Drawn between the bounds, or one of them."""
