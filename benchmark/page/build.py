@@ -436,7 +436,5 @@ def _index(results: Path) -> str:
         paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")
         first = next((paragraph for paragraph in paragraphs if not paragraph.startswith("#")), "")
         folders[path.name] = first.replace("\n", " ").replace("|", r"\|").strip()
-        if (path / "index.html").exists():
-            folders[path.name] += f" Its page: [index.html]({path.name}/index.html)."
     template = templates_in(_TEMPLATES).get_template("index.md.jinja")
     return template.render(folders=folders, has_page=bool(published(results)))

@@ -20,6 +20,7 @@ _SIGNS = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _SIGNED = {verdict: f"{sign} {verdict}" for verdict, sign in _SIGNS.items()}
 _STATE_SIGNS = dict(zip(STATES, _SIGNS.values(), strict=True))
 _COLOURS = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # differ in brightness, too
+_OF_THE_PAPER = 100  # agents per scenario
 _WORDS = (("holds", "hold"), ("is undecided", "are undecided"), ("does not hold", "do not hold"))
 _VERBS = dict(zip(VERDICTS, _WORDS, strict=True))  # of one claim, and of several
 
@@ -95,13 +96,17 @@ def headline(folder: Folder) -> Finding | None:
     rows = weakest(folder.frame("claims"), "agents")
     texts: list[str] = []
     for size, judged in sorted(rows.groupby("agents"), reverse=True):
-        which = "as many as the paper has," if texts else f"of the paper's {len(judged)} claims"
+        start = f"With {size:,} agents per scenario,"
+        if not texts:
+            start += f" of the paper's {len(judged)} claims"
+        elif size == _OF_THE_PAPER:
+            start += " as many as the paper has,"
         counts = [
             f"{link(str(len(found)), 'claims', found)} {verbs[len(found) > 1]}"
             for verdict, verbs in _VERBS.items()
             if len(found := judged[judged["verdict"] == verdict])
         ]
-        texts.append(f"With {size:,} agents per scenario, {which} {listed(counts)}.")
+        texts.append(f"{start} {listed(counts)}.")
     return Finding("\n\n".join(texts))
 
 
