@@ -118,7 +118,9 @@ def test_packages_of_users_are_not_explained(tmp_path: Path) -> None:
     assert done.returncode == 2
 
 
-@pytest.mark.parametrize("module", ["numba", "typing_extensions"])  # the second one is required by others alone
+@pytest.mark.parametrize(
+    "module", ["numba", "typing_extensions"]
+)  # the second one is required by others alone
 def test_required_packages_are_explained(module: str) -> None:
     assert _required(module)
 
