@@ -108,8 +108,8 @@ def _tried(module: str, limit_s: float) -> str:
             return ""
         if done.returncode > 0 and (said := done.stderr.strip()):
             return said.splitlines()[-1]
-        code = done.returncode
-        reason = f"importing it ended {f'with exit code {code}' if code > 0 else f'by signal {-code}'}"
+        exited = done.returncode
+        reason = f"importing it ended {f'with exit code {exited}' if exited > 0 else f'by signal {-exited}'}"
     return _sentence(module, reason) or f"{module} cannot be imported ({reason})."
 
 

@@ -47,8 +47,8 @@ Values = dict[str, float]
 HORIZON: Final = 200  # steps of an exact evaluation in a grid
 STEPS: Final = 1_000_000  # of a table in a grid
 _CALLS: Final = 3  # of what is computed for a grid; the fastest counts
-# Calls a function, which returns values, nothing, or an exit code. Its last line of output is JSON. It ends with
-# its parent, and so do all its processes: nothing else ends them if that is killed.
+# Calls a function, which returns values, nothing, or an exit code. Its last line of output is JSON. It and
+# all its processes end with its parent, which may be killed and then cannot end them.
 _PROGRAM: Final = """
 import json, os, signal, sys, threading, time
 from importlib import import_module

@@ -148,8 +148,11 @@ def test_results_of_users_are_not_on_the_site(tmp_path: Path, monkeypatch: pytes
     (results / "mine" / MANIFEST).write_text('{"report": {"kind": "no_such_module:X"}}', encoding="utf-8")
     (results / "index.html").write_text("old", encoding="utf-8")
     monkeypatch.setattr(sameness, "REPOSITORY", tmp_path)
-    for _ in range(2):  # the second time in place of the first site
-        site.write(results, tmp_path / "site", ["agents.tabular"])
+    (tmp_path / "site").mkdir()
+    for name in ("search.js", "old.html"):  # a site made before
+        (tmp_path / "site" / name).touch()
+    site.write(results, tmp_path / "site", ["agents.tabular"])
+    assert not (tmp_path / "site" / "old.html").exists()
     made = tmp_path / "site" / "results"
     assert {path.name for path in made.iterdir() if path.is_dir()} == {"reproduce"}
     assert (made / "index.html").read_text(encoding="utf-8") != "old"
