@@ -1,12 +1,16 @@
 """Installed packages that cannot be imported: which, why, and what mends it. Imports no package itself."""
 
+import errno
+import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
-from importlib.metadata import packages_distributions, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 from traceback import walk_tb
 from types import ModuleType
 from typing import Final
@@ -15,13 +19,19 @@ LIMIT_S: Final = 120.0  # of an import; the first one of torch reads hundreds of
 _CORE: Final = ("gymnasium", "numpy", "pydantic")  # without which no message of `envs.inputs` can be made
 _LAYERS: Final = ("agents", "benchmark", "envs")
 _LONGEST: Final = 100  # characters of a reason
+# In reasons for which no package can be blamed: memory, open files or disk space ran out.
+_SCARCE: Final = (
+    "MemoryError",
+    "failed to map segment",  # the dynamic loader's, without memory
+    *map(os.strerror, (errno.ENOMEM, errno.EMFILE, errno.ENFILE, errno.ENOSPC)),
+)
 
 
 def broken(error: BaseException) -> str:
     """Returns a sentence on the installed package whose import raised an error; empty if none did.
 
-    Packages that came by pip are told by their metadata from modules of users. One that is there in part is
-    imported by this project in vain.
+    Only packages that this project requires count, not those of users, whose files the error may name. Of a
+    package that is there in part, a module of this project raises the error.
     """
     modules = [
         str(frame.f_globals.get("__name__")).partition(".")[0]
@@ -37,15 +47,44 @@ def broken(error: BaseException) -> str:
 
 
 def _sentence(module: str, reason: str) -> str:
-    """Returns that a module cannot be imported, and what mends its package; empty if it is of no package."""
-    packages = packages_distributions().get(module) if module else None
-    if not packages:
+    """Returns that a module cannot be imported, and what mends its package.
+
+    Empty if no package has it that this project requires.
+    """
+    package = next(iter(_required(module)), None) if module else None
+    if package is None:
         installer = "pip install . installs it (in a checkout: make .venv/.base)"
         return f"the package {module} is not installed; {installer}." if module in _CORE else ""
-    text = " ".join(reason.split())
+    text = " ".join(reason.split()).removesuffix(":")
     text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-    wanted = f"{packages[0]}=={version(packages[0]).partition('+')[0]}"
-    return f"the package {packages[0]} is broken ({text}); pip install --force-reinstall {wanted} mends it."
+    if any(each in reason for each in _SCARCE):
+        return f"the package {package} cannot be imported now ({text})."
+    wanted = f"{package}=={version(package).partition('+')[0]}"
+    return f"the package {package} is broken ({text}); pip install --force-reinstall {wanted} mends it."
+
+
+def _required(module: str) -> list[str]:
+    """Lists the packages that have a module, those of them that this project requires, directly or not."""
+    modules, packages = [*_CORE], packages_distributions()
+    with suppress(Exception):  # of the core, which is enough then: it is imported first
+        from envs.inputs import EXTRAS
+
+        modules += [each for extra in EXTRAS.values() for each in extra]
+    todo = [package for each in modules for package in packages.get(each, [])]
+    found: set[str] = set()
+    while todo:
+        name = _normal(todo.pop())
+        if name not in found:
+            found.add(name)
+            with suppress(PackageNotFoundError):  # it is for another system
+                needed = [line for line in requires(name) or () if "extra" not in line.partition(";")[2]]
+                todo += [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in needed]
+    return [package for package in packages.get(module, []) if _normal(package) in found]
+
+
+def _normal(package: str) -> str:
+    """Returns the name of a package as all spellings of it have it."""
+    return re.sub(r"[-_.]+", "-", package).lower()
 
 
 def unusable(modules: Iterable[str], jobs: int, limit_s: float = LIMIT_S) -> dict[str, str]:
@@ -67,9 +106,10 @@ def _tried(module: str, limit_s: float) -> str:
     else:
         if done.returncode == 0:
             return ""
-        if done.returncode > 0:
-            return "".join(done.stderr.splitlines()[-1:])
-        reason = f"importing it ended by signal {-done.returncode}"
+        if done.returncode > 0 and (said := done.stderr.strip()):
+            return said.splitlines()[-1]
+        exited = done.returncode
+        reason = f"importing it ended {f'with exit code {exited}' if exited > 0 else f'by signal {-exited}'}"
     return _sentence(module, reason) or f"{module} cannot be imported ({reason})."
 
 

@@ -371,7 +371,10 @@ def about() -> dict[str, str]:
         return {"version": metadata.version("proxemic-benchmark"), "repository": ""}
     return {
         "version": declared["project"]["version"],
-        "repository": declared["tool"]["proxemic-benchmark"]["repository"].rstrip("/"),
+        "repository": declared.get("tool", {})
+        .get("proxemic-benchmark", {})
+        .get("repository", "")
+        .rstrip("/"),
     }
 
 
@@ -425,13 +428,9 @@ def _script() -> str:
 
 def _index(results: Path) -> str:
     """Returns the page that lists all folders of results, among the published ones no others."""
-    folders, paths = {}, sorted(results.iterdir())
-    ignored = sameness.ignored(paths)
-    for path in paths:
-        is_apart = path.absolute() in ignored or any(
-            map(path.match, (".*", "*_smoke", "*_partial", "*_seeds_*"))
-        )
-        if is_apart or not (path / "README.md").exists():
+    folders = {}
+    for path in sameness.published_folders(results):
+        if not (path / "README.md").exists():
             continue
         paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")
         first = next((paragraph for paragraph in paragraphs if not paragraph.startswith("#")), "")

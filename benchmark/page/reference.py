@@ -19,7 +19,7 @@ from pdoc.doc_ast import walk_tree
 
 from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Experiment, Extension
-from benchmark.reports import REPORTS, load_report
+from benchmark.reports import REPORTS, load_report, sameness
 from benchmark.reports.columns import meaning
 from benchmark.reports.folder import MANIFEST, Folder
 from envs import Scenario, load_scenario, scenario_names
@@ -191,14 +191,16 @@ def experiments() -> str:
 
 
 def columns(results: Path) -> str:
-    """Returns the reference of all columns of the tables in a folder of results."""
+    """Returns the reference of all columns of the published tables in a folder of results."""
     tables: dict[tuple[str, str], dict[str, None]] = {}
     folders: dict[str, list[str]] = {}
     descriptions: dict[tuple[str, str], str] = {}
-    for path in sorted(results.glob(f"*/{MANIFEST}")):
-        report = load_report(Folder(path.parent).manifest["report"]["kind"])
-        folders.setdefault(report.name, []).append(f"`{path.parent.name}`")
-        for file in sorted(path.parent.glob("*.csv*")):
+    for path in sameness.published_folders(results):
+        if not (path / MANIFEST).exists():
+            continue
+        report = load_report(Folder(path).manifest["report"]["kind"])
+        folders.setdefault(report.name, []).append(f"`{path.name}`")
+        for file in sorted(path.glob("*.csv*")):
             key = report.name, file.name
             tables.setdefault(key, {}).update(dict.fromkeys(header(file)))
             for item in report.items:

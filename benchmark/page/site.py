@@ -9,7 +9,6 @@ import os
 import re
 import shutil
 import sys
-import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
@@ -21,7 +20,9 @@ from typing import Final
 from pdoc import doc, render
 
 from benchmark.page import build, reference
+from benchmark.reports import sameness
 from benchmark.reports.folder import MANIFEST
+from envs import InputError
 
 ROOT: Final = Path(__file__).parents[2]
 PACKAGES: Final = ("envs", "agents", "benchmark")
@@ -29,22 +30,27 @@ TOUR: Final = ROOT / "benchmark" / "tour.ipynb"
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "site"
 _LINK: Final = re.compile(r"(!?)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")
 _CODE: Final = re.compile(r"(^```.*?^```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
-_UNPUBLISHED: Final = ("*_smoke", "*_partial", "*_seeds_*")
+_MARK: Final = "search.js"  # which every site has, and nothing else that could be deleted
 
 
 def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None:
     """Writes the site, in place of what is there.
 
     Args:
-      results: The folder of published results; its page is made if it is missing.
-      site: The folder of the site.
+      results: The folder of published results; its page is written, too.
+      site: The folder of the site; what is there must be a site, or empty.
       packages: What has API pages, with all modules inside.
 
     Raises:
-      InputError: There is nothing to show, see `benchmark.page.build.write`.
+      InputError: There is nothing to show, see `benchmark.page.build.write`; or the site would delete
+        something else.
     """
-    if not (results / "index.html").exists():
-        build.write(results)
+    for kept in (ROOT.resolve(), results.resolve()):
+        if kept.is_relative_to(site.resolve()):
+            raise InputError(f"SITE={site}: it has {kept} inside; accepted: a folder of its own.")
+    if site.exists() and not (site / _MARK).is_file() and not (site.is_dir() and not any(site.iterdir())):
+        raise InputError(f"SITE={site}: it has other files; accepted: a new or empty folder, or a site.")
+    build.write(results)
     shutil.rmtree(site, ignore_errors=True)
     for folder in _folders(results):
         shutil.copytree(folder, site / "results" / folder.name, ignore=shutil.ignore_patterns(".*"))
@@ -52,8 +58,7 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
         shutil.copy(results / name, site / "results")
     documents = {name: (title, source, text) for name, title, source, text in _documents(results)}
     pages = {source: f"{name}.html" for name, (_, source, _) in documents.items()}
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    address = project.get("tool", {}).get("proxemic-benchmark", {}).get("repository", "")
+    address = build.about()["repository"]
     api = {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
     texts = {}
     for name, (_, source, text) in documents.items():
@@ -63,14 +68,14 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
         texts[name] = doc.Module(module)
     render.configure(docformat="google", template_directory=_TEMPLATES, show_source=False)
     titles = {name: title for name, (title, *_) in documents.items()}
-    render.env.globals |= {"documents": titles, "packages": packages, "project": project["project"]["name"]}
+    render.env.globals |= {"documents": titles, "packages": packages}
     with warnings.catch_warnings():  # annotations that only type checkers understand are shown as they are
         warnings.filterwarnings("ignore", "Error parsing type annotation")
         for name, each in (texts | api).items():
             path = site / f"{name.replace('.', '/')}.html"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(render.html_module(each, api), encoding="utf-8")
-        (site / "search.js").write_text(render.search_index(texts | api), encoding="utf-8")
+        (site / _MARK).write_text(render.search_index(texts | api), encoding="utf-8")
     shutil.copy(TOUR, site)
 
 
@@ -105,9 +110,8 @@ def _documents(results: Path) -> Iterator[tuple[str, str, Path, str]]:
 
 
 def _folders(results: Path) -> list[Path]:
-    """Lists the folders of complete results, with the declared seeds."""
-    folders = sorted(path.parent for path in results.glob(f"*/{MANIFEST}"))
-    return [path for path in folders if not any(path.match(name) for name in _UNPUBLISHED)]
+    """Lists the published folders that hold results."""
+    return [path for path in sameness.published_folders(results) if (path / MANIFEST).exists()]
 
 
 def tour() -> str:
@@ -149,5 +153,9 @@ def _linked(text: str, source: Path, results: Path, target: str, pages: dict[Pat
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]).resolve(), Path(sys.argv[2]), sys.argv[3:] or PACKAGES)
+    try:
+        write(Path(sys.argv[1]).resolve(), Path(sys.argv[2]), sys.argv[3:] or PACKAGES)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
     print(f"the site is {sys.argv[2]}/index.html")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.packages import broken, unusable
+from benchmark.packages import _required, broken, unusable
 from envs.inputs import imported
 from tests.support import ROOT
 
@@ -78,16 +78,18 @@ def test_packages_are_imported_in_processes_of_their_own(
         "packaging": "import os; os.abort()",
         "sklearn": "print('said'); raise SystemError('planted')",
         "optuna": "import sklearn",
+        "rich": "import os; os._exit(3)",
     }
     for name, content in fakes.items():
         (tmp_path / f"{name}.py").write_text(content, encoding="utf-8")
     assert unusable(["tabulate"], jobs=1, limit_s=0.5) == {
         "tabulate": sentence("tabulate", "not imported within 0.5 s")
     }
-    assert unusable(["packaging", "jinja2", "sklearn", "optuna"], jobs=2) == {
+    assert unusable(["packaging", "jinja2", "sklearn", "optuna", "rich"], jobs=2) == {
         "packaging": sentence("packaging", "importing it ended by signal 6"),
         "sklearn": sentence("scikit-learn", "SystemError: planted"),
         "optuna": sentence("scikit-learn", "SystemError: planted"),  # the one that is broken
+        "rich": sentence("rich", "importing it ended with exit code 3"),
     }
 
 
@@ -99,3 +101,37 @@ def test_modules_of_users_are_no_packages(tmp_path: Path, monkeypatch: pytest.Mo
         imported("of_a_user:X", "mine.toml", "algorithm")
     assert raised.value.__cause__ is not None
     assert broken(raised.value.__cause__) == ""
+
+
+def test_packages_of_users_are_not_explained(tmp_path: Path) -> None:
+    """Though pip has installed one, its name is no help; that of the file and the key is."""
+    about = tmp_path / "mylab_x-0.1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mylab-x\nVersion: 0.1\n", encoding="utf-8")
+    (about / "RECORD").write_text("mylab/__init__.py,,\n", encoding="utf-8")
+    (tmp_path / "net.toml").write_text(NET.replace('= "dqn"', '= "mylab:X"'), encoding="utf-8")
+    done = benchmark(tmp_path, "mylab", "raise RuntimeError('planted')", "run", "net.toml")
+    assert done.stderr.startswith("error: net.toml: "), done.stderr
+    assert "algorithms.dqn" in done.stderr
+    assert "planted" in done.stderr
+    assert "mylab-x" not in done.stderr
+    assert done.returncode == 2
+
+
+@pytest.mark.parametrize(
+    "module", ["numba", "typing_extensions"]
+)  # the second one is required by others alone
+def test_required_packages_are_explained(module: str) -> None:
+    assert _required(module)
+
+
+@pytest.mark.parametrize(
+    "reason",
+    ["MemoryError", "OSError(24, 'Too many open files')", "ImportError('/x.so: Cannot allocate memory')"],
+)
+def test_what_runs_out_during_an_import_breaks_no_package(tmp_path: Path, reason: str) -> None:
+    done = benchmark(tmp_path, "numba", f"raise {reason}", "list")
+    assert done.stderr.startswith("error: the package numba cannot be imported now ("), done.stderr
+    assert "reinstall" not in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.returncode == 2

@@ -86,14 +86,6 @@ def test_any_id_makes_an_env_of_any_scenario(tmp_path: Path, monkeypatch: pytest
         assert batch.model.scenario.grid.rows == n_rows
 
 
-def test_last_wrong_ping_is_counted_in_the_info_and_not_observed() -> None:
-    env = gymnasium.make("envs:Proxemic/Counted-v0", observation="coordinates")
-    env.reset()
-    steps = [env.step(4) for _ in range(5)]
-    assert [round(4 * float(observation[2])) for observation, *_ in steps] == [1, 2, 3, 4, 4]
-    assert [info["wrong_pings"] for *_, info in steps] == [1, 2, 3, 4, 5]
-
-
 def test_image_rendering_shows_the_agent_where_it_is() -> None:
     env = gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array")
     env.reset()

@@ -47,12 +47,18 @@ Values = dict[str, float]
 HORIZON: Final = 200  # steps of an exact evaluation in a grid
 STEPS: Final = 1_000_000  # of a table in a grid
 _CALLS: Final = 3  # of what is computed for a grid; the fastest counts
-# Calls a function, which returns values, nothing, or an exit code. Its last line of output is JSON.
+# Calls a function, which returns values, nothing, or an exit code. Its last line of output is JSON. It and
+# all its processes end with its parent, which may be killed and then cannot end them.
 _PROGRAM: Final = """
-import json, sys
+import json, os, signal, sys, threading, time
 from importlib import import_module
+def end_with(parent):
+    while os.getppid() == parent:
+        time.sleep(1)
+    os.killpg(0, signal.SIGKILL)
 if __name__ == "__main__":
-    module, name, arguments = sys.argv[1:]
+    parent, module, name, arguments = sys.argv[1:]
+    threading.Thread(target=end_with, args=(int(parent),), daemon=True).start()
     done = getattr(import_module(module), name)(*json.loads(arguments))
     if done and isinstance(done, int):
         sys.exit(done)
@@ -85,7 +91,7 @@ def fresh(function: Callable[..., object], *arguments: object) -> Values:
 def _run(label: str, module: str, name: str, arguments: Sequence[object]) -> Values:
     started = time.perf_counter()
     with subprocess.Popen(
-        [sys.executable, "-c", _PROGRAM, module, name, json.dumps(arguments, default=str)],
+        [sys.executable, "-c", _PROGRAM, str(os.getpid()), module, name, json.dumps(arguments, default=str)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

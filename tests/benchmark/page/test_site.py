@@ -13,13 +13,13 @@ import pytest
 from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Experiment, Extension
 from benchmark.page import reference, site
-from benchmark.reports import load_report
+from benchmark.reports import load_report, sameness
 from benchmark.reports.columns import AFFIXES, meaning
 from benchmark.reports.folder import MANIFEST, Folder
-from envs import EVENTS, ProxemicEnv, Scenario
+from envs import EVENTS, InputError, ProxemicEnv, Scenario
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.support import ROOT
+from tests.support import ROOT, git
 
 RESULTS = ROOT / "results"
 GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
@@ -67,9 +67,9 @@ def test_reference_says_what_is_accepted() -> None:
 def columns() -> set[tuple[str, str, str]]:
     """Report, table and name of every published column."""
     found = set()
-    for manifest in RESULTS.glob(f"*/{MANIFEST}"):
-        name = load_report(Folder(manifest.parent).manifest["report"]["kind"]).name
-        for file in manifest.parent.glob("*.csv*"):
+    for folder in sameness.published_folders(RESULTS):
+        name = load_report(Folder(folder).manifest["report"]["kind"]).name
+        for file in folder.glob("*.csv*"):
             found |= {(name, file.name.partition(".")[0], column) for column in reference.header(file)}
     return found
 
@@ -123,6 +123,39 @@ def test_site_has_page_documents_and_api(built: Path) -> None:
     assert 'href="contributing.html"' in index
     assert "CITATION.cff" in index
     assert 'href="CITATION.cff"' not in index  # the site has no such file
+
+
+@pytest.mark.parametrize("place", [".", "results", "results/reproduce", "notes"])
+def test_site_deletes_nothing_else(place: str, tmp_path: Path) -> None:
+    for file in ("results/reproduce/manifest.json", "notes/mine.txt"):
+        (tmp_path / file).parent.mkdir(parents=True)
+        (tmp_path / file).touch()
+    with pytest.raises(InputError, match=r"SITE=.*accepted: "):
+        site.write(tmp_path / "results", tmp_path / place)
+    assert (tmp_path / "results" / "reproduce" / "manifest.json").exists()
+    assert (tmp_path / "notes" / "mine.txt").exists()
+    with pytest.raises(InputError, match=r"it has .* inside"):
+        site.write(tmp_path / "results", site.ROOT.parent)
+
+
+def test_results_of_users_are_not_on_the_site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    git(tmp_path, "init", "--quiet")
+    shutil.copy(ROOT / ".gitignore", tmp_path)
+    results = tmp_path / "results"
+    for name in ("reproduce", "reproduce_smoke"):
+        shutil.copytree(RESULTS / "reproduce", results / name)
+    (results / "mine").mkdir()
+    (results / "mine" / MANIFEST).write_text('{"report": {"kind": "no_such_module:X"}}', encoding="utf-8")
+    (results / "index.html").write_text("old", encoding="utf-8")
+    monkeypatch.setattr(sameness, "REPOSITORY", tmp_path)
+    (tmp_path / "site").mkdir()
+    for name in ("search.js", "old.html"):  # a site made before
+        (tmp_path / "site" / name).touch()
+    site.write(results, tmp_path / "site", ["agents.tabular"])
+    assert not (tmp_path / "site" / "old.html").exists()
+    made = tmp_path / "site" / "results"
+    assert {path.name for path in made.iterdir() if path.is_dir()} == {"reproduce"}
+    assert (made / "index.html").read_text(encoding="utf-8") != "old"
 
 
 # What readers run

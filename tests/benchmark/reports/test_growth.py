@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 from threading import Thread
@@ -136,3 +137,21 @@ def test_an_interrupt_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyP
     interrupting.join(timeout=60)
     assert not interrupting.is_alive()
     assert list(results.iterdir()) == []
+
+
+def test_a_killed_command_leaves_no_process(tmp_path: Path) -> None:
+    """As above, but nothing of the command is left to end what it has started."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    script = f"exec > {pipe}; echo started; exec sleep 600"
+    code = (
+        "import subprocess; from benchmark.reports.growth.points import fresh; "
+        f"fresh(subprocess.check_call, ['sh', '-c', {script!r}])"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as process, pipe.open() as output:
+        output.readline()
+        process.kill()
+        reading = Thread(target=output.read, daemon=True)
+        reading.start()
+        reading.join(timeout=60)
+        assert not reading.is_alive()
