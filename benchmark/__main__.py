@@ -161,7 +161,9 @@ def _parser() -> argparse.ArgumentParser:
     about = "only write figures (svg, pdf) or tables (tex) in this form, into EXPERIMENT_FORMAT"
     report.add_argument("--format", choices=("svg", "pdf", "tex"), help=about)
 
-    verify = command("verify", "verify checksums, repeat some runs, and draw tables and figures again")
+    verify = command(
+        "verify", "verify checksums, repeat some runs, and make tables, figures, texts and page again"
+    )
     _add_experiment(verify, "; by default all that 'list' shows", seeds=False)
     about = "how many runs to repeat, drawn at random (default: 20)"
     verify.add_argument("--runs", type=int, default=20, metavar="N", help=about)

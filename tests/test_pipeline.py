@@ -19,7 +19,7 @@ from benchmark.experiments import all_specifications, load_experiment
 from benchmark.reports.item import PICTURES
 from tests.benchmark.execution.test_processes import arrays_of
 from tests.benchmark.execution.test_store import execute
-from tests.support import make, mistyped_columns
+from tests.support import ROOT, make, mistyped_columns
 
 PARTS = 20  # of the nine claims
 
@@ -136,6 +136,18 @@ def test_changed_page_is_reported(results: Path, tmp_path: Path) -> None:
     page.write_text(page.read_text(encoding="utf-8").replace("156", "157", 1), encoding="utf-8")
     (problem,) = verify.rewritten({"reproduce_smoke"}, tmp_path)
     assert problem.startswith(f"{page}: different")
+
+
+def test_changed_text_of_measurements_is_reported(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "results" / "growth", tmp_path / "growth")
+    assert [*verify.rewritten(set(), tmp_path)] == []
+    (tmp_path / "growth" / "README.md").write_text("changed", encoding="utf-8")
+    (problem,) = verify.rewritten(set(), tmp_path)
+    assert problem.startswith(f"{tmp_path / 'growth' / 'README.md'}: different")
+    manifest = tmp_path / "growth" / "manifest.json"
+    manifest.write_text(manifest.read_text(encoding="utf-8").replace('"description"', '"other"'))
+    (problem,) = verify.rewritten(set(), tmp_path)
+    assert problem.startswith(f"{tmp_path / 'growth'}: damaged")
 
 
 def test_damaged_stores_are_problems_not_mistakes(

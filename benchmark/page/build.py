@@ -133,7 +133,7 @@ def _inputs(results: Path, names: Sequence[str]) -> str:
     parts = [
         f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.suffix != ".html"
     ]
-    declared = [Folder(results / name).manifest["report"] for name in names]
+    declared = [Document(results / name).folder.manifest["report"] for name in names]
     named = [name for each in declared for name in (each["kind"], *each["items"]) if ":" in name]
     return sameness.digest_of_inputs(*parts, *(digest_of_source(name.partition(":")[0]) for name in named))
 
@@ -182,20 +182,29 @@ class _Part:
             return text.strip()
 
         headline, sections = document.headline, self._sections(document.render(place))
+        description = self.inline(inert(self.folder.manifest["description"]))
         return {
             "id": self.name,
             "question": document.question,
             "headline": [self.inline(text) for text in headline.text.split("\n\n")] if headline else [],
             "map": self._map(),
             "lead": self._figure(lead) if lead is not None and has_lead else None,
-            "description": self.inline(inert(self.folder.manifest["description"])),
+            "description": description,
             "note": self.inline(inert(self.folder.manifest.get("note", ""))),
             "findings": [self.inline(inert(finding.text)) for finding in document.findings],
             # The HTML is ours.
             "sections": [each | {"body": Markup(_PLACED.sub(content, each["body"]))} for each in sections],
             "readme": self.link("README.md"),
-            "manifest": self.link(MANIFEST),
             "made": self.folder.manifest,
+            "partial": self.inline(self.folder.manifest.get("partial") or ""),
+            "year": self.folder.manifest.get("last_started_at", "")[:4],
+            "making": Markup(
+                templates.get_template("made.html").render(
+                    made=self.folder.manifest,
+                    description=description,
+                    manifest=self.link(MANIFEST),
+                )
+            ),
         }
 
     def _map(self) -> dict[str, Any] | None:
@@ -325,41 +334,35 @@ def _render(parts: Sequence[_Part]) -> str:
         "hosted": about()["repository"] if parts[0].prefix else "",  # which has published folders alone
         **about(),
     }
-    reports = []
+    reports, explored, texts, scenarios = [], [], dict[str, str](), dict[str, Markup]()
     for part in parts:
         with part.folder.reading():
             reports.append(part.report(templates))
-    explored = [(part, _agents(part.folder)) for part in parts if explorer.FILE in part.folder]
-    manifests = [part.folder.manifest for part in parts]
-    texts = {
-        part.link(path.name): path.read_text(encoding="utf-8")
-        for part in parts
-        for path in sorted(part.folder.path.glob("*.csv"))
-    }
+            if explorer.FILE in part.folder:
+                explored.append((part.name, part.prefix, pack(_agents(part.folder))))
+            for path in sorted(part.folder.path.glob("*.csv")):
+                texts[part.link(path.name)] = path.read_text(encoding="utf-8")
+            for name, declared in part.folder.manifest["scenarios"].items():
+                scenarios[name] = part.inline(inert(declared["description"]))
     scene, steps = episode.episode()
-    content = {
-        "reports": reports,
-        "partial": [part.inline(note) for part in parts if (note := part.folder.manifest.get("partial"))],
-        "task": parts[0].inline(_TASK.read_text(encoding="utf-8")),
-        "moving": episode.moving(scene, steps),
-        "steps": [(step, episode.still(scene, steps, step)) for step in episode.told(steps)],
-        "rate": episode.RATE,
-        "discount": episode.DISCOUNT,
-        "scenarios": {
-            name: part.inline(inert(declared["description"]))
-            for part in parts
-            for name, declared in part.folder.manifest["scenarios"].items()
-        },
-        "horizon": manifests[0].get("horizon"),
-        "agents": [(part.name, part.prefix, pack(shown)) for part, shown in explored],
-        "command": "make report" if len(parts) > 1 else manifests[0]["command"],
-        "year": max(
-            manifest["last_started_at"][:4] for manifest in manifests if "last_started_at" in manifest
-        ),
-        "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
-        "js": Markup(_script()),
-    }
-    return templates.get_template("page.html").render(**content, data=pack(texts))
+    manifests = [part.folder.manifest for part in parts]
+    with parts[0].folder.reading():
+        content = {
+            "reports": reports,
+            "task": parts[0].inline(_TASK.read_text(encoding="utf-8")),
+            "moving": episode.moving(scene, steps),
+            "steps": [(step, episode.still(scene, steps, step)) for step in episode.told(steps)],
+            "rate": episode.RATE,
+            "discount": episode.DISCOUNT,
+            "scenarios": scenarios,
+            "horizon": manifests[0].get("horizon"),
+            "agents": explored,
+            "command": "make report" if len(parts) > 1 else manifests[0]["command"],
+            "year": max((each["year"] for each in reports), default=""),
+            "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
+            "js": Markup(_script()),
+        }
+        return templates.get_template("page.html").render(**content, data=pack(texts))
 
 
 @cache

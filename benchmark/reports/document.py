@@ -38,9 +38,10 @@ class Document:
         """
         self.folder = Folder(path)
         declared, source = self.folder.manifest["report"], str(path / MANIFEST)
-        self.report = load_report(declared["kind"], source)
-        self.items = load_items(self.report, declared, source)
-        self.question = declared["question"] or self.report.question
+        with self.folder.reading():
+            self.report = load_report(declared["kind"], source)
+            self.items = load_items(self.report, declared, source)
+            self.question = declared["question"] or self.report.question
 
     @cached_property
     def headline(self) -> Finding | None:
@@ -228,13 +229,21 @@ def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
     return environment
 
 
+def readme(path: Path) -> str:
+    """Returns README of a folder of results.
+
+    Raises:
+      InputError: It cannot be made.
+    """
+    document = Document(path)
+    with document.folder.reading():
+        return document.readme()
+
+
 def write(path: Path) -> None:
     """Writes README of a folder of results again.
 
     Raises:
       InputError: It cannot be made or written.
     """
-    document = Document(path)
-    with document.folder.reading():
-        text = document.readme()
-    files.write_text(path / "README.md", text)
+    files.write_text(path / "README.md", readme(path))

@@ -40,7 +40,7 @@ class Folder:
         """
         try:
             found = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-            found["report"]["kind"], found["scenarios"]
+            found["report"]["kind"], found["scenarios"].items(), found["command"]
         except _UNREADABLE as error:
             raise InputError(
                 f"{self.path / MANIFEST}: damaged, or made by another version of this project; make these "
@@ -85,5 +85,5 @@ class Folder:
                 fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             raise InputError(
                 f"{self.path}: damaged, or made by another version of this project ({fault}); make these "
-                f"results again: {self.manifest.get('command')}"
+                f"results again: {self.manifest['command']}"
             ) from error

@@ -21,6 +21,7 @@ from benchmark.page import build
 from benchmark.reports.folder import MANIFEST
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.page.made import TEXT, Learners, load
+from tests.support import ROOT
 
 CHROMIUM = next(filter(None, map(shutil.which, BROWSERS)), None)
 FLAGS = (
@@ -87,6 +88,10 @@ class Opened:
         cells = self.panel(side, ".map svg > g:first-child > g")
         return cells.nth(row * (7 if cells.count() == 35 else 12) + column)
 
+    def unfold(self) -> None:
+        """Opens all that is shown on demand."""
+        self.page.locator("details").evaluate_all("all => all.forEach((details) => { details.open = true })")
+
     def walk(self, n_steps: int) -> None:
         """Lets both agents take steps."""
         self.page.locator("#walk-one").evaluate("(button, n) => { while (n--) button.click(); }", n_steps)
@@ -137,6 +142,16 @@ def results(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for file in ("agents.json.gz", "curves.csv", "curves.svg"):
         (results / "speed" / file).unlink()
     assert build.write(results) == results / "index.html"
+    return results
+
+
+@pytest.fixture(scope="session")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results in the repository, with the page that today's code makes of them."""
+    results = tmp_path_factory.mktemp("published") / "results"
+    ignored = shutil.ignore_patterns("runs.db*", "*_smoke", "*_partial", ".*", "index.html")
+    shutil.copytree(ROOT / "results", results, ignore=ignored)
+    build.write(results)
     return results
 
 

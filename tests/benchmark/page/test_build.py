@@ -55,16 +55,6 @@ class Page(HTMLParser):
             self.links[-1] = (*self.links[-1][:2], self.links[-1][2] + data)
 
 
-@pytest.fixture(scope="module")
-def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results in the repository, with the page that today's code makes of them."""
-    results = tmp_path_factory.mktemp("published") / "results"
-    ignored = shutil.ignore_patterns("runs.db*", "*_smoke", "*_partial", ".*", "index.html")
-    shutil.copytree(ROOT / "results", results, ignore=ignored)
-    build.write(results)
-    return results
-
-
 @pytest.fixture(params=["results", "published"])
 def folder(request: pytest.FixtureRequest) -> Path:
     """A folder of results with a page."""
@@ -133,10 +123,12 @@ def test_every_link_leads_somewhere(folder: Path) -> None:
 
 
 def test_links_to_files_that_the_page_lacks_lead_to_the_repository_if_it_has_an_address(
-    results: Path, monkeypatch: pytest.MonkeyPatch
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    shutil.copytree(results, tmp_path / "results")
+
     def others() -> set[str]:
-        page = Page(build.write(results))
+        page = Page(build.write(tmp_path / "results"))
         return {target for _, target, _ in page.links if not target.startswith("#") and ".csv" not in target}
 
     assert others() == {"https://arxiv.org/abs/2108.03730"} | {each for each in others() if "://" in each}
@@ -185,9 +177,28 @@ def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, c
     assert not (tmp_path / "index.html").exists()
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [{key: None} for key in ("command", "commits", "description", "last_started_at", "machines", "versions")]
+    + [{"scenarios": []}, {"scenarios": {"S1": 5}}, {"processors": 5}, {"versions": [5]}, {"commits": 5}]
+    + [{"algorithms": 5}, {"last_started_at": 5}, {"report": {"kind": 5}}],
+    ids=str,
+)
+def test_damaged_manifests_are_refused(results: Path, tmp_path: Path, changes: dict[str, object]) -> None:
+    for name in ("compare_deep", "reproduce"):
+        shutil.copytree(results / name, tmp_path / name)
+    path = tmp_path / "reproduce" / "manifest.json"
+    found = json.loads(path.read_text(encoding="utf-8")) | changes
+    path.write_text(json.dumps({key: value for key, value in found.items() if value is not None}))
+    with pytest.raises(InputError, match="reproduce"):
+        build.write(tmp_path)
+    assert not (tmp_path / "index.html").exists()
+
+
 def test_figure_that_is_too_high_for_the_page_is_smaller_there(results: Path, tmp_path: Path) -> None:
     shutil.copytree(results / "reproduce", tmp_path / "reproduce")
-    Image.new("RGB", (800, 40_000)).save(tmp_path / "reproduce" / "figure.png")
+    (tmp_path / "reproduce" / "curves.svg").unlink()
+    Image.new("RGB", (800, 40_000)).save(tmp_path / "reproduce" / "curves.png")
     assert re.search(r'width="32[78]" height="16383"', build.write(tmp_path).read_text(encoding="utf-8"))
 
 

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -27,7 +26,7 @@ from benchmark.reports.document import Document
 from benchmark.reports.folder import SCORES
 from benchmark.reports.item import Item
 from envs import InputError
-from tests.benchmark.execution.test_processes import until
+from tests.benchmark.execution.test_processes import PATIENCE_S, until
 from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
 from tests.benchmark.reports.sentences import check_links, check_verdicts
 from tests.support import ROOT, mistyped_columns
@@ -53,20 +52,14 @@ def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) ->
         shutil.copy(drawn.results / name, tmp_path)
     arguments = ["report", str(tmp_path / "small.toml"), "--results", str(tmp_path)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "benchmark", *arguments], cwd=ROOT, start_new_session=True
+        [sys.executable, "-m", "benchmark", *arguments],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,  # whatever it starts has it, too
     )
-
-    def has_ended() -> bool:
-        try:
-            os.killpg(process.pid, 0)
-        except ProcessLookupError:
-            return True
-        return False
-
-    until(lambda: [*tmp_path.glob(".small.making/*.png")] or process.poll() is not None)
+    until(lambda: [*tmp_path.glob(".small.making/*.csv")])
+    assert process.poll() is None
     process.kill()
-    process.wait()
-    until(has_ended)  # whatever it had started
+    process.communicate(timeout=PATIENCE_S)  # returns when none of them is left
 
 
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
