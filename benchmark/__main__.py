@@ -15,9 +15,12 @@ from benchmark import packages
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
 
 
-def _is_interrupt(error: BaseException) -> bool:
-    """Returns whether Ctrl-C was pressed; pydantic turns that into an error of its own."""
-    return "KeyboardInterrupt" in f"{type(error).__name__}: {error}"
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Returns whether Ctrl-C was pressed; packages turn that into errors of their own."""
+    if error is None:
+        return False
+    is_one = "KeyboardInterrupt" in f"{type(error).__name__}: {error}"
+    return is_one or _is_interrupt(error.__cause__ or error.__context__)
 
 
 try:
@@ -68,6 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _silence_output()
         return 0
     except (InputError, MemoryError, OSError) as error:
+        if _is_interrupt(error):  # while something was imported
+            print(_INTERRUPTED, file=sys.stderr)
+            return 130
         message: object = error
         if sentence := packages.broken(error.__cause__ or error):
             message = InputError(sentence)

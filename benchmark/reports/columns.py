@@ -106,6 +106,13 @@ _BY_REPORT: Final[Mapping[str, Mapping[str, str]]] = {
         "wrong_pings": "expected wrong PINGs of an episode after training",
         "contrasts.wrong_pings": "wrong PINGs per 1,000 steps of the whole training",
         "effects.wrong_pings": "wrong PINGs per 1,000 steps of the whole training",
+        "verdicts.better": "contrasts with this verdict",
+        "verdicts.equivalent": "contrasts with this verdict",
+        "verdicts.mixed": "contrasts with this verdict",
+        "verdicts.n": "contrasts",
+        "verdicts.no verdict": "contrasts with this verdict",
+        "verdicts.undecided": "contrasts with this verdict",
+        "verdicts.worse": "contrasts with this verdict",
     },
     "growth": {
         "agents": "agents of a job",

@@ -30,7 +30,7 @@ def test_a_function_is_assessed_and_drawn(
     assert numbers["steps"] == "11"
     assert f"region overlap       {16 / 36:g}" in text
     assert "ranks 1 of " in text
-    assert path.read_text(encoding="utf-8").startswith("<?xml")
+    assert path.read_text(encoding="utf-8").startswith("<svg")
 
 
 def test_the_rank_is_that_of_python_in_any_folder(

@@ -45,7 +45,7 @@ def test_any_scenario_can_be_watched(
     for scenario, name, n_rows in (("Walls", "Walls", 10), ("Hallway.toml", "Hallway", 20)):
         assert main(["watch", "--terminal", "--scenario", scenario]) == 0
         shown = capsys.readouterr()
-        assert shown.err == f"training {name}: q_learning, index, seed 0 ...\n"
+        assert shown.err == f"training {name}: paper's Q-learning table, seed 0 ...\n"
         assert shown.out.count("@ agent") == 26
         run = watch.specification(COMPARED, scenario, "q_learning", None, 0)
         assert run.scenario.grid.rows == n_rows

@@ -215,7 +215,11 @@ OF_A_COMPARISON = [
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
-    (f'{LINEAR}\nalgorithm = "dqn"', f'{LINEAR}\nalgorithm = "ppo"', "algorithms.dqn_linear_sb3.settings"),
+    (
+        f"""{LINEAR}\ntitle = "SB3's linear DQN"\nalgorithm = "dqn\"""",
+        f'{LINEAR}\nalgorithm = "ppo"',
+        "algorithms.dqn_linear_sb3.settings",
+    ),
     ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
     ('"every_cell"]', '"anywhere"]', "evaluated_from"),
     ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limits"),

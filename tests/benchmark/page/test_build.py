@@ -197,7 +197,7 @@ def test_damaged_manifests_are_refused(results: Path, tmp_path: Path, changes: d
 
 def test_figure_that_is_too_high_for_the_page_is_smaller_there(results: Path, tmp_path: Path) -> None:
     shutil.copytree(results / "reproduce", tmp_path / "reproduce")
-    (tmp_path / "reproduce" / "curves.svg").unlink()
+    (tmp_path / "reproduce" / "curves.svg").unlink(missing_ok=True)
     Image.new("RGB", (800, 40_000)).save(tmp_path / "reproduce" / "curves.png")
     assert re.search(r'width="32[78]" height="16383"', build.write(tmp_path).read_text(encoding="utf-8"))
 

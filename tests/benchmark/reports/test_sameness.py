@@ -52,7 +52,7 @@ def test_same_files_are_identical_to_what_is_committed(repository: Path, made: P
     assert (found.identical, found.measured) == (("b.csv", "summary.csv"), ("cost.csv",))
     assert "2 of 2 files" in str(found)
     against = certificate(made, repository / "results" / "mine")  # against a folder instead of the commit
-    assert (against.differing, against.identical) == (("b.csv",), ("summary.csv",))
+    assert (against.differing, against.identical) == (("b.csv", "manifest.json"), ("summary.csv",))
 
 
 @pytest.mark.usefixtures("repository")
