@@ -40,7 +40,7 @@ class Folder:
         """
         try:
             found = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-            found["report"]["kind"], found["scenarios"].items(), found["command"]
+            found["report"]["kind"], found["scenarios"].items()
         except _UNREADABLE as error:
             raise InputError(
                 f"{self.path / MANIFEST}: damaged, or made by another version of this project; make these "
@@ -83,7 +83,8 @@ class Folder:
                 fault = f"{Path(error.filename).name} is missing"
             else:
                 fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            again = self.manifest.get("command", f"python -m benchmark run {self.path.name} --report")
             raise InputError(
                 f"{self.path}: damaged, or made by another version of this project ({fault}); make these "
-                f"results again: {self.manifest['command']}"
+                f"results again: {again}"
             ) from error
