@@ -66,6 +66,8 @@ def _problems(
     runs = {experiment.name: known_runs(experiment, store) for experiment in experiments}
     wanted = {run.digest: run for of_experiment in runs.values() for run in of_experiment}
     every = [*store.statuses()] if options.experiment is None else sorted(wanted.keys() & ended)
+    if options.experiment is not None and not (every or structure):
+        raise InputError(f"{path}: no run of {options.experiment} is stored; accepted: a store with some.")
     damaged = store.damaged(every)
     ended -= {*damaged}
     if damaged:
