@@ -497,7 +497,12 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
     read = parse(Experiment, _with_references(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
-    return read, path
+    # The path of a scenario is one from the current folder, or else from that of the experiment.
+    beside = {each: path.parent / each for each in read.scenarios if not Path(each).exists()}
+    found = [
+        str(beside[each]) if each in beside and beside[each].is_file() else each for each in read.scenarios
+    ]
+    return read.model_copy(update={"scenarios": tuple(found)}), path
 
 
 def _path(experiment: str | Path) -> Path:

@@ -13,6 +13,7 @@ import pytest
 
 import envs
 from benchmark.execution.store import Store
+from benchmark.experiments import all_specifications, load_experiment
 from benchmark.reports import draw
 from benchmark.reports.explorer import FILE
 from tests.benchmark.reports.conftest import experiment_of, trained
@@ -119,3 +120,22 @@ def test_it_is_compared_like_any_other(corridor: Path, tmp_path: Path) -> None:
     explorer = json.loads(gzip.decompress((tmp_path / "mine" / FILE).read_bytes()))
     shown = {(agent["scenario"], agent["observation"]) for agent in explorer["agents"]}
     assert shown == {(name, form) for name in scenarios.index for form in ("index", "offset")}
+
+
+def test_a_scenario_beside_the_experiment_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "corridor.toml").write_text(CORRIDOR, encoding="utf-8")
+    text = """description = ""
+scenarios = ["corridor.toml"]
+horizon = 9
+evaluation_every = 9
+map_every = 9
+[algorithms.q_learning]
+algorithm = "q_learning"
+observations = ["index"]
+seeds = 1
+settings = { budget = 9 }
+"""
+    (tmp_path / "one.toml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path.parent)
+    (run,) = all_specifications(load_experiment(tmp_path / "one.toml"))
+    assert (run.scenario.name, run.scenario.grid.columns) == ("corridor", 6)
