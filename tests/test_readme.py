@@ -133,7 +133,7 @@ def test_readme_says_how_much_was_tuned() -> None:
     search = load_experiment("tuning").search
     assert search is not None
     words = " ".join(README.split())
-    assert f"the same search for every learner, {search.trials} trials" in words
+    assert f"the best of the defaults and {search.trials} trials" in words
     tuned = {name: each.tuned_by for name, each in load_experiment("compare_deep").algorithms.items()}
     untuned = {name for name, search in tuned.items() if not search}
     assert untuned == {

@@ -285,10 +285,10 @@ def test_undecided_scenarios_say_how_many_runs_would_decide(tmp_path: Path) -> N
     }
     runs = compared(learners, baseline=["table", "soft"], pool="none")
     told = [plain(each.text) for each in item("contrasts").findings(folder_of(tmp_path, runs).folder)]
-    (text,) = [each for each in told if "how many runs per learner" in each]
+    (text,) = [each for each in told if "this many runs per learner" in each]
     x = next(cell.final("success").mean() for cell in runs if cell.learner.algorithm == "net")
     n = runs_to_decide([x], [1.0], 0.1, 6)
-    assert text.endswith(f"as they are: {n} in S1.")
+    assert text.endswith(f"this many runs per learner: {n} in S1.")
 
 
 @pytest.mark.parametrize(
