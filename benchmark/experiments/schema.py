@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from functools import cached_property
 from itertools import product
+from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -498,11 +499,11 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     # The path of a scenario is one from the current folder, or else from that of the experiment.
-    beside = {each: path.parent / each for each in read.scenarios if not Path(each).exists()}
-    found = [
-        str(beside[each]) if each in beside and beside[each].is_file() else each for each in read.scenarios
+    scenarios = [
+        beside if isfile(beside := join(path.parent, each)) and not isfile(each) else each  # noqa: PTH113, PTH118
+        for each in read.scenarios
     ]
-    return read.model_copy(update={"scenarios": tuple(found)}), path
+    return read.model_copy(update={"scenarios": tuple(scenarios)}), path
 
 
 def _path(experiment: str | Path) -> Path:
