@@ -287,6 +287,21 @@ def solve(
     return Solution(q=q, value=value)
 
 
+def largest_success(model: Model, horizon: int) -> float:
+    """Returns how often an agent that knows the state succeeds, at most, in episodes from the model's starts.
+
+    It is the optimal value (Sutton & Barto 2018, section 4.4) if a correct PING alone has a reward, of 1.
+    """
+    is_success = (model.event == EVENTS.index("target_ping")).astype(np.float64)
+    value = np.zeros(len(model.observation))
+    for _ in range(horizon):
+        before = value
+        value = (is_success + np.where(model.terminated, 0.0, expected(model, value))).max(axis=1)
+        if np.array_equal(value, before):
+            break
+    return float(from_starts(model) @ value)
+
+
 def expected(model: Model, value: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the expected value of the next state, (S, A), from the values of all states, (S,)."""
     if model.n_outcomes == 1:

@@ -5,7 +5,6 @@ that follow from these. Those have a width even where all agents agree. Statisti
 resampled, see `resample`; those intervals are percentiles, and seeded: equal records give equal digits.
 """
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -143,19 +142,16 @@ def student(values: NDArray[np.float64], level: float = LEVEL, n_means: int = 1)
     return Estimate(mean, mean - reach, mean + reach)
 
 
-def quantile(values: NDArray[np.float64], share: float) -> Estimate:
-    """Returns a quantile of N values, of two the lower, with its exact interval by ranks.
+def median(values: NDArray[np.float64]) -> Estimate:
+    """Returns the median of N values with its exact interval by ranks.
 
     Where N is too small for such an end, it is 0 or infinite.
 
-    >>> quantile(np.arange(1.0, 21.0), 0.5)
-    Estimate(value=10.0, low=6.0, high=15.0)
+    >>> median(np.arange(1.0, 21.0)), median(np.array([1.0, 2.0, np.inf])).value
+    (Estimate(value=10.5, low=6.0, high=15.0), 2.0)
     """
-    ordered = np.sort(values)
-    n = len(ordered)
-    ranks = stats.binom.cdf(np.arange(n), n, share)  # of at most so many values below the quantile
+    n = len(values)
+    ranks = stats.binom.cdf(np.arange(n), n, 0.5)  # of at most so many values below the median
     low, high = int((ranks <= TAIL).sum()), int((ranks < 1 - TAIL).sum())
-    ends = np.array([0.0, *ordered, np.inf])
-    return Estimate(
-        float(ordered[math.ceil(n * share) - 1]), float(ends[low]), float(ends[min(high + 1, n + 1)])
-    )
+    ends = np.array([0.0, *np.sort(values), np.inf])
+    return Estimate(float(np.median(values)), float(ends[low]), float(ends[min(high + 1, n + 1)]))

@@ -27,7 +27,8 @@ from benchmark.execution.solving import solved
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, specifications
 
-NEITHER: Final = "neither"  # most runs of neither learner solve the scenario
+NEITHER: Final = "neither"  # most runs of neither learner solve the scenario, whatever their budgets
+TOO_SHORT: Final = "too short"  # nor within the smaller budget; within its own, most runs of one do
 _ENDS: Final = (
     3  # of intervals; if a verdict is wrong, so is one of these: two of a probability, one of a share
 )
@@ -52,15 +53,20 @@ def tail_of(n_contrasts: int, n_looks: int) -> float:
     return (1 - LEVEL) / (_ENDS * n_contrasts * n_looks)
 
 
-def decide(x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float) -> Decision:
-    """Compares the steps, (N,) each, after which runs of the same seeds have solved; infinite if never."""
+def decide(
+    x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float, *, one_learns: bool = False
+) -> Decision:
+    """Compares the steps, (N,) each, after which runs of the same seeds have solved; infinite if never.
+
+    Both have the smaller of their budgets; `one_learns` says that most runs of one solve within its own.
+    """
     n = len(x)
     wins = np.where(x == y, 0.5, x < y)
     mean = float(wins.mean())
     low, high = (float(end) for end in proportion_interval(mean, n, tail))
     never = min(float(proportion_interval(np.isinf(each).mean(), n, tail)[0]) for each in (x, y))
     if never > 0.5:
-        verdict = NEITHER
+        verdict = TOO_SHORT if one_learns else NEITHER
     elif 0.5 - margin < low <= high < 0.5 + margin:
         verdict = EQUIVALENT
     else:
@@ -210,9 +216,18 @@ def decisions(experiment: Experiment, ends: Mapping[Cell, Ends]) -> dict[tuple[C
     for x, y in known:
         if x in ends and y in ends:
             budget = min(ends[x].budget, ends[y].budget)
-            both = [ends[cell].took(budget)[0] for cell in (x, y)]
+            both, within_own = (
+                [ends[cell].took(limit)[0] for cell in (x, y)] for limit in (budget, math.inf)
+            )
             for n in (n for n in looks if min(map(len, both)) >= n):
-                found[x, y] = decide(both[0][:n], both[1][:n], experiment.report.margins.faster, tail)
+                one_learns = any(np.isfinite(steps[:n]).mean() > 0.5 for steps in within_own)
+                found[x, y] = decide(
+                    both[0][:n],
+                    both[1][:n],
+                    experiment.report.margins.faster,
+                    tail,
+                    one_learns=one_learns,
+                )
                 if found[x, y].verdict != UNDECIDED:
                     break
     return found

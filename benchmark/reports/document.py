@@ -17,7 +17,7 @@ import jinja2
 import pandas as pd
 
 from benchmark.drawing import tables
-from benchmark.reports import files, load_items, load_report
+from benchmark.reports import files, load_items, load_report, prose
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import PICTURES, Finding, Item, as_written
 from envs.observations import OBSERVATIONS
@@ -45,8 +45,14 @@ class Document:
 
     @cached_property
     def headline(self) -> Finding | None:
-        """The finding in a few sentences; None if there is none."""
-        return self.report.headline(self.folder)
+        """The finding in a few sentences, written by hand or made by the report; None if there is none."""
+        path = prose.text_of(self.folder)
+        if path is None:
+            return self.report.headline(self.folder)
+        with self.folder.reading():
+            text = templates_in(path.parent).get_template(path.name).render(prose.lookups(self.folder))
+        paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
+        return Finding("\n\n".join(filter(None, paragraphs)), "several")
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -178,34 +184,15 @@ def front(results: Path) -> str:
       InputError: A folder of results is damaged, or lacks what README cites.
     """
 
-    def row(name: str, table: str, where: dict[str, str]) -> pd.Series:
-        frame = Folder(results / name).frame(table)
-        for key, value in where.items():
-            frame = frame[frame[key] == value]
-        return frame.iloc[0]
-
-    def interval(name: str, table: str, column: str, **where: str) -> str:
-        found = row(name, table, where)
-        return f"{found[column]:.2f} [{found[f'{column}_low']:.2f}, {found[f'{column}_high']:.2f}]"
-
-    def runs(name: str, table: str, **where: str) -> str:
-        return f"{row(name, table, where)['n']:,}"
-
-    def duration(name: str, table: str, column: str, **where: str) -> str:
-        return tables.duration(row(name, table, where)[column])
-
     def headline(name: str, paragraph: int = 0) -> str:
         found = Document(results / name).headline
         paragraphs = [] if found is None else tables.plain(found.text).split("\n\n")
         return "".join(paragraphs[paragraph : paragraph + 1])
 
-    def manifest(name: str) -> object:
-        return Folder(results / name).manifest
-
     def figure(name: str, item: str) -> str:
         return f"results/{name}/{_figure(Folder(results / name), item)}"
 
-    functions = [figure, interval, runs, duration, headline, manifest]
+    functions = [figure, headline]
     with Folder(results / "compare_deep").reading():
         return (
             templates_in(_FRONT.parent)

@@ -288,19 +288,24 @@ def cost(runs: Runs) -> Iterator[dict[str, Any]]:
     "learning", "animation of learning: a table and a net, each the agent of the median seed", "learning.webp"
 )
 def learning(runs: Runs, directory: Path) -> None:
-    """Writes an animation: typical agents of the first table and of the first net, in every scenario."""
-    first: dict[str, Learner] = {}
-    for cell in runs.own:
-        first.setdefault(runs.declared.families[cell.learner], cell.learner)
-    films: dict[str, list[film.Film]] = {"tabular": [], "deep": []}
-    for cell in runs:
-        for family, row in films.items():
-            if cell.learner == first.get(family):
-                agent = typical_agent(cell.population)
-                learner, seed = runs.names(*cell.learner), cell.population.seeds[agent]
-                title = f"{cell.scenario}: {learner}, seed {seed} (median)"
-                row.append(film.film_of(title, cell.population, agent))
-    film.write(film.learning([row for row in films.values() if row]), directory / "learning.webp")
+    """Writes an animation: typical agents of a table and of a net, in every scenario.
+
+    They are the first baseline and the first net that is compared with it, or else the first of each.
+    """
+    learners = [*runs.declared.baselines, *runs.declared.decisive, *(cell.learner for cell in runs.own)]
+    rows: list[list[film.Film]] = []
+    for family in ("tabular", "deep"):
+        chosen = next((each for each in learners if runs.declared.families[each] == family), None)
+        rows.append([_film(runs, cell) for cell in runs if cell.learner == chosen])
+    film.write(film.learning([row for row in rows if row]), directory / "learning.webp")
+
+
+def _film(runs: Runs, cell: Cell) -> film.Film:
+    """Returns the film of a cell's typical agent."""
+    agent = typical_agent(cell.population)
+    learner, seed = runs.names(*cell.learner), cell.population.seeds[agent]
+    title = f"{cell.scenario}: {learner}, seed {seed} (median)"
+    return film.film_of(title, cell.population, agent)
 
 
 def _shown(runs: Runs) -> list[Shown]:

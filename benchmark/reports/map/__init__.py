@@ -1,4 +1,4 @@
-"""The report of a map: where a net needs fewer steps than a table, in which currency, and why."""
+"""The report of a map: at which points one learner needs fewer steps than another."""
 
 from pathlib import Path
 from typing import Final
@@ -20,14 +20,12 @@ REPORT: Final = Report(
         results.contrasts,
         results.verdicts,
         results.looks,
-        results.crossings,
-        results.exponents,
         why.measures,
-        why.predictors,
         results.reference,
+        results.pairs,
         results.runs,
+        results.unseen,
         results.cpu,
-        results.crossings_cpu,
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=headline,

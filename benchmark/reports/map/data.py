@@ -2,26 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import load_algorithm
-from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, quantile
+from agents.dynamic_programming import largest_success
+from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate
 from benchmark.analysis.looks import Cell, Decision, Ends, decisions, identities, pairs, read
 from benchmark.analysis.stages import stages
 from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, specifications
-from envs import InputError, Scenario
+from envs import InputError, Scenario, compile_scenario
 from envs.scenario import NoisyFeedback
 
-_SIDES: Final = ["deep", "tabular"]
 CURRENCIES: Final = ("steps", "disagreements", "cpu_time_s")
-_MOST: Final = 10.0  # a logarithm of a ratio that stands for never
-_CROSSED: Final = 1e-9  # a difference of logarithms that is none but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +37,7 @@ class Maps:
 
     @property
     def facts(self) -> Mapping[str, object]:
-        """What texts need: the level, the looks, and the grids."""
+        """What texts need: the level, the looks, the grids with their axes, and who is a reference."""
         report, solved = self.experiment.report, self.experiment.solved
         assert report is not None
         assert solved is not None
@@ -49,27 +46,9 @@ class Maps:
             "looks": report.looks,
             "margin": report.margins.faster,
             "contrasts": len({*identities(self.experiment).values()}),
-            "grids": {name: self.experiment.grids[name].question for name in self.experiment.grids},
-            "contrast": next(
-                (
-                    [x.learner, y.learner]
-                    for x, y in self.decided
-                    if [self.family(x), self.family(y)] == _SIDES
-                ),
-                None,
-            ),
             "axes": {name: [*grid.axes] for name, grid in self.experiment.grids.items()},
-            "families": {cell.learner: self.family(cell) for cell in self.ends},
-            "stochastic": [
-                name for name, each in self.experiment.algorithms.items() if each.policy == "stochastic"
-            ],
             "references": [name for name, each in self.experiment.algorithms.items() if each.reference_for],
         }
-
-    def family(self, cell: Cell) -> str:
-        """Returns what a cell's learner is: tabular or deep."""
-        declared = self.experiment.algorithms[cell.variant]
-        return declared.family or load_algorithm(declared.algorithm).family
 
     def is_reference(self, cell: Cell) -> bool:
         """Returns whether a cell is of a reference implementation."""
@@ -97,6 +76,7 @@ class Maps:
             "columns": scenario.grid.columns,
             "places": len(scenario.places) - issuer.unseen,
             "unseen": issuer.unseen,
+            "feedback": feedback.kind,
             "noise": feedback.noise if isinstance(feedback, NoisyFeedback) else 0.0,
             "permuted": issuer.permuted,
         }
@@ -112,113 +92,41 @@ class Maps:
                 line.append((number(point[0].split("=")[1]), cell))
         return found
 
-    @cached_property
-    def weights(self) -> NDArray[np.float64]:
-        """(RESAMPLES + 1, seeds) how much the runs of each seed count: the first time all alike.
+    def steps_compared(self, x: Cell, y: Cell) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns what a contrast uses: the steps, (N,), of its pairs, within the smaller budget."""
+        n, budget = self.decided[x, y].n, self._budget(x, y)
+        ours, theirs = (self.ends[cell].first(n).took(budget)[0] for cell in (x, y))
+        return ours, theirs
 
-        Exponential weights (the Bayesian bootstrap: Rubin 1981, Annals of Statistics 9:130-134) suit cells
-        with different numbers of runs. All cells share them, as runs of a seed share their draw of places.
-        """
-        most = max(each.n for each in self.ends.values())
-        drawn = np.random.default_rng(BOOTSTRAP_SEED).exponential(size=(RESAMPLES, most))
-        return np.vstack([np.ones(most), drawn])
-
-    def medians(self, cell: Cell, currency: str, budget: float = np.inf) -> NDArray[np.float64]:
-        """Returns the median of what runs took, (RESAMPLES + 1,), the first of the runs as they are.
-
-        It is infinite where most never solve.
-        """
-        ends = self.ends[cell]
-        took = ends.took(budget)[CURRENCIES.index(currency)]
-        order = np.argsort(took, kind="stable")
-        total = self.weights[:, : ends.n][:, order].cumsum(axis=1)
-        middle = (total < total[:, -1:] / 2 * (1 - 1e-12)).sum(axis=1)
-        return np.asarray(took[order][middle])
+    def _budget(self, x: Cell, y: Cell) -> float:
+        return min(self.ends[x].budget, self.ends[y].budget)
 
     def ratio(self, x: Cell, y: Cell, currency: str) -> Estimate:
-        """Returns how many times as much y takes as x, by restricted medians.
+        """Returns how many times as much y takes as x, by medians over the pairs of a contrast.
 
-        Where most runs never solve, what they spend within the budget counts. NaN if that is so of both.
+        Where most runs never solve, what they spend within the smaller budget counts. It is NaN if that is so
+        of both, or if a median is 0. The interval is by resampling pairs, whose runs have the same draw of
+        the scenario.
         """
-        budget = min(self.ends[x].budget, self.ends[y].budget)
-        medians = [self.medians(each, currency, budget) for each in (x, y)]
-        if all(np.isinf(each[0]) for each in medians):
+        n, budget, at = self.decided[x, y].n, self._budget(x, y), CURRENCIES.index(currency)
+        rng = np.random.default_rng(BOOTSTRAP_SEED)
+        drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
+        medians = []
+        for cell in (x, y):
+            ends = self.ends[cell].first(n)
+            found = np.median(ends.took(budget)[at][drawn], axis=1)
+            spent = np.median(ends.spent_within(budget)[at])
+            medians.append((found, np.where(np.isinf(found), spent, found)))
+        (ours, own), (theirs, other) = medians
+        if (np.isinf(ours[0]) and np.isinf(theirs[0])) or 0 in (ours[0], theirs[0]):
             return Estimate(np.nan, np.nan, np.nan)
-        ours, theirs = (
-            np.where(np.isinf(each), self._spent(cell, currency, budget), each)
-            for each, cell in zip(medians, (x, y), strict=True)
-        )
-        samples = theirs / ours
-        return Estimate(float(samples[0]), *map(float, np.percentile(samples[1:], [2.5, 97.5])))
+        with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have solved at step 0
+            samples = other / own
+        return Estimate(float(samples[0]), *map(float, np.nanpercentile(samples[1:], [2.5, 97.5])))
 
     def is_bound(self, x: Cell, y: Cell) -> bool:
         """Returns whether the ratio of steps is a bound, since most runs of one of them never solve."""
-        budget = min(self.ends[x].budget, self.ends[y].budget)
-        return any(np.isinf(self.medians(cell, "steps", budget)[0]) for cell in (x, y))
-
-    def _spent(self, cell: Cell, currency: str, budget: float) -> float:
-        """Returns the median of what runs of a cell spend of a budget."""
-        return float(np.median(self.ends[cell].spent_within(budget)[CURRENCIES.index(currency)]))
-
-    def crossing(self, x: list[tuple[float, Cell]], y: list[tuple[float, Cell]], currency: str) -> Estimate:
-        """Returns from which value of the axis on x takes less than y, by medians, with a 95 % interval.
-
-        Between two values it is where the straight line between the logarithms of the ratios is zero. It is
-        the first value if x takes less everywhere, and infinite if it does not at the last one.
-        """
-        others = dict(y)
-        shared = [(value, cell, others[value]) for value, cell in x if value in others]
-        budget = min(self.ends[each].budget for _, *both in shared for each in both)
-        logs = []
-        for _, one, other in shared:
-            ours, theirs = (self.medians(each, currency, budget) for each in (one, other))
-            # Where the table never solves, what it spends counts, which does not favour the net.
-            theirs = np.where(np.isinf(theirs), self._spent(other, currency, budget), theirs)
-            with np.errstate(divide="ignore"):  # a table may take no measurable time
-                logs.append(np.where(np.isinf(ours), -_MOST, np.log(theirs / ours).clip(-_MOST)))
-        values = np.array([value for value, *_ in shared])
-        found = _crossings(values, np.array(logs).T)
-        low = np.percentile(found[1:], 2.5, method="lower")
-        high = np.percentile(found[1:], 97.5, method="higher")
-        return Estimate(float(found[0]), float(low), float(high))
-
-    def exponent(self, line: list[tuple[float, Cell]]) -> tuple[int, Estimate]:
-        """Returns the exponent of steps against an axis, by least squares of logarithms of medians.
-
-        Only values count at which most runs solve, and there must be three; how many there are comes first.
-        """
-        medians = {value: self.medians(cell, "steps") for value, cell in line if value > 0}
-        finite = {value: steps for value, steps in medians.items() if np.isfinite(steps[0])}
-        if len(finite) < 3:
-            return len(finite), Estimate(np.nan, np.nan, np.nan)
-        logs = np.log([*finite])
-        centred = logs - logs.mean()
-        steps = np.array([*finite.values()])
-        budgets = [[self.ends[cell].budget] for value, cell in line if value in finite]
-        samples = centred @ np.log(np.where(np.isinf(steps), budgets, steps)) / (centred @ centred)
-        return len(finite), Estimate(float(samples[0]), *map(float, np.percentile(samples[1:], [2.5, 97.5])))
-
-
-def _crossings(values: NDArray[np.float64], logs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns from which value on each row of logarithms of ratios, (B, values), is above 0.
-
-    >>> logs = np.array([[-1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])
-    >>> _crossings(np.array([1.0, 10.0, 100.0]), logs)
-    array([31.6227766,  1.       ,        inf])
-    """
-    found = []
-    for row in logs:
-        below = np.flatnonzero(row <= _CROSSED)
-        if not len(below):
-            found.append(values[0])
-        elif below[-1] == len(values) - 1:
-            found.append(np.inf)
-        else:
-            i = int(below[-1])
-            before, after = row[i : i + 2]
-            share = -before / (after - before)
-            found.append(float(np.exp((1 - share) * np.log(values[i]) + share * np.log(values[i + 1]))))
-    return np.array(found)
+        return any(np.isinf(np.median(steps)) for steps in self.steps_compared(x, y))
 
 
 def number(value: str) -> float:
@@ -266,6 +174,15 @@ def check(experiment: Experiment) -> None:
         raise InputError(
             f"{where}: report.contrasts: no compared grid has both learners of any; accepted: one or more."
         )
+    assert experiment.solved is not None
+    for cell in {pair[0].place: pair[0] for pair in pairs(experiment)}.values():
+        scenario = specifications(experiment, *cell)[0].drawn_scenario
+        if (most := _largest_success(scenario, experiment.horizon)) < experiment.solved.success:
+            raise InputError(
+                f"{where}: solved.success = {experiment.solved.success:g}: in {cell.scenario} at "
+                f"{cell.condition.split('/', 1)[1]} no policy succeeds more often than {most:.3g}; "
+                "accepted: at most that."
+            )
 
 
 def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Maps:
@@ -293,6 +210,6 @@ def load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, part
     return Maps(experiment, ends, note, bool(missing))
 
 
-def median(values: NDArray[np.float64]) -> Estimate:
-    """Returns the median of what runs took, with an interval that needs no assumption."""
-    return quantile(values, 0.5)
+@lru_cache(maxsize=1024)
+def _largest_success(scenario: Scenario, horizon: int) -> float:
+    return largest_success(compile_scenario(scenario), horizon)

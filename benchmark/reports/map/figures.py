@@ -11,14 +11,14 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, WORSE
-from benchmark.analysis.looks import NEITHER, Cell, Decision
-from benchmark.drawing.style import COLOURS, INK, figure_of, learner_style
+from benchmark.analysis.looks import NEITHER, TOO_SHORT, Cell, Decision
+from benchmark.drawing.style import INK, figure_of, learner_style
 from benchmark.drawing.tables import two_digits
 from benchmark.reports.item import Frames, drawing
 from benchmark.reports.learners import Names
 from benchmark.reports.map.data import Maps, number
 
-_COLOUR_MAP: Final = "PuOr_r"  # purple: the table, orange: the net; to be told apart in grey by the numbers
+_COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; to be told apart in grey by the signs
 _LOWEST: Final = 100  # steps that are drawn
 _DARK: Final = 0.62  # share of the scale from which on ink is white
 _FARTHEST: Final = 16.0  # ratio from which on colours do not differ
@@ -26,9 +26,9 @@ _POINTS, _LINE = 62.0, 11.0  # points of a power of ten on the axis, and of a li
 _SIGNS: Final = {  # of a ratio, in the order of their legend
     "≥": "≥ at least",
     "=": "= equally fast",
-    "net": "net, table: that one, though most runs of both fail",
-    "table": "net, table: that one, though most runs of both fail",
+    "!": "! decided, but without a ratio",
     "neither": "neither: most runs of both fail",
+    "short": "short: most runs of both fail within the smaller budget, of one not within its own",
     "?": "? undecided",
     "": "blank: not trained",
 }
@@ -62,12 +62,12 @@ def _curves(axis: Axes, data: Maps, rows: pd.DataFrame, grid: str) -> None:
         look, table = style[name], pd.DataFrame([_row_of(rows, data, cell) for _, cell in sorted(line)])
         values = np.array([value for value, _ in sorted(line)])
         shown, low, high = (
-            table[column].where(np.isfinite(table[column]), table["budget"])
+            table[column].where(np.isfinite(table[column]), table["budget"]).clip(lower=_LOWEST)
             for column in ("steps", "steps_low", "steps_high")
         )
         axis.plot(values, shown, color=look["color"], ls=look["ls"], lw=1.6)
         alpha = 0.2 if name in compared else 0.08
-        axis.fill_between(values, low.clip(lower=_LOWEST), high, color=look["color"], alpha=alpha, lw=0)
+        axis.fill_between(values, low, high, color=look["color"], alpha=alpha, lw=0)
         is_known = np.isfinite(table["steps"].to_numpy())
         for chosen, filling in ((is_known, look["color"]), (~is_known, "white")):
             mark = {"marker": look["marker"], "mec": look["color"], "mfc": filling, "ls": ""}
@@ -118,10 +118,10 @@ def _label(data: Maps, grid: str) -> str:
 @drawing(
     "map",
     "the map: steps against places, who needs fewer in rooms and places, and the control",
-    "When a net needs fewer steps than a table. Left: median steps of each learner, with 95 % intervals; "
-    "hollow: most runs never succeed within their budget, at which they are drawn. Middle: which of two "
-    "learners needs fewer, and how many times as many the other one needs. Right: a control, in which more "
-    "and more of the person's places have each other's coordinates.",
+    "Steps until a run has learned. Left: median steps of each learner, with 95 % intervals; hollow: most "
+    "runs never learn within their budget, at which they are drawn. Middle: which of two learners needs "
+    "fewer, where that is decided, and how many times as many the other one needs. Right: a control, in "
+    "which more and more of the person's places have each other's coordinates.",
 )
 def picture(tables: Frames, data: Maps) -> Figure | None:
     """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""
@@ -175,7 +175,7 @@ def _panels(tables: Frames, data: Maps, grids: Sequence[str]) -> Figure | None:
 
 
 def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
-    """Draws steps against the values of an axis, and where the net of the first contrast takes over."""
+    """Draws steps against the values of an axis."""
     values, texts = _values(data, grid)
     is_positive = min(values) > 0
     axis.set_yscale("log")
@@ -185,8 +185,8 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
     assert data.experiment.solved is not None
     assert data.experiment.report is not None
     axis.set_ylabel(f"steps until success stays at or above {data.experiment.solved.success:g}")
-    x, y = data.experiment.report.contrasts[0]
-    steps = {value: data.medians(cell, "steps")[0] for value, cell in data.lines[grid].get(y, [])}
+    y = data.experiment.report.contrasts[0][1]
+    steps = {value: np.median(data.ends[cell].took()[0]) for value, cell in data.lines[grid].get(y, [])}
     if values[-1] in steps and np.isfinite(last := steps[values[-1]]):
         proportional = last * np.array(values) / values[-1]
         axis.plot(values, proportional, color="0.4", lw=1, ls=":")
@@ -196,20 +196,6 @@ def _draw_lines(axis: Axes, tables: Frames, data: Maps, grid: str) -> None:
             (4, -9),
             textcoords="offset points",
             fontsize="x-small",
-        )
-    if (found := tables.get("crossings")) is None:
-        return
-    is_it = (found["grid"] == grid) & (found["currency"] == "steps") & (found["x"] == x) & (found["y"] == y)
-    for _, row in found[is_it & np.isfinite(found["crossing"])].iterrows():
-        high, end = row["crossing_high"], two_digits(min(row["crossing_high"], values[-1]))
-        axis.axvspan(row["crossing_low"], min(high, values[-1]), color=COLOURS[1], alpha=0.18, lw=0)
-        axis.axvline(row["crossing"], color=COLOURS[1], lw=1, ls=":")
-        ends = f"[{two_digits(row['crossing_low'])}, {end if np.isfinite(high) else '–'}]"
-        name = Names.of(data.experiment).of_side(x)
-        text = f"{name}:\nfewer steps from {two_digits(row['crossing'])} {ends}"
-        transform = axis.get_xaxis_transform()
-        axis.text(
-            row["crossing"], 0.02, text, transform=transform, ha="center", va="bottom", fontsize="small"
         )
 
 
@@ -234,12 +220,14 @@ def _draw_square(axis: Axes, __: Frames, data: Maps, grid: str) -> None:
     colours = np.full((len(rows), len(columns)), np.nan)
     for (row, column), (x, y, decision) in compared.items():
         at, ratio = (rows.index(row), columns.index(column)), data.ratio(x, y, "steps")
-        # Of a winner without a ratio, most runs do not solve the scenario either.
-        texts = {EQUIVALENT: "=", NEITHER: "neither", BETTER: data.family(x), WORSE: data.family(y)}
-        text = {"deep": "net", "tabular": "table"}.get(each := texts.get(decision.verdict, "?"), each)
-        if decision.verdict in (BETTER, WORSE) and not np.isnan(ratio.value):
-            colours[at] = np.clip(np.log(ratio.value), -most, most)
-            text = "≥" * data.is_bound(x, y) + two_digits(max(ratio.value, 1 / ratio.value))
+        text = {EQUIVALENT: "=", NEITHER: "neither", TOO_SHORT: "short"}.get(decision.verdict, "?")
+        if decision.verdict in (BETTER, WORSE):
+            logarithm = np.log(ratio.value) if ratio.value > 0 else -most
+            if np.isnan(logarithm):
+                colours[at], text = (1 if decision.verdict == BETTER else -1) * most / 4, "!"
+            else:
+                colours[at] = np.clip(logarithm, -most, most)
+                text = "≥" * data.is_bound(x, y) + two_digits(np.exp(abs(logarithm)))
         used.update([text, text[:1]])
         is_dark = abs(np.nan_to_num(colours[at])) > _DARK * most
         ink = "black" if np.isnan(colours[at]) else INK[int(is_dark)]

@@ -8,20 +8,20 @@ import numpy as np
 import pandas as pd
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
-from benchmark.analysis.intervals import Estimate, proportion
-from benchmark.analysis.looks import NEITHER, Cell, identities
+from benchmark.analysis.intervals import Estimate, median, proportion
+from benchmark.analysis.looks import NEITHER, TOO_SHORT, Cell, identities
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import item, no_rows
-from benchmark.reports.map.data import Maps, median
+from benchmark.reports.map.data import Maps
 
 POINT: Final = {"grid": "", "point": ""}
 LEARNER: Final = {"learner": ""}
-_SPENT: Final = {"steps": "steps", "disagreements": "wrong PINGs", "cpu_time_s": "CPU seconds"}
 _IN_WORDS: Final = {
     BETTER: "faster",
     WORSE: "slower",
     EQUIVALENT: "equally fast",
     NEITHER: "neither learns",
+    TOO_SHORT: "budget too short",
     UNDECIDED: "undecided",
 }
 
@@ -152,62 +152,6 @@ def _(table: pd.DataFrame, _: Folder) -> str:
 
 
 @item(
-    "crossings",
-    "from which value of an axis on x needs less than y, by medians",
-    {"grid": "", "x": "", "y": "", "currency": "counted in", "crossing": "from"},
-)
-def crossings(data: Maps) -> Iterator[dict[str, Any]]:
-    """Tabulates crossings in steps and disagreements, for all pairs of a net and a table along an axis."""
-    yield from _crossings(data, ("steps", "disagreements"))
-
-
-@item(
-    "crossings_cpu",
-    "measured: from which value of an axis on x needs fewer CPU seconds than y",
-    {"grid": "", "x": "", "y": "", "currency": "counted in", "crossing": "from"},
-    is_measured=True,
-)
-def crossings_cpu(data: Maps) -> Iterator[dict[str, Any]]:
-    """Tabulates crossings in CPU time."""
-    yield from _crossings(data, ("cpu_time_s",))
-
-
-def _crossings(data: Maps, currencies: tuple[str, ...]) -> Iterator[dict[str, Any]]:
-    for grid, lines in data.lines.items():
-        if any(value == 0 for line in lines.values() for value, _ in line):
-            continue  # not on a logarithmic axis
-        own = {name: line for name, line in lines.items() if not data.is_reference(line[0][1])}
-        families = {name: data.family(line[0][1]) for name, line in own.items()}
-        for x, y in ((x, y) for x in own for y in own if (families[x], families[y]) == ("deep", "tabular")):
-            if len({value for value, _ in own[x]} & {value for value, _ in own[y]}) > 1:
-                for currency in currencies:
-                    yield {
-                        "grid": grid,
-                        "x": x,
-                        "y": y,
-                        "currency": _SPENT[currency],
-                        "crossing": data.crossing(sorted(own[x]), sorted(own[y]), currency),
-                    }
-
-
-@item(
-    "exponents",
-    "exponents of median steps along an axis",
-    {"grid": "", **LEARNER, "n": "values", "exponent": ""},
-    where=lambda frame: frame[frame["exponent"].notna()],
-    best="-exponent",
-)
-def exponents(data: Maps) -> Iterator[dict[str, Any]]:
-    """Tabulates slopes of straight lines through the logarithms of medians, with intervals over runs."""
-    for grid, lines in data.lines.items():
-        for line in lines.values():
-            if any(value == 0 for value, _ in line):
-                continue
-            n, exponent = data.exponent(sorted(line))
-            yield {"grid": grid, **_learner(line[0][1]), "n": n, "exponent": exponent}
-
-
-@item(
     "reference",
     "exploratory: DQN and PPO of Stable-Baselines3 compared with the compiled ones",
     {
@@ -240,7 +184,17 @@ def reference(data: Maps) -> Iterator[dict[str, Any]]:
             }
 
 
-@item("runs", "every run: what it took until it had learned", where=no_rows)
+@item("pairs", "what every contrast uses: the steps of its pairs of runs, within one budget", where=no_rows)
+def pairs(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates the runs of each contrast; steps are empty where a run does not learn within that budget."""
+    for x, y in data.decided:
+        key, names = data.key(x), {"x": x.learner, "y": y.learner}
+        for i, (ours, theirs) in enumerate(zip(*data.steps_compared(x, y), strict=True)):
+            steps = {"steps_x": _finite(ours), "steps_y": _finite(theirs)}
+            yield {"grid": key["grid"], "point": key["point"], **names, "run": i, **steps}
+
+
+@item("runs", "every run: what it took until it had learned, within its own budget", where=no_rows)
 def runs(data: Maps) -> Iterator[dict[str, Any]]:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
     for cell, ends in data.ends.items():
@@ -251,9 +205,23 @@ def runs(data: Maps) -> Iterator[dict[str, Any]]:
                 "point": key["point"],
                 "learner": cell.learner,
                 "run": i,
-                "steps": n_steps if math.isfinite(n_steps) else np.nan,
-                "disagreements": n_disagreements if math.isfinite(n_disagreements) else np.nan,
+                "steps": _finite(n_steps),
+                "disagreements": _finite(n_disagreements),
             }
+
+
+@item("unseen", "every run with unseen places: success in them at the end of training", where=no_rows)
+def unseen(data: Maps) -> Iterator[dict[str, Any]]:
+    """Tabulates all runs of the points that have unseen places."""
+    for cell, ends in data.ends.items():
+        key = data.key(cell)
+        names = {"grid": key["grid"], "point": key["point"], "learner": cell.learner}
+        for i in range(ends.n if key["unseen"] else 0):
+            yield {**names, "run": i, "unseen_success": ends.unseen[i]}
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else math.nan
 
 
 def _learner(cell: Cell) -> dict[str, Any]:

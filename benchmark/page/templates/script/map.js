@@ -22,7 +22,8 @@ if (box) {
   const learner = (row) => `${row.algorithm}, ${row.observation}`;
   const room = (row) => `${row.rows} × ${row.columns}`;
   const numbers = (texts) => [...new Set(texts)].map(Number).sort((a, b) => a - b);
-  const isPlain = (row) => Number(row.noise) === 0 && Number(row.unseen) === 0 && row.grid !== "noise" && row.grid !== "reference";
+  // The sliders choose neither feedback nor unseen places.
+  const isPlain = (row, first) => row.feedback === first.feedback && row.noise === first.noise && Number(row.unseen) === 0 && row.grid !== "reference";
 
   // Two digits are enough.
   function short(value) {
@@ -31,8 +32,9 @@ if (box) {
   }
 
   function begin() {
-    const cells = table("cells").filter(isPlain);
-    if (!cells.length) return;
+    const [first, ...others] = table("cells");
+    if (!first) return;
+    const cells = [first, ...others].filter((row) => isPlain(row, first));
     const seconds = new Map(table("cpu").map((row) => [`${row.grid}/${row.point}/${learner(row)}`, row]));
     const runs = new Map();
     for (const run of table("runs")) {
@@ -87,11 +89,12 @@ if (box) {
     function sentence() {
       const where = `${chosen.places} ${chosen.places === 1 ? "place" : "places"} in a room of ${chosen.room} cells`;
       const code = chosen.permuted ? `, the coordinates of ${100 * chosen.permuted} % of the places permuted` : "";
-      const row = contrasts.find((each) => isPlain(each) && isChosen(each));
+      const row = contrasts.find((each) => isPlain(each, first) && isChosen(each));
       if (!row) return [`With ${where}${code}: no declared contrast.`];
       const [x, y] = [row.x, row.y].map((name) => looks[name].told);
       const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
         "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
+        "budget too short": `the budget is too short for ${x} and ${y}`,
         undecided: `it is undecided which of ${x} and ${y} needs fewer steps` };
       return [`With ${where}${code}, after `, sourced(row.file, row.line, row.n), ` pairs of runs: ${words[row.verdict]}.`];
     }
@@ -133,6 +136,7 @@ if (box) {
   function chart(rows, names, value, kind, marked) {
     const places = numbers(rows.map((row) => row.places));
     const known = rows.map((row) => value(row, kind)).filter((each) => Number.isFinite(each) && each > 0);
+    if (!known.length) known.push(1, 10); // nobody learns, or all at once
     const [low, high] = [Math.floor(Math.log10(Math.min(...known))), Math.ceil(Math.log10(Math.max(...known)) + 0.01)];
     const x = (n) => LEFT + (places.length > 1 ? (PLOT - LEFT) * Math.log(n / places[0]) / Math.log(places.at(-1) / places[0]) : 0);
     const y = (v) => TOP + (HIGH - TOP - BOTTOM) * (1 - (Math.log10(v) - low) / (high - low));
