@@ -56,8 +56,8 @@ def test_sliders_end_in_a_sentence_and_a_table_whose_numbers_are_in_the_files(
             n_learned = int((runs[here]["steps"] <= 1000).sum())
             expected.add((names.of_arm(arm), f"{n_learned} of {row['n']}", f"{row['steps']:,.0f}"))
         assert table_of(opened) == expected
-    net, table = names("net", "offset"), names("table", "index")
-    assert f"after 12 pairs of runs: {net} needs fewer steps than the {table}." in sentence.inner_text()
+    expected_end = "after 12 pairs of runs: the shared table of offsets needs fewer steps than the table."
+    assert expected_end in sentence.inner_text()
     # Where nothing was trained, other sliders move along.
     assert move(opened, "permuted", 1) == "100 %"
     assert (
@@ -87,7 +87,7 @@ def test_without_scripts_the_picture_and_the_headline_stay(open_page: Open, fold
     opened = open_page(folder, java_script_enabled=False)
     assert not opened.page.locator("#map").is_visible()
     assert opened.page.locator("#finding img").is_visible()
-    assert "learns in fewer steps than the table" in opened.page.locator("#finding").inner_text()
+    assert "needs fewer steps than the table" in opened.page.locator("#finding").inner_text()
 
 
 def test_it_leads_the_page_of_all_results(folder: Path, tmp_path: Path) -> None:

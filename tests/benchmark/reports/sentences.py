@@ -37,8 +37,8 @@ def check_links(document: Document, *, fewest: int) -> None:
         if number[3]:
             continue  # a quotient, which the tests above know, or a duration in another unit
         decimals = len(number[2].partition(".")[2])
-        n_places = rows["scenario"].nunique() if "scenario" in rows else 0
-        values = [*rows.mean(numeric_only=True), len(rows), n_places]
+        counts = [rows[key].nunique() for key in ("scenario", "claim") if key in rows]
+        values = [*rows.mean(numeric_only=True), len(rows), *counts]
         assert any(f"{abs(v):,.{decimals}f}" == number[2].lstrip("+-") for v in values), (text, file, places)
         n_checked += 1
     assert n_checked >= fewest
