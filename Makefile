@@ -43,7 +43,7 @@ compare-deep: $(DEEP) ## tables against DQN and PPO, in results/compare_deep/ (S
 beyond: $(DEEP) ## scenarios beyond the paper: tables, DQN and PPO where people turn, walk and have moods, in results/beyond/
 	$(RUN) $(or $(EXPERIMENT),beyond)
 
-when: $(DEEP) ## when a net needs fewer steps than a table: places, rooms, noise, in results/when/ (two hours)
+when: $(DEEP) ## which learner needs fewer steps: places, rooms, feedback, in results/when/ (two hours)
 	$(RUN) $(or $(EXPERIMENT),when)
 
 report: $(BASE) ## the page and the texts of results, from the tables that are there

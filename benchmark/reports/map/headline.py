@@ -44,8 +44,7 @@ def _sentence(folder: Folder, rows: pd.DataFrame) -> str:
     for verdict, text in _ENDED.items():
         found = rows[rows["verdict"] == verdict]
         if len(found):
-            points = link(listed(found["point"]), "contrasts", found)
-            parts.append(f"{text.format(x=x, y=y)} at {points}")
+            parts.append(f"{text.format(x=x, y=y)} at {_points(found, 'contrasts')}")
     told = "; ".join(parts)
     return f"{told[:1].upper()}{told[1:]}."
 
@@ -62,8 +61,14 @@ def _fewest(folder: Folder, rows: pd.DataFrame) -> Iterator[str]:
             row = least.iloc[0]
             best.setdefault(f"{row['algorithm']}, {row['observation']}", []).append(row)
     parts = [
-        f"{folder.names.told(name)} at {link(listed(row['point'] for row in found), 'cells', *found)}"
+        f"{folder.names.told(name)} at {_points(pd.DataFrame(found), 'cells')}"
         for name, found in best.items()
     ]
     if parts:
         yield f"The smallest median, which is not tested, is that of {'; '.join(parts)}."
+
+
+def _points(rows: pd.DataFrame, table: str) -> str:
+    """Returns the points of rows of a grid with one axis, with a link: "places 1 and 4"."""
+    axis = rows["point"].iloc[0].split()[0]
+    return f"{axis} {link(listed(point.split()[-1] for point in rows['point']), table, rows)}"
