@@ -219,9 +219,6 @@ def _parser() -> argparse.ArgumentParser:
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     about = "measure for one second, into speed_smoke; the numbers mean nothing"
     speed.add_argument("--smoke", action="store_true", help=about)
-    growth = command("growth", "measure how time and memory grow with agents, cells, stored runs and workers")
-    about = "measure for a minute, into growth_smoke; the numbers mean nothing"
-    growth.add_argument("--smoke", action="store_true", help=about)
     return parser
 
 
