@@ -1,10 +1,14 @@
-"""How speed is measured, and what is shown meanwhile."""
+"""How speed is measured: what is shown meanwhile, and what an interrupt leaves."""
 
+import os
+import signal
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from rich.progress import Progress
 
+from benchmark.__main__ import main
 from benchmark.reports import speed
 from benchmark.reports.document import Document
 from tests.support import ROOT
@@ -45,3 +49,18 @@ def test_every_turn_is_shown_with_the_time_that_the_others_take(monkeypatch: pyt
         (4, "4 of 5 turns, about 3 min left"),
         (5, "5 of 5 turns, about 0 s left"),
     ]
+
+
+def test_an_interrupt_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt() -> float:
+        os.kill(os.getpid(), signal.SIGINT)
+        return 1.0
+
+    monkeypatch.setattr(speed, "_rows", lambda _: [speed.Row("row", "unit", (lambda: 1.0, interrupt), "it")])
+    results = tmp_path / "results"
+    assert main(["speed", "--smoke", "--results", str(results)]) == 130
+    *_, said = capsys.readouterr().err.splitlines()
+    assert said == "interrupted: a table is written only after all rows have been measured."
+    assert list(results.iterdir()) == []
