@@ -10,7 +10,6 @@ SEEDS ?=
 TESTS ?=
 CHECKED ?= .
 SPEED ?=
-GROWTH ?=
 CHAOS ?=
 FUZZ ?=
 
@@ -26,7 +25,7 @@ DEV ?= $(VENV)/.dev
 RUN = $(PY) -m benchmark run --results $(RESULTS) --report $(if $(SEEDS),$(if $(shell echo '$(SEEDS)' | \
 	grep -xE '[1-9][0-9]*'),--seeds 0-$(shell expr $(SEEDS) - 1),$(error SEEDS=$(SEEDS): accepted: a whole number, 2 or more)))
 
-.PHONY: help reproduce tune compare-deep beyond when report docs test check speed growth chaos fuzz clean
+.PHONY: help reproduce tune compare-deep beyond when report docs test check speed chaos fuzz clean
 
 help: ## list these commands
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -63,9 +62,6 @@ check: $(DEV) ## format, lint, types, spelling
 
 speed: $(DEEP) ## speed against plain Python, Gymnasium and Stable-Baselines3, in results/speed/
 	OPENBLAS_NUM_THREADS=1 $(PY) -m benchmark speed --results $(RESULTS) $(SPEED)
-
-growth: $(DEV) ## time and memory against agents, cells, stored runs and workers, in results/growth/ (about half an hour)
-	$(PY) -m benchmark growth --results $(RESULTS) $(GROWTH)
 
 chaos: $(DEV) ## kill drivers and workers 200 times, fill disks, and compare every run (CHAOS="--kills 20": 20 times)
 	$(PY) -m tests.chaos $(CHAOS)

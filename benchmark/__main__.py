@@ -13,6 +13,7 @@ from typing import Final, NoReturn
 from benchmark import packages
 
 _INTERRUPTED: Final = "interrupted: finished runs are kept; the same command continues."
+_SPEED_INTERRUPTED: Final = "interrupted: a table is written only after all rows have been measured."
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
@@ -57,25 +58,28 @@ interrupted.
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit code."""
     _open_streams()
+    command = ""
     try:
         options = _parser().parse_args(arguments)
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
-        if options.command == "doctor":  # which would end, or hang, by what it is to find
+        command = options.command
+        if command == "doctor":  # which would end, or hang, by what it is to find
             _examine()
         # Imported on demand: --help and mistakes do not wait for what a command needs.
-        with needed_by(f"benchmark {options.command}"):
-            code = int(import_module(f"benchmark.commands.{options.command}").main(options))
+        with needed_by(f"benchmark {command}"):
+            code = int(import_module(f"benchmark.commands.{command}").main(options))
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as `head`, has closed it
         _silence_output()
         return 0
-    except (InputError, MemoryError, OSError) as error:
-        if _is_interrupt(error):  # while something was imported
-            print(_INTERRUPTED, file=sys.stderr)
+    except (Exception, KeyboardInterrupt) as error:
+        if _is_interrupt(error):
+            print(_SPEED_INTERRUPTED if command == "speed" else _INTERRUPTED, file=sys.stderr)
             return 130
         message: object = error
-        if sentence := packages.broken(error.__cause__ or error):
+        is_expected = isinstance(error, InputError | MemoryError | OSError)
+        if sentence := packages.broken((is_expected and error.__cause__) or error):
             message = InputError(sentence)
         elif isinstance(error, MemoryError):
             message = "out of memory; give fewer --jobs or run a smaller experiment."
@@ -83,16 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _silence_output()
             where = f"{error.filename}: " if error.filename else ""
             message = InputError(f"{where}{error.strerror or error}.")
+        elif not is_expected:
+            raise
         print(f"error: {message}", file=sys.stderr)
         return 2
-    except (Exception, KeyboardInterrupt) as error:
-        if _is_interrupt(error):
-            print(_INTERRUPTED, file=sys.stderr)
-            return 130
-        if sentence := packages.broken(error):
-            print(f"error: {InputError(sentence)}", file=sys.stderr)
-            return 2
-        raise
     return code
 
 
@@ -217,11 +215,8 @@ def _parser() -> argparse.ArgumentParser:
     doctor.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
-    about = "measure for one second, into speed_smoke; the numbers mean nothing"
+    about = "measure very little, into speed_smoke; the numbers mean nothing"
     speed.add_argument("--smoke", action="store_true", help=about)
-    growth = command("growth", "measure how time and memory grow with agents, cells, stored runs and workers")
-    about = "measure for a minute, into growth_smoke; the numbers mean nothing"
-    growth.add_argument("--smoke", action="store_true", help=about)
     return parser
 
 

@@ -141,7 +141,7 @@ def test_experiment_is_run_and_reported(installed: Path, tmp_path: Path) -> None
     [
         ("list", "benchmark list", r"\w+", "reproduce", "base"),
         ("run compare_deep --report", "compare_deep: its report", "rliable", "deep", "deep"),
-        ("growth", "benchmark growth", "distributed", "cluster", "cluster"),
+        ("speed", "benchmark speed", "torch", "deep", "deep"),
     ],
 )
 def test_commands_name_their_extra(

@@ -23,7 +23,6 @@ MINIATURES: dict[str, tuple[list[str], list[str]]] = {
     "tune": (["EXPERIMENT=tuning_smoke"], ["72 runs done", "the chosen settings are in"]),
     "when": (["EXPERIMENT=when_smoke"], ["tables and figures are in", "the page is"]),
     "speed": (["SPEED=--smoke"], []),
-    "growth": (["GROWTH=--smoke"], []),
 }
 
 
@@ -52,14 +51,12 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
         assert (tmp_path / "when_smoke" / "map.svg").is_file()
         reference = pd.read_csv(tmp_path / "when_smoke" / "reference.csv")
         assert [*reference["y"]] == ["sb3_ppo, coordinates"]
-    elif target in ("speed", "growth"):
-        assert made == {f"{target}_smoke"}
-        files = sorted((tmp_path / f"{target}_smoke").glob("*.csv"))
-        assert {path.name: mistyped_columns(path) for path in files if mistyped_columns(path)} == {}
-        first = pd.read_csv(tmp_path / f"{target}_smoke" / f"{target}.csv").iloc[:, 0]
-        some = {"q_learning_kernel", "vector_env_1000", "evaluate", "sb3_dqn"}
-        some = some if target == "speed" else {"agents_nets", "cells_solve", "runs_report"}
-        assert some <= set(first)
+    elif target == "speed":
+        assert made == {"speed_smoke"}
+        table = tmp_path / "speed_smoke" / "speed.csv"
+        assert mistyped_columns(table) == []
+        rows = {"q_learning_kernel", "vector_env_1000", "evaluate", "sb3_dqn", "net_ppo_one_hot"}
+        assert rows <= set(pd.read_csv(table)["name"])
     else:
         assert made == set()
 
@@ -93,7 +90,7 @@ def test_seeds_are_passed_on_or_refused(target: str) -> None:
 
 
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("list", "run", "report", "verify", "watch", "assess", "doctor", "speed", "growth"):
+    for name in ("list", "run", "report", "verify", "watch", "assess", "doctor", "speed"):
         with pytest.raises(SystemExit) as ended:
             main([name, "--help"])
         assert ended.value.code == 0

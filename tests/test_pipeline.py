@@ -140,15 +140,15 @@ def test_changed_page_is_reported(results: Path, tmp_path: Path) -> None:
 
 
 def test_changed_text_of_measurements_is_reported(tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "results" / "growth", tmp_path / "growth")
+    shutil.copytree(ROOT / "results" / "speed", tmp_path / "speed")
     assert [*verify.rewritten(set(), tmp_path)] == []
-    (tmp_path / "growth" / "README.md").write_text("changed", encoding="utf-8")
+    (tmp_path / "speed" / "README.md").write_text("changed", encoding="utf-8")
     (problem,) = verify.rewritten(set(), tmp_path)
-    assert problem.startswith(f"{tmp_path / 'growth' / 'README.md'}: different")
-    manifest = tmp_path / "growth" / "manifest.json"
+    assert problem.startswith(f"{tmp_path / 'speed' / 'README.md'}: different")
+    manifest = tmp_path / "speed" / "manifest.json"
     manifest.write_text(manifest.read_text(encoding="utf-8").replace('"description"', '"other"'))
     (problem,) = verify.rewritten(set(), tmp_path)
-    assert problem.startswith(f"{tmp_path / 'growth'}: damaged")
+    assert problem.startswith(f"{tmp_path / 'speed'}: damaged")
 
 
 def test_damaged_stores_are_problems_not_mistakes(

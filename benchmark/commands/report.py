@@ -12,7 +12,7 @@ from benchmark.experiments.schema import read_experiment
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.experiments.specification import digest_of_search
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, measured, sameness
+from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
@@ -59,7 +59,7 @@ def _write_texts(folder: Path) -> None:
     try:
         document.write(folder)
     except InputError as error:
-        if folder.name in (*experiment_names(), *measured.REPORTS):
+        if folder.name in (*experiment_names(), page.SPEED):
             raise
         print(f"{folder}: its texts stay as they are: {error}", file=sys.stderr)
 

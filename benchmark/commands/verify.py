@@ -24,7 +24,7 @@ from benchmark.experiments import (
     load_experiment,
 )
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, measured, sameness
+from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
@@ -152,9 +152,8 @@ def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:
     """Yields which texts of measurements, and outside of folders, are not what the tables make."""
     try:
         texts = {path: text for name in pages for path, text in page.texts(results, name)}
-        for name in measured.REPORTS:  # which no experiment makes
-            if (results / name / MANIFEST).is_file():
-                texts[results / name / "README.md"] = document.readme(results / name)
+        if (results / page.SPEED / MANIFEST).is_file():  # which no experiment makes
+            texts[results / page.SPEED / "README.md"] = document.readme(results / page.SPEED)
         if None in pages and results.resolve() == sameness.REPOSITORY / "results":
             texts[sameness.REPOSITORY / "README.md"] = document.front(results)
     except InputError as error:  # a table of one of them is damaged

@@ -115,9 +115,7 @@ class Display:
     def _left(self) -> str:
         """Returns what to say of the time left: for these jobs, which may be one stage of several."""
         left = self.seconds_left()
-        if left is None:
-            return ""
-        return f", about {left:,.0f} s left" if left < 120 else f", about {left / 60:,.0f} min left"
+        return "" if left is None else time_left(left)
 
     def _print_line(self) -> None:
         self._console.print(f"{self._name}: {self._summary()}{self._left()}", markup=False, soft_wrap=True)
@@ -133,6 +131,11 @@ class Display:
                 lines.append(Text(line).append(f", {failed:,} failed" * (failed > 0), style="bold red"))
             self._bar.update(self._task, description=self._summary() + self._left())
         return Group(*lines, self._bar)
+
+
+def time_left(seconds: float) -> str:
+    """Returns what a display adds about the time left."""
+    return f", about {seconds:,.0f} s left" if seconds < 120 else f", about {seconds / 60:,.0f} min left"
 
 
 def kind_of(run: RunSpecification) -> tuple[str, ...]:

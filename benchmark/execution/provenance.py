@@ -141,12 +141,17 @@ def commit(file: Path) -> str | None:
 
 def reset_peak_memory() -> None:
     """Starts measuring this process's peak memory anew, where the system can: Linux."""
-    with suppress(OSError):  # elsewhere the peak is that of all runs of the process so far
+    with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def peak_memory_mb() -> float | None:
-    """Returns the most memory that this process has used, in MB; None where the system does not say."""
+    """Returns the most memory that this process has used, in MB; None where the system does not say.
+
+    It counts from the start of the process, or from `reset_peak_memory`. `ru_maxrss` does not: on Linux, it
+    survives `fork` and `exec`, so it is at least what the parent used; and nothing resets it, so on macOS it
+    would count earlier runs of the process.
+    """
     try:
         status = Path("/proc/self/status").read_text(encoding="ascii")
     except OSError:

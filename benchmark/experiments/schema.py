@@ -42,10 +42,7 @@ MOST_CONDITIONS: Final = 10_000  # of an experiment
 MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
-_RESERVED: Final = (
-    *("speed", "speed_smoke", "growth", "growth_smoke"),
-    *("*_partial", "*_seeds_*", "*_svg", "*_pdf", "*_tex"),
-)
+_RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*", "*_svg", "*_pdf", "*_tex")
 
 
 class Variant(Table):

@@ -38,7 +38,7 @@ from envs import InputError
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
 # The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
 PUBLISHED: Final = ("when", "compare_deep", "beyond", "reproduce")
-_SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
+SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
@@ -122,8 +122,8 @@ def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
     if experiment is not None and experiment not in PUBLISHED:
         return [experiment], results / experiment / "index.html"
     names = published(results)
-    if names and (results / _SPEED / MANIFEST).exists():
-        names.append(_SPEED)
+    if names and (results / SPEED / MANIFEST).exists():
+        names.append(SPEED)
     return names, results / "index.html"
 
 

@@ -94,22 +94,6 @@ def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
             _remove(made)
 
 
-@contextmanager
-def scratch(folder: Path) -> Iterator[Path]:
-    """Yields an empty folder inside a folder of results, for the time being.
-
-    Raises:
-      InputError: It cannot be made.
-    """
-    made = folder / f".scratch{_MAKING}"
-    try:
-        with _input_errors(folder):
-            made.mkdir()
-        yield made
-    finally:
-        _remove(made)
-
-
 def write_text(path: Path, text: str) -> None:
     """Writes a file, whole or not at all. The caller must be alone in its folder, see `alone`.
 

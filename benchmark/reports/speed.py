@@ -11,10 +11,10 @@ import random
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import count, cycle, islice, pairwise
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, NoReturn
 
 import gymnasium
 import numba
@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence
 from rich.console import Console
-from rich.progress import track
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
@@ -32,11 +32,20 @@ from agents.process import N_ACTIONS
 from agents.sb3.settings import DqnSettings
 from agents.tabular import learner
 from benchmark.execution.executors.processes import Processes
+from benchmark.execution.progress import time_left
+from benchmark.execution.provenance import commit, machine, processor, versions
+from benchmark.experiments import (
+    DEFAULT_CONDITION,
+    Experiment,
+    Reporting,
+    RunSpecification,
+    load_experiment,
+    specifications,
+)
+from benchmark.reports import draw, files
 from benchmark.reports.folder import Folder
-from benchmark.reports.growth.points import deep_runs
-from benchmark.reports.item import entry, item
-from benchmark.reports.measured import Measured, Measuring
-from envs import Model, ProxemicVectorEnv, compile_scenario, load_scenario
+from benchmark.reports.item import Report, entry, item
+from envs import InputError, Model, ProxemicVectorEnv, compile_scenario, load_scenario
 
 _ENV: Final = "envs:Proxemic/S1-v0"
 Turn = tuple[float, float]  # units and seconds
@@ -53,10 +62,12 @@ class Row(NamedTuple):
     products: float = 0.0  # multiplications and additions in products of matrices, per unit
 
 
+Rates = list[tuple[Row, list[float]]]  # of both sides
+
+
 @item("speed", "rates of this project and of common alternatives, from the same run", is_measured=True)
-def speed(data: Measured) -> Iterator[dict[str, Any]]:
+def speed(rates: Rates) -> Iterator[dict[str, Any]]:
     """Tabulates the rates of all rows."""
-    rates: list[tuple[Row, list[float]]] = data.taken
     limit = next(max(both) for row, both in rates if row.name == "matrix_products")
     for row, (ours, stock) in rates:
         yield {
@@ -81,33 +92,81 @@ def _(table: pd.DataFrame, _: Folder) -> str:
     )
 
 
-def _measure(_: Path, smoke: bool) -> Measured:
-    """Measures and prints the rates of all rows."""
+def measure(results: Path, *, smoke: bool) -> None:
+    """Measures and prints the rates of all rows, and writes a folder of results.
+
+    Other reports wait meanwhile: they would disturb.
+
+    Args:
+      results: The folder of all results.
+      smoke: Whether to measure very little, to try the code; it has a folder of its own.
+
+    Raises:
+      InputError: The folder cannot be written; then nothing is measured.
+    """
+    directory = results / (f"{REPORT.name}_smoke" if smoke else REPORT.name)
+    is_stale = draw.was_made(directory, REPORT.items)
+    with files.alone(results), files.replaced(directory, is_stale) as aside:
+        taken: Any = _rates(smoke)
+        for row, (ours, stock) in taken:
+            print(f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.3g} times {row.against}")
+        manifest = {
+            "experiment": REPORT.name,
+            "description": "The speed of this project against common alternatives.",
+            "command": "make speed",
+            "argument": "",  # none: the command `report` does not draw it
+            "report": Reporting(kind=f"{__name__}:REPORT").model_dump(mode="json"),
+            "partial": "",
+            "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
+            "scenarios": {},
+            "algorithms": {},
+            "facts": {},
+            "commits": [commit(Path(__file__))],
+            "machines": [machine()],
+            "processors": [processor()],
+            "versions": [versions("q_learning")],
+        }
+        draw.publish(REPORT.items, taken, aside, manifest)
+    print(f"written to {directory}")
+
+
+def _rates(smoke: bool) -> Rates:
+    """Measures the rates of both sides of every row."""
     workers = Processes(os.cpu_count() or 1)
     try:
         rows = [*_rows(smoke), *_deep_rows(smoke, workers)]
-        taken = _take_turns(rows, 1 if smoke else 15, time.perf_counter, _best)
+        trained = [_products_row(smoke), *_net_rows(smoke)]
+        first, others = range(2 * len(rows)), range(2 * len(rows), 2 * (len(rows) + len(trained)))
+        clocks = [time.perf_counter] * len(first) + [time.process_time] * len(others)
+        sides = [work for row in (*rows, *trained) for work in row.sides]
+        order = [*first, *others, *[*first] * (1 if smoke else 15), *[*others] * (1 if smoke else 4)]
+        turns = _take_turns(sides, clocks, order)
     finally:
         workers.cancel()
-    trained = [_products_row(smoke), *_net_rows(smoke)]
-    taken += _take_turns(trained, 1 if smoke else 4, time.process_time, _overall)
-    for row, (ours, stock) in taken:
-        print(f"{row.name:24} {ours:14,.0f} {row.unit}/s, {ours / stock:8.3g} times {row.against}")
-    return Measured(taken)
+    rates = [_best(turns[i]) for i in first] + [_overall(turns[i]) for i in others]
+    return [(row, rates[2 * i : 2 * i + 2]) for i, row in enumerate([*rows, *trained])]
 
 
 def _take_turns(
-    rows: Sequence[Row], n_turns: int, clock: Callable[[], float], rate: Callable[[list[Turn]], float]
-) -> list[tuple[Row, list[float]]]:
-    """Returns the rates of both sides of every row; a first turn only compiles, imports and fills caches."""
-    turns: list[tuple[Work, list[Turn]]] = [(work, []) for row in rows for work in row.sides]
-    for i in track(range(n_turns + 1), "measuring", console=Console(stderr=True)):
-        for work, taken in turns:
-            started = clock()
-            turn = work(), clock() - started
-            taken += [turn] * (i > 0)
-    rates = [rate(taken) for _, taken in turns]
-    return [(row, rates[2 * i : 2 * i + 2]) for i, row in enumerate(rows)]
+    sides: Sequence[Work], clocks: Sequence[Callable[[], float]], order: Sequence[int]
+) -> list[list[Turn]]:
+    """Returns the turns of each side, but for its first, which compiles, imports and fills caches.
+
+    The order begins with every side. Then the time left is shown: each turn is expected to take as long as
+    the last one of its side.
+    """
+    turns: list[list[Turn]] = [[] for _ in sides]
+    seconds = [0.0] * len(sides)
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("elapsed")
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task(f"0 of {len(order)} turns", total=len(order))
+        for n, side in enumerate(order, start=1):
+            started_s, started = time.monotonic(), clocks[side]()
+            turns[side].append((sides[side](), clocks[side]() - started))
+            seconds[side] = time.monotonic() - started_s
+            left = time_left(sum(seconds[each] for each in order[n:])) if n >= len(sides) else ""
+            progress.update(task, completed=n, description=f"{n} of {len(order)} turns{left}")
+    return [taken[1:] for taken in turns]
 
 
 def _best(turns: list[Turn]) -> float:
@@ -118,13 +177,17 @@ def _overall(turns: list[Turn]) -> float:
     return sum(done for done, _ in turns) / sum(seconds for _, seconds in turns)
 
 
-REPORT: Final = Measuring(
+def _refuse(experiment: Experiment, *_: object) -> NoReturn:
+    raise InputError(f"{experiment.argument}: report: accepted: a report that can be drawn of an experiment.")
+
+
+REPORT: Final = Report(
     name="speed",
     question="How fast is this project?",
-    description="The speed of this project against common alternatives.",
+    check=_refuse,
+    load=_refuse,
     items=(speed,),
     document=Path(__file__).with_name("speed.md.jinja"),
-    measure=_measure,
 )
 
 
@@ -216,7 +279,18 @@ def _repeat(times: int, call: Callable[[], object], units: float = 1) -> float:
     return times * units
 
 
-# Rows of deep learning, with the settings of `nets.toml` of growth, on S1
+# Rows of deep learning, with the settings of `speed_nets.toml`, on S1
+
+
+@cache
+def _nets() -> Experiment:
+    return load_experiment(Path(__file__).with_name("speed_nets.toml"))
+
+
+def _deep_runs(variant: str, observation: str, budget: int, seeds: Sequence[int]) -> list[RunSpecification]:
+    """Lists runs of the nets that are measured, with a budget."""
+    changed = _nets().model_copy(update={"settings": _nets().settings | {"budget": budget}})
+    return specifications(changed, DEFAULT_CONDITION, "S1", variant, observation, seeds)
 
 
 def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
@@ -233,7 +307,7 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
     budget = 200 if smoke else 2000
     methods = {"dqn": algorithms.DQN, "ppo": algorithms.PPO}
     seeds = range(os.cpu_count() or 1)
-    runs = {name: deep_runs(f"{name}_sb3", "one_hot", budget, seeds) for name in methods}
+    runs = {name: _deep_runs(f"{name}_sb3", "one_hot", budget, seeds) for name in methods}
     dqn: Any = runs["dqn"][0].settings
     limit = {"max_episode_steps": dqn.time_limit}
     make_env = partial(gymnasium.make, _ENV, observation="one_hot", **limit)
@@ -298,7 +372,7 @@ def _net_rows(smoke: bool) -> list[Row]:
     def train(variant: str, observation: str, seeds: Iterator[int]) -> float:
         # A run of ours takes well below a second.
         n_seeds = 1 if variant.endswith("_sb3") or smoke else 25
-        runs = deep_runs(variant, observation, budget, list(islice(seeds, n_seeds)))
+        runs = _deep_runs(variant, observation, budget, list(islice(seeds, n_seeds)))
         model, streams = compile_scenario(runs[0].scenario), [run.seed_sequence for run in runs]
         algorithm = load_algorithm(runs[0].algorithm)
         algorithm.train(model, runs[0].settings, observation, streams, Schedule(budget))
@@ -308,7 +382,7 @@ def _net_rows(smoke: bool) -> list[Row]:
     for name in ("dqn_one_hot", "dqn_coordinates", "dqn_linear", "ppo_one_hot", "ppo_coordinates"):
         variant, observation = (name, "one_hot") if name == "dqn_linear" else name.split("_", 1)
         ours, other = (partial(train, each, observation, count()) for each in (variant, f"{variant}_sb3"))
-        products = _products(deep_runs(variant, observation, budget, [0])[0].settings, observation)
+        products = _products(_deep_runs(variant, observation, budget, [0])[0].settings, observation)
         against = "Stable-Baselines3, by CPU time"
         rows.append(Row(f"net_{name}", "steps", (ours, other), against, products))
     return rows

@@ -236,9 +236,9 @@ DQN_CASES: list[tuple[str, dict[str, Any]]] = [
             "exploration_initial_eps": 0.9, "exploration_final_eps": 0.2, "exploration_fraction": 0.3}),
     ("S1", {"n_envs": 4, "train_freq": 5, "gradient_steps": -1, "buffer_size": 203}),
     ("S1", {"n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "gradient_steps": 2}),
-    # More envs than rows of a mini-batch, and a single row of the buffer.
+    # More envs than rows of a mini-batch, and a single row of the buffer; the first step is greedy.
     ("S1", {"n_envs": 40, "batch_size": 8, "buffer_size": 20, "tau": 0.0, "train_freq": 1,
-            "gradient_steps": 20}),
+            "gradient_steps": 20, "learning_starts": 0}),
     # Greedy from the start.
     ("S1", {"exploration_initial_eps": 0.0, "exploration_final_eps": 0.0, "learning_starts": 0, "n_envs": 3,
             "train_freq": 1, "target_update_interval": 2, "batch_size": 40, "buffer_size": 60}),
@@ -602,6 +602,9 @@ def test_snapshots_are_the_nets_at_their_steps_and_change_no_result(name: str) -
     assert (many.cpu_time_s[:, -1] > 0).all()
     agent = agent_of(name, "one_hot", S1, np.float32)
     assert few.values[0, 0] == pytest.approx(agent.table(), abs=1e-6)
+    # By step 390, it has learned from 9 rollouts of 40 steps, or from 195 of 2.
+    agent.advance(360 if name == "compiled_ppo" else 390)
+    assert np.array_equal(few.greedy[0, 3], 1 << agent.table().argmax(axis=1))
     agent.advance(400)
     assert few.values[0, -1] == pytest.approx(agent.table(), abs=1e-6)
     assert np.array_equal(few.greedy[:, ::2], 1 << few.values.argmax(axis=-1))

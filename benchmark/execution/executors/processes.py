@@ -1,18 +1,23 @@
 """Worker processes: for jobs that hold Python's global lock, such as those of Stable-Baselines3."""
 
+import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Final
 
 from benchmark.execution.job import execute_job
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
+
+_PR_SET_PDEATHSIG: Final = 1  # the signal that a process gets when the thread ends that has started it
 
 
 class WorkerDiedError(Exception):
@@ -93,6 +98,9 @@ def _serve(connection: Connection) -> None:
         driver.join()
         os._exit(1)
 
+    # While a library holds Python's global lock, no thread runs. Linux needs none.
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     threading.Thread(target=end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:

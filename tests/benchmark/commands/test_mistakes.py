@@ -40,7 +40,6 @@ FILES = {
         ("run FOLDER/swept.toml", "sweep"),  # which its report cannot show
         ("run FOLDER/table.toml --tensorboard logs", "--tensorboard"),  # no algorithm writes logs
         ("speed --smoke --results FOLDER/file/results", "/file/results"),
-        ("growth --smoke --results FOLDER/file/results", "/file/results"),
         ("report", "FOLDER"),  # no results
         ("report nothing.toml", "nothing.toml"),
         ("report reproduce", "runs.db"),

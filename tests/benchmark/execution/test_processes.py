@@ -160,6 +160,52 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
         assert arrays_of(store.get(sorted(store.statuses()))) == expected
 
 
+LONG: Final = """
+description = "Two agents of Stable-Baselines3 that do not end for a long time."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 100000000
+map_every = 100000000
+settings = { budget = 100000000 }
+algorithms.long = { algorithm = "long_runs:NAME", observations = ["one_hot"], seeds = 2 }
+"""
+LONG_RUNS: Final = """
+import ctypes
+import os
+from pathlib import Path
+from stable_baselines3 import DQN
+
+class Training(DQN):
+    def train(self, *arguments, **named):
+        super().train(*arguments, **named)
+        Path(__file__).with_name(f"{os.getpid()}.trains").touch()
+
+class Holding(Training):
+    def train(self, *arguments, **named):
+        super().train(*arguments, **named)
+        ctypes.PyDLL(None).sleep(90)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+@pytest.mark.parametrize("name", ["Training", "Holding"])
+def test_workers_end_with_a_killed_driver(name: str, tmp_path: Path) -> None:
+    """Also while they hold Python's global lock, so that none of their threads can end them."""
+    (tmp_path / "long.toml").write_text(LONG.replace("NAME", name), encoding="utf-8")
+    (tmp_path / "long_runs.py").write_text(LONG_RUNS, encoding="utf-8")
+    command = [sys.executable, "-m", "benchmark", "run", str(tmp_path / "long.toml"), "--jobs", "2"]
+    with subprocess.Popen(
+        [*command, "--results", str(tmp_path)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as driver:
+        until(lambda: len([*tmp_path.glob("*.trains")]) == 2 or driver.poll() is not None)
+        started = children(driver.pid)
+        driver.kill()
+    killed_s = time.monotonic()
+    assert {int(path.stem) for path in tmp_path.glob("*.trains")} < {*started}
+    until(lambda: not any(Path(f"/proc/{pid}/stat").exists() for pid in started))
+    assert time.monotonic() - killed_s < 30
+
+
 def test_second_driver_waits_for_the_first_and_repeats_nothing(
     experiment: Path,
     runs: list[RunSpecification],

@@ -1,5 +1,7 @@
 """What records say of the code, the machine and the packages that made them."""
 
+import subprocess
+import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from benchmark.execution.provenance import commit, environment, peak_memory_mb, 
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment, specifications
 from envs import InputError
-from tests.support import git
+from tests.support import ROOT, git
 
 COMPARED = load_experiment("compare_deep_smoke")
 
@@ -72,7 +74,20 @@ def test_missing_packages_are_refused_before_any_work(
     assert record.provenance["commit"] == commit(Path(provenance.__file__))
 
 
-@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the system cannot reset the peak")
+ON_LINUX = pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="others do not say the peak")
+
+
+@ON_LINUX
+def test_peak_memory_is_not_that_of_the_parent() -> None:
+    """Unlike `ru_maxrss`, which a child inherits."""
+    data = b"x" * (400 << 20)
+    code = "from benchmark.execution.provenance import peak_memory_mb; print(peak_memory_mb())"
+    child = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert 20 < float(child.stdout) < 300  # Python and NumPy take 20 MB
+    assert (peak_memory_mb() or 0) > len(data) >> 20
+
+
+@ON_LINUX
 def test_peak_memory_is_that_since_the_last_reset() -> None:
     reset_peak_memory()
     before = peak_memory_mb() or 0

@@ -284,7 +284,7 @@ def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: s
 
 @pytest.mark.parametrize(
     "stem",
-    ["..", "a.b", "a\nb", "2024", "SPEED", "growth_smoke", "mine_Partial", "mine_seeds_0-9", "Reproduce"],
+    ["..", "a.b", "a\nb", "2024", "SPEED", "speed_smoke", "mine_Partial", "mine_seeds_0-9", "Reproduce"],
 )
 def test_results_have_no_folder_of_others(tmp_path: Path, stem: str) -> None:
     path = tmp_path / f"{stem}.toml"

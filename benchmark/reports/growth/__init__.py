@@ -1,1 +1,0 @@
-"""How time and memory grow with the numbers of agents, cells, stored runs and workers."""
