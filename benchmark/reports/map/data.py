@@ -8,13 +8,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import load_algorithm
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, quantile
 from benchmark.analysis.looks import Cell, Decision, Ends, decisions, identities, pairs, read
 from benchmark.analysis.stages import stages
 from benchmark.execution import driver
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, specifications
+from benchmark.experiments import Experiment, family_of, specifications
 from envs import InputError, Scenario
 from envs.scenario import NoisyFeedback
 
@@ -68,8 +67,7 @@ class Maps:
 
     def family(self, cell: Cell) -> str:
         """Returns what a cell's learner is: tabular or deep."""
-        declared = self.experiment.algorithms[cell.variant]
-        return declared.family or load_algorithm(declared.algorithm).family
+        return family_of(self.experiment, cell.variant)
 
     def is_reference(self, cell: Cell) -> bool:
         """Returns whether a cell is of a reference implementation."""

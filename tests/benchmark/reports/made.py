@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agents.tabular.learner import TabularAlgorithm
+from agents.tabular.updates import Q_LEARNING
 from benchmark.drawing.tables import write_csv
 from benchmark.reports.comparison import REPORT
 from benchmark.reports.comparison.declared import Declared, Learner
@@ -19,6 +21,13 @@ from tests.benchmark.populations import population
 
 BUDGET, EVERY, POINTS = 400, 100, 5  # steps of training, between evaluations, and how many evaluations
 _ALGORITHMS = {"tabular": "q_learning", "deep": "compiled_dqn", "planner": "memoryless"}
+
+
+class _Net(TabularAlgorithm):
+    family = "deep"
+
+
+NET = _Net(Q_LEARNING)  # a table that reports take for a net
 
 
 class Made(NamedTuple):

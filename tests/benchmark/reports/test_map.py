@@ -62,9 +62,8 @@ scenario = { "grid.rows" = 5, "grid.columns" = 6 }
 axes.places.8 = { "issuer.places" = 8, "issuer.unseen" = 13 }
 
 [algorithms.net]
-algorithm = "q_learning"
+algorithm = "tests.benchmark.reports.made:NET"
 observations = ["offset"]
-family = "deep"
 seeds = 12
 
 [algorithms.table]
