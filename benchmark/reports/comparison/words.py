@@ -1,5 +1,8 @@
 """Words and numbers in the sentences of a comparison."""
 
+from collections.abc import Sequence
+from typing import Final
+
 import pandas as pd
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, WORSE
@@ -9,6 +12,8 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
 from benchmark.reports.learners import Names
 from envs.words import listed
+
+_MOST_NAMED: Final = 4  # scenarios, or learners with the same budget, in a sentence
 
 
 def verdict(row: pd.Series, names: Names) -> Finding:
@@ -75,19 +80,29 @@ def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
 
 
 def setting(folder: Folder) -> str:
-    """Returns what a verdict holds for: the budget, and the scenarios unless they are many."""
+    """Returns what a verdict holds for: the budgets, and the scenarios unless they are many."""
     declared = Declared.from_manifest(folder.manifest)
+    budgets: dict[int, list[str]] = {}
     if "summary.csv" in folder:
         summary = folder.frame("summary")
         rows = compared(summary, folder) if declared.compared else summary
-        budgets = {int(budget) for budget in rows["budget"]}
-    else:
-        budgets = set()
-    budget = f"With {budgets.pop():,} steps of training" if len(budgets) == 1 else "With the declared budgets"
+        for name, steps in dict.fromkeys((name_of(row), int(row["budget"])) for _, row in rows.iterrows()):
+            budgets.setdefault(steps, []).append(folder.names.told(name))
+    named = [name for names in budgets.values() for name in names]
+    budget = "With the declared budgets"
+    if len(budgets) == 1:
+        budget = f"With {next(iter(budgets)):,} steps of training"
+    elif budgets and len({*named}) == len(named):  # no condition changes them
+        budget = "With " + listed(f"{steps:,} steps for {_some(names)}" for steps, names in budgets.items())
     scenarios = [*folder.manifest["scenarios"]]
     is_mean = declared.reporting.pool == "scenarios" and len(scenarios) > 1
-    where = listed(scenarios) if len(scenarios) <= 4 else f"{len(scenarios)} scenarios"
+    where = listed(scenarios) if len(scenarios) <= _MOST_NAMED else f"{len(scenarios)} scenarios"
     return f"{budget}, on average over {where}" if is_mean else f"{budget} in {where}"
+
+
+def _some(names: Sequence[str]) -> str:
+    """Returns names in words, or their number if they are many."""
+    return listed(names) if len(names) <= _MOST_NAMED else f"{len(names)} learners"
 
 
 def sizes(folder: Folder) -> str:

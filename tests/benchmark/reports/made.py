@@ -19,7 +19,7 @@ from benchmark.reports.draw import tables_of
 from benchmark.reports.item import Item
 from tests.benchmark.populations import population
 
-BUDGET, EVERY, POINTS = 400, 100, 5  # steps of training, between evaluations, and how many evaluations
+BUDGET, POINTS = 400, 5  # steps of training, and how many evaluations
 _ALGORITHMS = {"tabular": "q_learning", "deep": "compiled_dqn", "planner": "memoryless"}
 
 
@@ -39,6 +39,7 @@ class Made(NamedTuple):
     score: float | Sequence[float] | None = None  # of every run; by default as its success
     policy: str = "greedy"
     reference_for: str = ""
+    budget: int = BUDGET
     every_run: bool = False  # whether the success is that of every run instead of a share of them
 
 
@@ -58,6 +59,7 @@ def cell(
     policy: str = "greedy",
     condition: str = "default",
     observation: str = "index",
+    budget: int = BUDGET,
     **arrays: Any,
 ) -> Cell:
     """Returns runs with this success and score, (N,) after training or (N, T)."""
@@ -72,7 +74,7 @@ def cell(
     }
     algorithm = _ALGORITHMS[family]
     made = population(
-        scenario, len(success), algorithm, budget=BUDGET, every=EVERY, observation=observation, **arrays
+        scenario, len(success), algorithm, budget=budget, every=budget // 4, observation=observation, **arrays
     )
     return Cell(scenario, condition, Learner(name, observation), made, policy, condition != "default")
 
@@ -131,7 +133,8 @@ def compared(
             assert share is not None
             reached = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
             scored = None if each is None else np.full(made.n, each)
-            cells.append(cell(name, reached, scenario, score=scored, family=made.family, policy=made.policy))
+            more_of = {"family": made.family, "policy": made.policy, "budget": made.budget}
+            cells.append(cell(name, reached, scenario, score=scored, **more_of))
     baselines = [baseline] * bool(baseline) if isinstance(baseline, str) else baseline
     others = [name for name in learners if name not in baselines]
     pairs = contrasts or [(name, table) for name in others for table in baselines]
