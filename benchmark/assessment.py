@@ -43,18 +43,19 @@ RESULTS: Final = Path(__file__).parents[1] / "results"
 PICTURES: Final = (".png", ".svg")  # endings of files
 _ASKED_AGAIN: Final = 200  # observations for which a function is asked a second time
 _TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
-_ROUNDING: Final = 1e-6  # of scores, which files have with six significant digits
+_RANKED: Final = ["success", "score"]  # columns, the first of which counts first
+_ROUNDING: Final = 1e-6  # of these, which files have with six significant digits
 _LONGEST_ANSWER: Final = 100  # characters that a message repeats
 _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
 
 
 class Standing(NamedTuple):
-    """How an agent's score compares with those of the published learners in the same scenario."""
+    """How an agent compares with the published learners in the same scenario: by success, then by score."""
 
-    rank: int  # 1 plus the number of learners with a higher mean score
-    tied: int  # learners with the same mean score
-    # By mean score: experiment, learner, runs, score (the mean), and the shares of its runs that score lower
-    # than, equal to and higher than the agent.
+    rank: int  # 1 plus the number of learners whose means are higher
+    tied: int  # learners with the same means
+    # Best first: experiment, learner, runs, success and score (the means), and the shares of its runs that
+    # rank lower than, level with and higher than the agent.
     learners: pd.DataFrame
 
 
@@ -96,7 +97,7 @@ class Assessment:
     def standing(self) -> Standing | None:
         """The rank among the published learners; None if nothing is published for this scenario."""
         published = _published(self.scenario, self.results)
-        return None if published is None else standing_of(self.score, published)
+        return None if published is None else standing_of(self.success, self.score, published)
 
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
@@ -121,10 +122,10 @@ class Assessment:
         rank, tied, learners = self.standing
         n, runs = len(learners), learners["runs"].sum()
         lines += [
-            f"ranks {rank} of {n + 1} by score{f', tied with {tied}' if tied else ''}: {n} published "
-            f"learners by their mean scores, from {runs:,} runs,",
-            "and this agent, a single policy: its score says nothing about other runs of its training",
-            "score: the mean; lower, equal, higher: the share of runs with such a score against this agent's",
+            f"ranks {rank} of {n + 1} by success, then score{f', tied with {tied}' if tied else ''}: {n} "
+            f"published learners by their means, from {runs:,} runs,",
+            "and this agent, a single policy: its numbers say nothing about other runs of its training",
+            "success, score: means; lower, equal, higher: the share of runs that rank so, against this agent",
             "",
             learners.to_string(index=False, float_format="{:.4f}".format),
         ]
@@ -227,20 +228,28 @@ def policy_of(act: Act, model: Model, observation: str) -> Policy:
     return policy
 
 
-def standing_of(score: float, published: pd.DataFrame) -> Standing:
-    """Ranks a score in [0, 1] by mean score among learners; a row per run: experiment, learner, score."""
-    runs = published.assign(
-        lower=published["score"] < score - _ROUNDING,
-        equal=(published["score"] - score).abs() <= _ROUNDING,
-        higher=published["score"] > score + _ROUNDING,
-    )
+def standing_of(success: float, score: float, published: pd.DataFrame) -> Standing:
+    """Ranks an agent among learners by success, and by score in [0, 1] if that is the same.
+
+    Args:
+      success: Of the agent.
+      score: Of the agent.
+      published: A row per run: experiment, learner, success, score.
+    """
+
+    def sign(rows: pd.DataFrame) -> NDArray[np.float64]:
+        apart = rows[_RANKED].to_numpy(dtype=np.float64) - (success, score)
+        signs = np.sign(apart) * (abs(apart) > _ROUNDING)
+        return np.where(signs[:, 0] == 0, signs[:, 1], signs[:, 0])
+
+    signs = sign(published)
+    runs = published.assign(lower=signs < 0, equal=signs == 0, higher=signs > 0)
     groups = runs.groupby(["experiment", "learner"], sort=False)
-    learners = groups[["score", "lower", "equal", "higher"]].mean()
+    learners = groups[[*_RANKED, "lower", "equal", "higher"]].mean()
     learners.insert(0, "runs", groups.size())
-    learners = learners.reset_index().sort_values("score", ascending=False, kind="stable", ignore_index=True)
-    above = int((learners["score"] > score + _ROUNDING).sum())
-    tied = int(((learners["score"] - score).abs() <= _ROUNDING).sum())
-    return Standing(above + 1, tied, learners)
+    learners = learners.reset_index().sort_values(_RANKED, ascending=False, kind="stable", ignore_index=True)
+    signs = sign(learners)
+    return Standing(int((signs > 0).sum()) + 1, int((signs == 0).sum()), learners)
 
 
 def _policy_of_saved(
@@ -298,7 +307,7 @@ def _named(model: Model, o: int) -> str:
 
 
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
-    """Reads the scores of all published runs in a scenario: experiment, learner, score.
+    """Reads the results of all published runs in a scenario: experiment, learner, success, score.
 
     Experiments of users do not count, nor do miniatures for tests.
 
@@ -325,7 +334,7 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
         manifest["scenarios"].get(name) == scenario.model_dump(mode="json")
         and manifest["horizon"] == HORIZON
         and not manifest["partial"]
-        and "score" in frame  # not every experiment measures it
+        and {*_RANKED} <= {*frame}  # not every experiment measures them
     )
     if not is_comparable:
         return []
@@ -334,7 +343,7 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
     ]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
     learner = folder.names.in_table(frame)["learner"]
-    return [pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})]
+    return [frame[_RANKED].assign(experiment=folder.path.name, learner=learner)]
 
 
 def draw_map(assessment: Assessment) -> Figure:
