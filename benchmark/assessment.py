@@ -1,14 +1,15 @@
 """Assesses any agent exactly: its score, a map of where it PINGs, its rank among the published learners.
 
-An agent is a function of the observation, or a model saved by Stable-Baselines3. It is read as a table over
-all observations, so it counts as memoryless: what a function remembers between calls is not judged.
+An agent is a function of the observation, or a model of Stable-Baselines3, loaded or saved. It is read as a
+table over all observations, so it counts as memoryless: what a function remembers between calls is not
+judged.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +30,16 @@ with needed_by("benchmark.assessment"):
 
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
+    from agents.sb3.imported import is_sb3_class
     from benchmark.analysis.population import anchors, check_anchors, overlap
     from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.drawing.tables import read_csv
     from benchmark.experiments import experiment_names
     from benchmark.reports.folder import SCORES, Folder
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
@@ -152,7 +157,7 @@ class Assessment:
 
 
 def assess(
-    agent: Act | str | Path,
+    agent: "Act | BaseAlgorithm | str | Path",
     *,
     scenario: ScenarioLike,
     observation: str,
@@ -166,26 +171,32 @@ def assess(
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`) or five
-        probabilities; or the path of a model saved by Stable-Baselines3.
+        probabilities; a model of Stable-Baselines3; or the path of a saved one.
       scenario: A name or a path, see `envs.load_scenario`.
       observation: The form of observation that the agent takes, see `envs.observations`.
       algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
-      stochastic: Whether a saved model draws its actions; otherwise it acts greedily.
+      stochastic: Whether a model draws its actions; otherwise it acts greedily.
       results: The folder of published results among which the agent is ranked.
 
     Raises:
-      InputError: The scenario, the form of observation or the saved model cannot be used, or the function
+      InputError: The scenario, the form of observation or the model cannot be used, or the function
         returns something else, or not the same when it is asked again.
     """
     loaded = load_scenario(scenario)
     model = compile_seen(loaded, observation)
     check_anchors(model, HORIZON, "start")
-    if isinstance(agent, str | Path):
-        policy = _policy_of_saved(Path(agent), algorithm, model, observation, stochastic=stochastic)
+    is_path = isinstance(agent, str | Path)
+    if algorithm is not None and not is_path:
+        raise InputError(f"algorithm = {algorithm}: accepted only with the path of a saved model.")
+    if is_path or is_sb3_class(type(agent)):
+        policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
-        raise InputError(f"agent = {_shown(agent)}: accepted: a function, or the path of a saved model.")
-    elif algorithm is not None or stochastic:
-        raise InputError("algorithm, stochastic: accepted only with the path of a saved model.")
+        raise InputError(
+            f"agent = {_shown(agent)}: accepted: a function, a model of Stable-Baselines3, or the path of a "
+            "saved one."
+        )
+    elif stochastic:
+        raise InputError("stochastic = True: accepted only with a model of Stable-Baselines3.")
     else:
         policy = policy_of(agent, model, observation)
     return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
@@ -252,21 +263,26 @@ def standing_of(success: float, score: float, published: pd.DataFrame) -> Standi
     return Standing(int((signs > 0).sum()) + 1, int((signs == 0).sum()), learners)
 
 
-def _policy_of_saved(
-    path: Path, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
+def _policy_of_model(
+    agent: Any, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
 ) -> Policy:
-    """Reads the policy of a saved model, (O, A)."""
-    if algorithm is None:
+    """Reads the policy of a model of SB3, or of a saved one, (O, A)."""
+    is_path = isinstance(agent, str | Path)
+    where = str(agent) if is_path else "agent"
+    if is_path and algorithm is None:
         raise InputError(
-            f"{path}: the algorithm is missing; accepted: module:class, as stable_baselines3:PPO."
+            f"{where}: the algorithm is missing; accepted: module:class, as stable_baselines3:PPO."
         )
-    with needed_by(f"{path}: a saved model"):
-        from agents.sb3.tables import saved_table
-    table, is_value = saved_table(path, algorithm, model, observation)
+    with needed_by(f"{where}: a saved model"):
+        from agents.sb3.tables import agent_table, saved_table
+    if algorithm is not None:
+        table, is_value = saved_table(Path(agent), algorithm, model, observation)
+    else:
+        table, is_value = agent_table(agent, where, model, observation)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
-        raise InputError(f"{path}: stochastic = True: accepted of action probabilities, not values.")
+        raise InputError(f"{where}: stochastic = True: accepted of action probabilities, not values.")
     return table
 
 

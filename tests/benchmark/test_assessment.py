@@ -205,11 +205,25 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
     from_file = assess(saved[name], **options, observation="one_hot")
     assert from_file.success == float(evaluate(model, np.eye(5)[actions], 200).success)
     assert (from_file.policy == np.eye(5)[actions]).all()
+    assert (assess(agent, scenario="Moody", observation="one_hot").policy == from_file.policy).all()
+    with pytest.raises(InputError, match=r"^agent: observation_space = .* accepted in Moody with"):
+        assess(agent, scenario="Moody", observation="coordinates")
+    with pytest.raises(
+        InputError, match=r"^algorithm = x:y: accepted only with the path of a saved model\.$"
+    ):
+        assess(agent, scenario="Moody", observation="one_hot", algorithm="x:y")
+    other = "DQN" if name == "PPO" else "PPO"
+    with pytest.raises(
+        InputError, match=rf"zip: it holds a \w+, which is no policy of stable_.*:{other}; acc"
+    ):
+        assess(saved[name], **options | {"algorithm": f"stable_baselines3:{other}"}, observation="one_hot")
     if name == "DQN":
         with pytest.raises(InputError, match="stochastic"):
             assess(saved[name], **options, observation="one_hot", stochastic=True)
         return
     drawn = assess(str(saved[name]), **options, observation="one_hot", stochastic=True)
+    loaded = assess(agent, scenario="Moody", observation="one_hot", stochastic=True)
+    assert (loaded.policy == drawn.policy).all()
     tensor, _ = agent.policy.obs_to_tensor(observations)
     probabilities = agent.policy.get_distribution(tensor).distribution.probs.detach().numpy()
     assert drawn.policy == pytest.approx(probabilities, abs=1e-6)
