@@ -53,13 +53,13 @@ def cell(
     name: str,
     success: ArrayLike,
     scenario: str = "S1",
-    *,
-    score: ArrayLike | None = None,
     family: str = "tabular",
     policy: str = "greedy",
+    budget: int = BUDGET,
+    *,
+    score: ArrayLike | None = None,
     condition: str = "default",
     observation: str = "index",
-    budget: int = BUDGET,
     **arrays: Any,
 ) -> Cell:
     """Returns runs with this success and score, (N,) after training or (N, T)."""
@@ -133,8 +133,8 @@ def compared(
             assert share is not None
             reached = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
             scored = None if each is None else np.full(made.n, each)
-            more_of = {"family": made.family, "policy": made.policy, "budget": made.budget}
-            cells.append(cell(name, reached, scenario, score=scored, **more_of))
+            own = made.family, made.policy, made.budget
+            cells.append(cell(name, reached, scenario, *own, score=scored))
     baselines = [baseline] * bool(baseline) if isinstance(baseline, str) else baseline
     others = [name for name in learners if name not in baselines]
     pairs = contrasts or [(name, table) for name in others for table in baselines]
