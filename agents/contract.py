@@ -32,11 +32,6 @@ class LearnerSettings(Table):
     def discount_factor(self) -> float:
         """The discount of the learner's values, whatever its setting is called."""
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether a net with these settings has no hidden layers."""
-        return False
-
 
 @dataclass(frozen=True)
 class Schedule:

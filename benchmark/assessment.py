@@ -240,13 +240,7 @@ def policy_of(act: Act, model: Model, observation: str) -> Policy:
 
 
 def standing_of(success: float, score: float, published: pd.DataFrame) -> Standing:
-    """Ranks an agent among learners by success, and by score in [0, 1] if that is the same.
-
-    Args:
-      success: Of the agent.
-      score: Of the agent.
-      published: A row per run: experiment, learner, success, score.
-    """
+    """Ranks an agent by success, then by score in [0, 1]; `published` has both, and a row per run."""
 
     def sign(rows: pd.DataFrame) -> NDArray[np.float64]:
         apart = rows[_RANKED].to_numpy(dtype=np.float64) - (success, score)

@@ -42,11 +42,6 @@ class Sb3Settings(LearnerSettings):
         return self.gamma
 
     @property
-    def is_linear(self) -> bool:
-        """Whether its net has no hidden layers."""
-        return not self.policy_kwargs.net_arch
-
-    @property
     def rollout(self) -> int:
         """Environment steps from one round of gradient updates to the next."""
         values = vars(self)

@@ -4,6 +4,7 @@ The table is read from any agent with the interface of Stable-Baselines3: its po
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -130,22 +131,14 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
 
 def _policy_of_others(path: Path, cls: type[BaseAlgorithm]) -> str:
     """Returns the name of the policy that a file holds, if it is not one of a class; else empty."""
-    try:
-        data, *_ = load_from_zip_file(path, device="cpu")
-        policy = (data or {})["policy_class"]
-    except Exception:  # whatever the pickled objects raise
-        return ""
-    return "" if issubclass(policy, tuple(cls.policy_aliases.values())) else str(policy.__name__)
+    with suppress(Exception):  # whatever the pickled objects raise
+        policy: Any = (load_from_zip_file(path, device="cpu")[0] or {})["policy_class"]
+        return "" if issubclass(policy, tuple(cls.policy_aliases.values())) else str(policy.__name__)
+    return ""
 
 
 def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
-    """Reads the policy of an agent.
-
-    Args:
-      agent: An agent with the interface of SB3.
-      where: What messages call it.
-      model: Compiled scenario with O observations.
-      observation: The form of observation that it was trained with, see `envs.observations`.
+    """Reads the policy of an agent, which messages call `where`; see `saved_table`.
 
     Raises:
       InputError: It was made for other observations or actions, or its net gives no finite table.

@@ -238,7 +238,11 @@ def family_of(experiment: Experiment, variant: str) -> str:
 def _family(experiment: Experiment, variant: str, observation: str, condition: str, source: str) -> str:
     """Returns what a learner counts as under a condition; checks its settings."""
     settings = _settings(experiment, variant, observation, condition, source)
-    is_table = settings.is_linear and ENCODINGS[observation] == "one_hot"
+    layers = dict(getattr(settings, "policy_kwargs", None) or {}).get("net_arch")
+    if isinstance(layers, dict):  # of actor and critic
+        layers = [each for each in layers.values() if each]
+    is_linear = layers is not None and len(layers) == 0
+    is_table = is_linear and ENCODINGS[observation] == "one_hot"
     return "tabular" if is_table else load_algorithm(experiment.algorithms[variant].algorithm).family
 
 

@@ -205,16 +205,12 @@ def _summary(folder: Folder) -> pd.DataFrame | None:
 
 
 def _sight(declared: Declared) -> str:
-    """Says if tables to beat observe offsets and the nets compared with them do not; else empty."""
-    tables, nets = (
-        [learner.observation.startswith("offset") for learner in learners]
-        for learners in (declared.baselines, declared.decisive)
-    )
-    if not any(tables) or any(nets):
+    """Says if the tables to beat observe offsets and no net compared with them does; else empty."""
+    sides = declared.baselines, declared.decisive
+    if [{each.observation.startswith("offset") for each in side} for side in sides] != [{True}, {False}]:
         return ""
-    some = "table observes" if len(tables) == 1 else "tables observe"
-    none = "net compared does" if len(nets) == 1 else "nets compared do"
-    return f" {'The' if all(tables) else 'Some'} {some} offsets; the {none} not."
+    subject = "table observes" if len(declared.baselines) == 1 else "tables observe"
+    return f" The {subject} offsets; no net compared does."
 
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:

@@ -1,8 +1,5 @@
 """Words and numbers in the sentences of a comparison."""
 
-from collections.abc import Sequence
-from typing import Final
-
 import pandas as pd
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, WORSE
@@ -12,8 +9,6 @@ from benchmark.reports.folder import Folder
 from benchmark.reports.item import Finding
 from benchmark.reports.learners import Names
 from envs.words import listed
-
-_MOST_NAMED: Final = 4  # scenarios, or learners with the same budget, in a sentence
 
 
 def verdict(row: pd.Series, names: Names) -> Finding:
@@ -88,21 +83,15 @@ def setting(folder: Folder) -> str:
         rows = compared(summary, folder) if declared.compared else summary
         for name, steps in dict.fromkeys((name_of(row), int(row["budget"])) for _, row in rows.iterrows()):
             budgets.setdefault(steps, []).append(folder.names.told(name))
-    named = [name for names in budgets.values() for name in names]
-    budget = "With the declared budgets"
+    named, budget = [name for names in budgets.values() for name in names], "With the declared budgets"
     if len(budgets) == 1:
         budget = f"With {next(iter(budgets)):,} steps of training"
     elif budgets and len({*named}) == len(named):  # no condition changes them
-        budget = "With " + listed(f"{steps:,} steps for {_some(names)}" for steps, names in budgets.items())
+        budget = "With " + listed(f"{steps:,} steps for {listed(names)}" for steps, names in budgets.items())
     scenarios = [*folder.manifest["scenarios"]]
     is_mean = declared.reporting.pool == "scenarios" and len(scenarios) > 1
-    where = listed(scenarios) if len(scenarios) <= _MOST_NAMED else f"{len(scenarios)} scenarios"
+    where = listed(scenarios) if len(scenarios) <= 4 else f"{len(scenarios)} scenarios"
     return f"{budget}, on average over {where}" if is_mean else f"{budget} in {where}"
-
-
-def _some(names: Sequence[str]) -> str:
-    """Returns names in words, or their number if they are many."""
-    return listed(names) if len(names) <= _MOST_NAMED else f"{len(names)} learners"
 
 
 def sizes(folder: Folder) -> str:

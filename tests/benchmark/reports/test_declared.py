@@ -66,7 +66,7 @@ settings.budget = 2048
     [
         ("compiled_ppo", ["one_hot"], [8, 8], "deep"),
         ("compiled_ppo", ["one_hot", "offset_one_hot"], [], "tabular"),
-        ("dqn", ["one_hot"], [], "tabular"),
+        ("stable_baselines3:DQN", ["one_hot"], [], "tabular"),
         ("compiled_dqn", ["coordinates"], [], "deep"),
         ("compiled_dqn", ["one_hot", "coordinates"], [], "deep"),
     ],

@@ -442,7 +442,7 @@ def test_unequal_budgets_decide_nothing_and_are_named(
 
 @pytest.mark.parametrize("pool", ["scenarios", "none"])
 def test_tables_that_see_offsets_are_told_if_no_net_does(tmp_path: Path, pool: str) -> None:
-    said = "The table observes offsets; the net compared does not."
+    said = "The table observes offsets; no net compared does."
     for i, (table, net) in enumerate([("offset", "index"), ("index", "index"), ("offset", "offset")]):
         cells = [
             cell("net", np.ones(20), family="deep", observation=net),
