@@ -1,14 +1,15 @@
 """Assesses any agent exactly: its score, a map of where it PINGs, its rank among the published learners.
 
-An agent is a function of the observation, or a model saved by Stable-Baselines3. It is read as a table over
-all observations, so it counts as memoryless: what a function remembers between calls is not judged.
+An agent is a function of the observation, or a model of Stable-Baselines3, loaded or saved. It is read as a
+table over all observations, so it counts as memoryless: what a function remembers between calls is not
+judged.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +30,16 @@ with needed_by("benchmark.assessment"):
 
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
+    from agents.sb3.imported import is_sb3_class
     from benchmark.analysis.population import anchors, check_anchors, overlap
     from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.drawing.tables import read_csv
     from benchmark.experiments import experiment_names
     from benchmark.reports.folder import SCORES, Folder
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
@@ -43,18 +48,19 @@ RESULTS: Final = Path(__file__).parents[1] / "results"
 PICTURES: Final = (".png", ".svg")  # endings of files
 _ASKED_AGAIN: Final = 200  # observations for which a function is asked a second time
 _TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
-_ROUNDING: Final = 1e-6  # of scores, which files have with six significant digits
+_RANKED: Final = ["success", "score"]  # columns, the first of which counts first
+_ROUNDING: Final = 1e-6  # of these, which files have with six significant digits
 _LONGEST_ANSWER: Final = 100  # characters that a message repeats
 _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
 
 
 class Standing(NamedTuple):
-    """How an agent's score compares with those of the published learners in the same scenario."""
+    """How an agent compares with the published learners in the same scenario: by success, then by score."""
 
-    rank: int  # 1 plus the number of learners with a higher mean score
-    tied: int  # learners with the same mean score
-    # By mean score: experiment, learner, runs, score (the mean), and the shares of its runs that score lower
-    # than, equal to and higher than the agent.
+    rank: int  # 1 plus the number of learners whose means are higher
+    tied: int  # learners with the same means
+    # Best first: experiment, learner, runs, success and score (the means), and the shares of its runs that
+    # rank lower than, level with and higher than the agent.
     learners: pd.DataFrame
 
 
@@ -96,7 +102,7 @@ class Assessment:
     def standing(self) -> Standing | None:
         """The rank among the published learners; None if nothing is published for this scenario."""
         published = _published(self.scenario, self.results)
-        return None if published is None else standing_of(self.score, published)
+        return None if published is None else standing_of(self.success, self.score, published)
 
     def __str__(self) -> str:
         """All numbers, and the standing, as text."""
@@ -121,10 +127,10 @@ class Assessment:
         rank, tied, learners = self.standing
         n, runs = len(learners), learners["runs"].sum()
         lines += [
-            f"ranks {rank} of {n + 1} by score{f', tied with {tied}' if tied else ''}: {n} published "
-            f"learners by their mean scores, from {runs:,} runs,",
-            "and this agent, a single policy: its score says nothing about other runs of its training",
-            "score: the mean; lower, equal, higher: the share of runs with such a score against this agent's",
+            f"ranks {rank} of {n + 1} by success, then score{f', tied with {tied}' if tied else ''}: {n} "
+            f"published learners by their means, from {runs:,} runs,",
+            "and this agent, a single policy: its numbers say nothing about other runs of its training",
+            "success, score: means; lower, equal, higher: the share of runs that rank so, against this agent",
             "",
             learners.to_string(index=False, float_format="{:.4f}".format),
         ]
@@ -151,7 +157,7 @@ class Assessment:
 
 
 def assess(
-    agent: Act | str | Path,
+    agent: "Act | BaseAlgorithm | str | Path",
     *,
     scenario: ScenarioLike,
     observation: str,
@@ -165,26 +171,32 @@ def assess(
 
     Args:
       agent: A function that takes an observation and returns an action from 0 to 4 (`envs.ACTIONS`) or five
-        probabilities; or the path of a model saved by Stable-Baselines3.
+        probabilities; a model of Stable-Baselines3; or the path of a saved one.
       scenario: A name or a path, see `envs.load_scenario`.
       observation: The form of observation that the agent takes, see `envs.observations`.
       algorithm: The import path of a saved model's class, for example `"stable_baselines3:PPO"`.
-      stochastic: Whether a saved model draws its actions; otherwise it acts greedily.
+      stochastic: Whether a model draws its actions; otherwise it acts greedily.
       results: The folder of published results among which the agent is ranked.
 
     Raises:
-      InputError: The scenario, the form of observation or the saved model cannot be used, or the function
+      InputError: The scenario, the form of observation or the model cannot be used, or the function
         returns something else, or not the same when it is asked again.
     """
     loaded = load_scenario(scenario)
     model = compile_seen(loaded, observation)
     check_anchors(model, HORIZON, "start")
-    if isinstance(agent, str | Path):
-        policy = _policy_of_saved(Path(agent), algorithm, model, observation, stochastic=stochastic)
+    is_path = isinstance(agent, str | Path)
+    if algorithm is not None and not is_path:
+        raise InputError(f"algorithm = {algorithm}: accepted only with the path of a saved model.")
+    if is_path or is_sb3_class(type(agent)):
+        policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
-        raise InputError(f"agent = {_shown(agent)}: accepted: a function, or the path of a saved model.")
-    elif algorithm is not None or stochastic:
-        raise InputError("algorithm, stochastic: accepted only with the path of a saved model.")
+        raise InputError(
+            f"agent = {_shown(agent)}: accepted: a function, a model of Stable-Baselines3, or the path of a "
+            "saved one."
+        )
+    elif stochastic:
+        raise InputError("stochastic = True: accepted only with a model of Stable-Baselines3.")
     else:
         policy = policy_of(agent, model, observation)
     return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
@@ -227,37 +239,44 @@ def policy_of(act: Act, model: Model, observation: str) -> Policy:
     return policy
 
 
-def standing_of(score: float, published: pd.DataFrame) -> Standing:
-    """Ranks a score in [0, 1] by mean score among learners; a row per run: experiment, learner, score."""
-    runs = published.assign(
-        lower=published["score"] < score - _ROUNDING,
-        equal=(published["score"] - score).abs() <= _ROUNDING,
-        higher=published["score"] > score + _ROUNDING,
-    )
+def standing_of(success: float, score: float, published: pd.DataFrame) -> Standing:
+    """Ranks an agent by success, then by score in [0, 1]; `published` has both, and a row per run."""
+
+    def sign(rows: pd.DataFrame) -> NDArray[np.float64]:
+        apart = rows[_RANKED].to_numpy(dtype=np.float64) - (success, score)
+        signs = np.sign(apart) * (abs(apart) > _ROUNDING)
+        return np.where(signs[:, 0] == 0, signs[:, 1], signs[:, 0])
+
+    signs = sign(published)
+    runs = published.assign(lower=signs < 0, equal=signs == 0, higher=signs > 0)
     groups = runs.groupby(["experiment", "learner"], sort=False)
-    learners = groups[["score", "lower", "equal", "higher"]].mean()
+    learners = groups[[*_RANKED, "lower", "equal", "higher"]].mean()
     learners.insert(0, "runs", groups.size())
-    learners = learners.reset_index().sort_values("score", ascending=False, kind="stable", ignore_index=True)
-    above = int((learners["score"] > score + _ROUNDING).sum())
-    tied = int(((learners["score"] - score).abs() <= _ROUNDING).sum())
-    return Standing(above + 1, tied, learners)
+    learners = learners.reset_index().sort_values(_RANKED, ascending=False, kind="stable", ignore_index=True)
+    signs = sign(learners)
+    return Standing(int((signs > 0).sum()) + 1, int((signs == 0).sum()), learners)
 
 
-def _policy_of_saved(
-    path: Path, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
+def _policy_of_model(
+    agent: Any, algorithm: str | None, model: Model, observation: str, *, stochastic: bool
 ) -> Policy:
-    """Reads the policy of a saved model, (O, A)."""
-    if algorithm is None:
+    """Reads the policy of a model of SB3, or of a saved one, (O, A)."""
+    is_path = isinstance(agent, str | Path)
+    where = str(agent) if is_path else "agent"
+    if is_path and algorithm is None:
         raise InputError(
-            f"{path}: the algorithm is missing; accepted: module:class, as stable_baselines3:PPO."
+            f"{where}: the algorithm is missing; accepted: module:class, as stable_baselines3:PPO."
         )
-    with needed_by(f"{path}: a saved model"):
-        from agents.sb3.tables import saved_table
-    table, is_value = saved_table(path, algorithm, model, observation)
+    with needed_by(f"{where}: a saved model"):
+        from agents.sb3.tables import agent_table, saved_table
+    if algorithm is not None:
+        table, is_value = saved_table(Path(agent), algorithm, model, observation)
+    else:
+        table, is_value = agent_table(agent, where, model, observation)
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
-        raise InputError(f"{path}: stochastic = True: accepted of action probabilities, not values.")
+        raise InputError(f"{where}: stochastic = True: accepted of action probabilities, not values.")
     return table
 
 
@@ -298,7 +317,7 @@ def _named(model: Model, o: int) -> str:
 
 
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
-    """Reads the scores of all published runs in a scenario: experiment, learner, score.
+    """Reads the results of all published runs in a scenario: experiment, learner, success, score.
 
     Experiments of users do not count, nor do miniatures for tests.
 
@@ -325,7 +344,7 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
         manifest["scenarios"].get(name) == scenario.model_dump(mode="json")
         and manifest["horizon"] == HORIZON
         and not manifest["partial"]
-        and "score" in frame  # not every experiment measures it
+        and {*_RANKED} <= {*frame}  # not every experiment measures them
     )
     if not is_comparable:
         return []
@@ -334,7 +353,7 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
     ]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
     learner = folder.names.in_table(frame)["learner"]
-    return [pd.DataFrame({"experiment": folder.path.name, "learner": learner, "score": frame["score"]})]
+    return [frame[_RANKED].assign(experiment=folder.path.name, learner=learner)]
 
 
 def draw_map(assessment: Assessment) -> Figure:

@@ -4,6 +4,7 @@ The table is read from any agent with the interface of Stable-Baselines3: its po
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.save_util import load_from_zip_file
 
 from envs import Model
 from envs.inputs import InputError, imported
@@ -61,7 +63,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
     agent.policy.set_training_mode(False)
     with torch.no_grad():
         try:
-            table = output.read(observations).numpy().astype(np.float64)
+            table = output.read(observations).cpu().numpy().astype(np.float64)
         except ValueError:  # torch refuses probabilities that are not finite
             return np.full((len(observations), len(ACTIONS)), np.nan)
     return np.asarray(table if output.is_value else table / table.sum(axis=1, keepdims=True))
@@ -85,14 +87,14 @@ def first_line(error: Exception) -> str:
     return lines[0].rstrip(".") if lines else type(error).__name__
 
 
-class SavedTable(NamedTuple):
-    """The policy of a saved model."""
+class AgentTable(NamedTuple):
+    """The policy of an agent."""
 
     table: NDArray[np.float64]  # (O, A) action values, or probabilities whose rows sum to one
     is_value: bool  # whether these are action values
 
 
-def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> SavedTable:
+def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> AgentTable:
     """Reads the policy of a model that was saved by `model.save`.
 
     Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
@@ -104,8 +106,7 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> S
       observation: The form of observation that it was trained with, see `envs.observations`.
 
     Raises:
-      InputError: The file cannot be loaded as this class, it was made for other observations or actions, or
-        its net gives no finite table.
+      InputError: The file cannot be loaded as this class; or see `agent_table`.
     """
     cls = imported(algorithm, str(path), "algorithm")
     if not (isinstance(cls, type) and issubclass(cls, BaseAlgorithm)):
@@ -115,22 +116,44 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> S
         )
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; accepted: a file written by model.save.")
-    observations = observation_table(model, observation)
     try:
         # An empty replay buffer as large as the one in training would only take memory.
         agent: BaseAlgorithm = cls.load(path, device="cpu", custom_objects={"buffer_size": 1})
     except Exception as error:  # whatever the pickled objects raise
+        if policy := _policy_of_others(path, cls):
+            raise InputError(
+                f"{path}: it holds a {policy}, which is no policy of {algorithm}; accepted: the class of the "
+                "model that was saved."
+            ) from error
         raise InputError(f"{path}: cannot be loaded as {algorithm}: {first_line(error)}.") from error
+    return agent_table(agent, str(path), model, observation)
+
+
+def _policy_of_others(path: Path, cls: type[BaseAlgorithm]) -> str:
+    """Returns the name of the policy that a file holds, if it is not one of a class; else empty."""
+    with suppress(Exception):  # whatever the pickled objects raise
+        policy: Any = (load_from_zip_file(path, device="cpu")[0] or {})["policy_class"]
+        return "" if issubclass(policy, tuple(cls.policy_aliases.values())) else str(policy.__name__)
+    return ""
+
+
+def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str) -> AgentTable:
+    """Reads the policy of an agent, which messages call `where`; see `saved_table`.
+
+    Raises:
+      InputError: It was made for other observations or actions, or its net gives no finite table.
+    """
+    observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
     for kind, space in expected.items():
         found = getattr(agent, f"{kind}_space")
         if found != space:
             raise InputError(
-                f"{path}: {kind}_space = {found}; accepted in {model.scenario.name} with observation = "
+                f"{where}: {kind}_space = {found}; accepted in {model.scenario.name} with observation = "
                 f'"{observation}": {space}.'
             )
     try:
-        table = readable_table(agent, torch.as_tensor(observations))
+        table = readable_table(agent, torch.as_tensor(observations, device=agent.device))
     except ValueError as error:
-        raise InputError(f"{path}: {first_line(error)}.") from error
-    return SavedTable(table, output_of(agent).is_value)
+        raise InputError(f"{where}: {first_line(error)}.") from error
+    return AgentTable(table, output_of(agent).is_value)

@@ -68,8 +68,6 @@ class Variant(Table):
     """As in the experiment, for this variant; by default the experiment's."""
     policy: Literal["greedy", "stochastic"] = "greedy"
     """The policy that a comparison evaluates."""
-    family: Literal["tabular", "deep"] | None = None
-    """What the variant counts as; by default what its algorithm is."""
     group: Annotated[Line, Field(max_length=60)] = ""
     """Variants of a group are drawn together; a variant without a group is drawn with every group."""
     settings: dict[str, Any] = Field(default_factory=dict)

@@ -176,9 +176,15 @@ def load_experiment(experiment: str | Path) -> Experiment:
         if variant.tuned_by:
             _check_tuning(loaded, name, path)
         for observation in variant.observations:
-            for condition in loaded.conditions:
-                _settings(loaded, name, observation, condition, str(path))
             first = next(iter(loaded.conditions))
+            usual = _family(loaded, name, observation, first, str(path))
+            for condition in loaded.conditions:
+                if (family := _family(loaded, name, observation, condition, str(path))) != usual:
+                    raise InputError(
+                        f"{where}: on {observation}, it is {usual} under {first} and {family} under "
+                        f"{condition}, as a net without hidden layers is a table there; accepted: the same "
+                        "under all conditions."
+                    )
             for key, axis in variant.search.items():
                 for value in axis.marks:  # which a search tries last
                     _settings(loaded, name, observation, first, str(path), {key: value})
@@ -215,6 +221,29 @@ def _refused_in(where: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
+
+
+def family_of(experiment: Experiment, variant: str) -> str:
+    """Returns what a variant counts as: tabular, deep or planner.
+
+    It is what its algorithm is, but a net that has no hidden layers and learns from one-hot observations
+    alone is a table: it has a row of weights for each observation.
+    """
+    condition, name = next(iter(experiment.conditions)), experiment.name
+    forms = experiment.algorithms[variant].observations
+    families = {_family(experiment, variant, observation, condition, name) for observation in forms}
+    return families.pop() if len(families) == 1 else "deep"
+
+
+def _family(experiment: Experiment, variant: str, observation: str, condition: str, source: str) -> str:
+    """Returns what a learner counts as under a condition; checks its settings."""
+    settings = _settings(experiment, variant, observation, condition, source)
+    layers = dict(getattr(settings, "policy_kwargs", None) or {}).get("net_arch")
+    if isinstance(layers, dict):  # of actor and critic
+        layers = [each for each in layers.values() if each]
+    is_linear = layers is not None and len(layers) == 0
+    is_table = is_linear and ENCODINGS[observation] == "one_hot"
+    return "tabular" if is_table else load_algorithm(experiment.algorithms[variant].algorithm).family
 
 
 def check_size(run: RunSpecification) -> None:

@@ -33,7 +33,7 @@ from benchmark.reports import explorer, files, sameness
 from benchmark.reports.document import Document, templates_in
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Item
-from envs import InputError
+from envs import InputError, load_scenario
 
 STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
 # The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
@@ -346,12 +346,16 @@ def _render(parts: Sequence[_Part]) -> str:
                 scenarios[name] = part.inline(inert(declared["description"]))
     scene, steps = episode.episode()
     manifests = [part.folder.manifest for part in parts]
+    usual = load_scenario(episode.SCENARIO).model_dump(mode="json")
+    # The page of a user's experiment is not about a scenario that it does not have.
+    own = {} if parts[0].prefix else manifests[0]["scenarios"]
+    is_told = not own or own.get(episode.SCENARIO) == usual
     with parts[0].folder.reading():
         content = {
             "reports": reports,
             "task": parts[0].inline(_TASK.read_text(encoding="utf-8")),
             "moving": episode.moving(scene, steps),
-            "steps": [(step, episode.still(scene, steps, step)) for step in episode.told(steps)],
+            "steps": [(step, episode.still(scene, steps, step)) for step in episode.told(steps) if is_told],
             "rate": episode.RATE,
             "discount": episode.DISCOUNT,
             "scenarios": scenarios,

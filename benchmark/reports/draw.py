@@ -26,6 +26,7 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
+    family_of,
     specifications,
 )
 from benchmark.reports import document, files, load_items, load_report, sameness
@@ -270,7 +271,7 @@ def _manifest(
             run.variant: {
                 "algorithm": run.algorithm,
                 "title": experiment.algorithms[run.variant].title,
-                "family": experiment.algorithms[run.variant].family or load_algorithm(run.algorithm).family,
+                "family": family_of(experiment, run.variant),
                 "packages": load_algorithm(run.algorithm).packages,
                 "reference_for": experiment.algorithms[run.variant].reference_for,
                 "policy": experiment.algorithms[run.variant].policy,

@@ -7,8 +7,7 @@ from typing import Any, Final, Self
 
 import pandas as pd
 
-from agents import load_algorithm
-from benchmark.experiments import Experiment
+from benchmark.experiments import Experiment, family_of
 from envs import InputError
 
 _OBSERVED: Final = {
@@ -38,9 +37,7 @@ class Names:
           InputError: Two of its learners have the same name.
         """
         declared = experiment.algorithms
-        families = {
-            name: each.family or load_algorithm(each.algorithm).family for name, each in declared.items()
-        }
+        families = {name: family_of(experiment, name) for name in declared}
         names = cls({name: each.title for name, each in declared.items()}, families)
         first: dict[str, str] = {}
         for variant, each in declared.items():

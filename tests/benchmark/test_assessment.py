@@ -205,11 +205,25 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
     from_file = assess(saved[name], **options, observation="one_hot")
     assert from_file.success == float(evaluate(model, np.eye(5)[actions], 200).success)
     assert (from_file.policy == np.eye(5)[actions]).all()
+    assert (assess(agent, scenario="Moody", observation="one_hot").policy == from_file.policy).all()
+    with pytest.raises(InputError, match=r"^agent: observation_space = .* accepted in Moody with"):
+        assess(agent, scenario="Moody", observation="coordinates")
+    with pytest.raises(
+        InputError, match=r"^algorithm = x:y: accepted only with the path of a saved model\.$"
+    ):
+        assess(agent, scenario="Moody", observation="one_hot", algorithm="x:y")
+    other = "DQN" if name == "PPO" else "PPO"
+    with pytest.raises(
+        InputError, match=rf"zip: it holds a \w+, which is no policy of stable_.*:{other}; acc"
+    ):
+        assess(saved[name], **options | {"algorithm": f"stable_baselines3:{other}"}, observation="one_hot")
     if name == "DQN":
         with pytest.raises(InputError, match="stochastic"):
             assess(saved[name], **options, observation="one_hot", stochastic=True)
         return
     drawn = assess(str(saved[name]), **options, observation="one_hot", stochastic=True)
+    loaded = assess(agent, scenario="Moody", observation="one_hot", stochastic=True)
+    assert (loaded.policy == drawn.policy).all()
     tensor, _ = agent.policy.obs_to_tensor(observations)
     probabilities = agent.policy.get_distribution(tensor).distribution.probs.detach().numpy()
     assert drawn.policy == pytest.approx(probabilities, abs=1e-6)
@@ -218,14 +232,14 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
 # Rank
 
 
-def runs(**scores: list[float]) -> pd.DataFrame:
-    rows = [("e", learner, score) for learner, values in scores.items() for score in values]
-    return pd.DataFrame(rows, columns=["experiment", "learner", "score"])
+def runs(success: float = 1.0, **scores: list[float]) -> pd.DataFrame:
+    rows = [("e", learner, success, score) for learner, values in scores.items() for score in values]
+    return pd.DataFrame(rows, columns=["experiment", "learner", "success", "score"])
 
 
 def test_standing_by_hand() -> None:
     published = runs(a=[1.0, 1.0], b=[0.5, 0.5, 0.2], c=[0.0, 0.8], d=[0.0, 0.1])
-    standing = standing_of(0.4, published)  # as the means of b and c
+    standing = standing_of(1.0, 0.4, published)  # as the means of b and c
     assert (standing.rank, standing.tied) == (2, 2)
     learners = standing.learners.set_index("learner")
     assert learners["score"].is_monotonic_decreasing
@@ -237,9 +251,21 @@ def test_standing_by_hand() -> None:
     assert learners["higher"].tolist() == pytest.approx([1, 2 / 3, 0.5, 0])
     # Scores within the rounding of files are equal.
     third = 0.978097834
-    standing = standing_of(third, runs(a=[float(f"{third:.6g}")], b=[0.97809], c=[0.97811]))
+    standing = standing_of(1.0, third, runs(a=[float(f"{third:.6g}")], b=[0.97809], c=[0.97811]))
     assert (standing.rank, standing.tied) == (2, 1)
     assert standing.learners.set_index("learner")["equal"].to_dict() == {"a": 1, "b": 0, "c": 0}
+    # Success counts first, whatever the score.
+    low, high = runs(0.1, a=[0.9, 0.9]), runs(0.3, b=[0.0], c=[0.8])
+    standing = standing_of(0.3, 0.5, pd.concat([low, high]))
+    assert (standing.rank, standing.tied, [*standing.learners["learner"]]) == (2, 0, ["c", "b", "a"])
+    assert standing.learners[["lower", "equal", "higher"]].to_numpy().argmax(axis=1).tolist() == [2, 0, 0]
+
+
+def test_a_policy_that_only_pings_ranks_last() -> None:
+    standing = assess(lambda _: PING, scenario="S1", observation="index").standing
+    assert standing is not None
+    n_failing = int((standing.learners["success"] == 0).sum())
+    assert standing.rank >= len(standing.learners) + 1 - n_failing
 
 
 def publish(folder: Path, scores: str, **changes: Any) -> None:
@@ -264,13 +290,13 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
     (folder / "scores.csv.gz").write_bytes(gzip.compress(scores.encode()))
 
 
-SCORES = """scenario,algorithm,observation,score
-S1,table,index,1.0
-S1,table,index,0.0
-S1,net,one_hot,0.25
-S1,net,coordinates,0.0
-S1,same,one_hot,1.0
-S2,table,index,1.0
+SCORES = """scenario,algorithm,observation,success,score
+S1,table,index,1.0,1.0
+S1,table,index,0.0,0.0
+S1,net,one_hot,0.0,0.25
+S1,net,coordinates,0.0,0.0
+S1,same,one_hot,1.0,1.0
+S2,table,index,1.0,1.0
 """
 
 
@@ -291,7 +317,7 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     publish(tmp_path / "mine", SCORES)  # an experiment that is not the project's
     publish(tmp_path / "equivalence", SCORES, partial="Partial: a run is missing.")
     publish(tmp_path / "when", SCORES, horizon=201)
-    publish(tmp_path / "tuning", SCORES.replace("score", "success"))
+    publish(tmp_path / "tuning", SCORES.replace("score", "area"))
     changed = load_scenario("S1", {"rewards.other": -0.2}).model_dump(mode="json")
     publish(tmp_path / "compare_deep_long", SCORES, scenarios={"S1": changed})
     assert set(standing().learners["experiment"]) == {"beyond"}
@@ -299,7 +325,7 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
     assert set(standing().learners["experiment"]) == {"beyond", "ablation"}
     assert standing("S2") is None
-    publish(tmp_path / "reproduce", "algorithm,score\ntable,1.0\n")
+    publish(tmp_path / "reproduce", "algorithm,success,score\ntable,1.0,1.0\n")
     with pytest.raises(InputError, match="damaged"):
         standing()
     shutil.rmtree(tmp_path / "reproduce")

@@ -61,7 +61,7 @@ contrasts = [["net, index", "calm, index"], ["net, index", "lost, index"]]
 [algorithms]
 calm = { algorithm = "q_learning", observations = ["index"], seeds = 30 }
 lost = { algorithm = "q_learning", observations = ["index"], seeds = 30, settings = { learning_rate = 1e-9 } }
-net = { algorithm = "q_learning", observations = ["index"], seeds = 30, family = "deep" }
+net = { algorithm = "tests.benchmark.reports.made:NET", observations = ["index"], seeds = 30 }
 """
 
 

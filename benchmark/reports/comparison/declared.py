@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple, Self
 
 from agents import load_algorithm
 from benchmark.analysis.contrasts import runs_for_any_equivalence
-from benchmark.experiments import Experiment, Reporting
+from benchmark.experiments import Experiment, Reporting, family_of
 from benchmark.experiments.schema import MOST_CONTRASTS
 from envs import InputError
 from envs.inputs import unknown_name
@@ -102,7 +102,7 @@ class Declared:
         """
         assert experiment.report is not None
         families = {
-            Learner(name, observation): declared.family or load_algorithm(declared.algorithm).family
+            Learner(name, observation): family_of(experiment, name)
             for name, declared in experiment.algorithms.items()
             for observation in declared.observations
         }

@@ -44,19 +44,24 @@ _MOST_TOLD: Final = 6  # contrasts that have a sentence each
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
-    "another class": "only a learner with a policy of another class beats the {} in",
+    "another class": "only a learner with a policy of another class than tables that learned is better in",
     "does not earn": "it does not in",
+    "no table learned": "only deep learners, and none of the tables to beat, are shown to beat the random "
+    "policy in",
     "neither learned": "no table and no deep learner compared is shown to beat the random policy in",
     "mixed": "results are mixed in",
     "undecided": "it is undecided in",
+    "unequal budgets": "it is left open, as budgets differ, in",
     "no verdict": "there is no verdict in",
 }
 # Groups of scenarios in a figure, from top to bottom
 _GROUPS: Final[Mapping[Outcome, str]] = {
     "earns": "a net is better than the tables",
     "another class": "a net with a policy of another class is better",
+    "no table learned": "only nets learned",
     "mixed": "mixed",
     "undecided": "undecided",
+    "unequal budgets": "unequal budgets",
     "does not earn": "no net is better than the tables",
     "neither learned": "neither learned",
     "no verdict": "no verdict",
@@ -120,10 +125,10 @@ def _(table: pd.DataFrame, folder: Folder) -> str | None:
     reporting, places = declared.reporting, words.scenario_labels(table)
     if not declared.baselines or reporting.pool != "none" or not all(places):
         return None
-    n_tests = len(table) if reporting.adjust == "holm" else 1
+    n_tests, summary = len(table) if reporting.adjust == "holm" else 1, _summary(folder)
     parts: dict[int, list[str]] = {}
     for place, rows in table.groupby(places, sort=False):
-        if outcome(declared, rows) == "undecided" and (n := runs_needed(declared, rows, n_tests)):
+        if outcome(declared, rows, summary) == "undecided" and (n := runs_needed(declared, rows, n_tests)):
             parts.setdefault(n, []).append(str(place))
     told = "; ".join(f"{n:,} in {listed(names)}" for n, names in sorted(parts.items()))
     start = "Exploratory: if all means stayed as they are, a verdict would take this many runs per learner:"
@@ -160,15 +165,15 @@ def headline(folder: Folder) -> Finding | None:
     if not any(places):
         return _pooled(declared, table, folder, start)
     by_outcome: dict[Outcome, list[str]] = {}
+    summary = _summary(folder)
     for place, rows in table[places != ""].groupby(places, sort=False):
-        by_outcome.setdefault(outcome(declared, rows), []).append(str(place))
-    tables = "table" if len(declared.baselines) == 1 else "tables"
+        by_outcome.setdefault(outcome(declared, rows, summary), []).append(str(place))
     parts = []
     for key, text in _OUTCOMES.items():
         if names := by_outcome.get(key):
             count = link(str(len(names)), "contrasts", table[places.isin(names)])
             which = f" ({listed(names)})" if len(names) <= figures.FEW else ""
-            parts.append(f"{text.format(tables)} {count}{which}")
+            parts.append(f"{text} {count}{which}")
         elif key == "earns":
             parts.append("deep RL is not shown to earn its keep in any")
     told = folder.names.told
@@ -176,9 +181,11 @@ def headline(folder: Folder) -> Finding | None:
     beaten = listed(
         [*(f"than {told(str(baseline))}" for baseline in declared.baselines), "than the random policy"]
     )
+    is_one = len(declared.baselines) == 1
+    like = "this table, which has to beat" if is_one else "one of these tables that beats"
     rule = (
-        f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there {beaten}, with a "
-        f"policy of the same class{' as one of these tables' * (tables == 'tables')} and a score that is not "
+        f"Deep RL earns its keep in a scenario if one of {deep} succeeds more often there {beaten}, with the "
+        f"same budget, a policy of the same class as {like} the random policy, too, and a score that is not "
         "shown to be worse."
     )
     if declared.reporting.adjust == "holm":
@@ -187,15 +194,30 @@ def headline(folder: Folder) -> Finding | None:
             "so is that of any claim of equivalence."
         )
     return Finding(
-        f"{start} and {words.sizes(folder)} runs per learner compared: {'; '.join(parts)}.\n\n{rule}"
+        f"{start} and {words.sizes(folder)} runs per learner compared: {'; '.join(parts)}."
+        f"{_sight(declared)}\n\n{rule}"
     )
+
+
+def _summary(folder: Folder) -> pd.DataFrame | None:
+    """Returns the table that has the budgets; None if the experiment omits it."""
+    return folder.frame("summary") if "summary.csv" in folder else None
+
+
+def _sight(declared: Declared) -> str:
+    """Says if the tables to beat observe offsets and no net compared with them does; else empty."""
+    sides = declared.baselines, declared.decisive
+    if [{each.observation.startswith("offset") for each in side} for side in sides] != [{True}, {False}]:
+        return ""
+    subject = "table observes" if len(declared.baselines) == 1 else "tables observe"
+    return f" The {subject} offsets; no net compared does."
 
 
 def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str) -> Finding:
     """Answers for the mean over scenarios, or for the only one."""
     rows, called = decisive_rows(declared, table), folder.names.told
     names = [called(str(baseline)) for baseline in declared.baselines]
-    found, standing = outcome(declared, table), standings(declared, rows)
+    found, standing = outcome(declared, table, _summary(folder)), standings(declared, rows)
     margin, is_one = declared.reporting.margins.success, len(names) == 1
     won = [called(x) for x in winners(rows)["x"].unique()]
     more = f"{listed(won)} {'succeeds' if len(won) == 1 else 'succeed'} more often than {listed(names)}"
@@ -207,14 +229,19 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
     )
     text = {
         "earns": f"deep RL earns its keep over a table: {more}",
-        "another class": f"{more}, but their policies are of other classes, stochastic and greedy, so it is "
-        "not shown that the net makes the difference",
+        "another class": f"{more}, but no table with a policy of the same class, greedy or stochastic, is "
+        "shown to succeed more often than the random policy, so it is not shown that the net makes the "
+        "difference",
         "does not earn": f"deep RL does not earn its keep over a table: {subject} succeeds less often than "
         f"{'' if is_one else 'at least one of '}{listed(names)}, or equally often within {margin:g}",
+        "no table learned": f"{more}, but no table to beat is shown to succeed more often than the random "
+        "policy, so the comparison says nothing about what tables can learn",
         "neither learned": f"neither {' nor '.join(names)} nor a deep learner compared is shown to succeed "
         "more often than the random policy",
         "mixed": f"results are mixed: {counts}",
         "undecided": f"it is undecided whether deep RL earns its keep over a table: {counts}",
+        "unequal budgets": "it is left open whether deep RL earns its keep over a table, as the budgets of "
+        f"the learners compared differ: {counts}",
         "no verdict": "there is no verdict on whether deep RL earns its keep over a table: runs are missing, "
         f"or there are fewer than {declared.reporting.fewest_runs} per scenario and learner",
     }[found]
@@ -234,13 +261,14 @@ def _pooled(declared: Declared, table: pd.DataFrame, folder: Folder, start: str)
         elif row["success_verdict"] != MIXED:
             verdict = f"The verdict on {x}{against} ({words.in_words(row)})"
             aside += f" {verdict} is for the mean; it is not shown separately in {where}."
+    aside += _sight(declared)
     if found == "no verdict" or "aggregate.csv" not in folder:
         return Finding(f"{start}, {text}.{aside}", found)
     learners = {words.name_of(row): row for _, row in folder.frame("aggregate").iterrows()}
     best = max(map(str, declared.baselines), key=lambda name: float(learners[name]["success"]))
     room = 1 - learners[best]["success"]
     ceiling = ""
-    if room < margin and found not in ("earns", "another class"):
+    if room < margin and found not in ("earns", "another class", "no table learned"):
         how = "always succeeds" if room < 1e-6 else f"fails in {room:.3f} of episodes"
         ceiling = f"\n\nAs {called(best)} {how}, no learner could have been better by {margin:g}."
     return Finding(f"{start}, {text}.{aside}{ceiling}", found)
@@ -384,7 +412,7 @@ def _heat(tables: Frames, runs: Runs) -> Figure:
         found: dict[str, str] = {}
         for place, rows in contrasts.groupby(words.scenario_labels(contrasts), sort=False):
             verdicts |= {(str(place), str(x)): each for x, each in standings(declared, rows).items()}
-            found[str(place)] = outcome(declared, rows) if declared.baselines else ""
+            found[str(place)] = outcome(declared, rows, tables["summary"]) if declared.baselines else ""
         titles = {each: title for each, title in _GROUPS.items() if each in found.values()}
         groups = {titles[each]: [name for name in groups[""] if found.get(name) == each] for each in titles}
     values = frame.set_index(["scenario", "algorithm", "observation"])["success"]

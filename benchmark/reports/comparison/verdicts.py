@@ -4,14 +4,16 @@ A row is the difference of two cells, or of two means of cells over scenarios: x
 verdicts, with p-values adjusted as declared; effects are exploratory.
 
 Deep RL *earns its keep* over tables if some deep learner is better than every baseline in success, and
-better than the exact random policy, and not shown to be worse than any of them in score. If no baseline has a
-policy of the same class as that learner, greedy or stochastic, the outcome is *another class*: then it is not
-shown that the net makes the difference. *Neither learned* if neither a baseline nor any deep learner is
-better than the random policy. It *does not earn* its keep if every deep learner is worse than a baseline or
-equivalent to it; so it is of one whose mean is equivalent and that is worse by the margin in some scenario,
-better by it in none. Otherwise it is *mixed* if scenarios, or success and score, contradict each other. There
-is *no verdict* if runs are missing or too few. All else is *undecided*. Contrasts that name scenarios or
-conditions have verdicts of their own, and no part in the outcome.
+better than the exact random policy, and not shown to be worse than any of them in score, and if a baseline
+with a policy of the same class, greedy or stochastic, is better than the random policy, too. If all that are
+have another class, the outcome is *another class*: then it is not shown that the net makes the difference. If
+no baseline is better than the random policy, *no table learned*, and *neither learned* if no deep learner is,
+either. Deep RL *does not earn* its keep if every deep learner is worse than a baseline or equivalent to it;
+so it is of one whose mean is equivalent and that is worse by the margin in some scenario, better by it in
+none. Otherwise it is *mixed* if scenarios, or success and score, contradict each other. There is *no verdict*
+if runs are missing or too few. If baselines and deep learners have *unequal budgets*, that is the outcome,
+unless neither learned. All else is *undecided*. Contrasts that name scenarios or conditions have verdicts of
+their own, and no part in the outcome.
 """
 
 from collections.abc import Sequence
@@ -43,7 +45,15 @@ from envs.words import listed
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 Outcome = Literal[
-    "earns", "another class", "does not earn", "neither learned", "mixed", "undecided", "no verdict"
+    "earns",
+    "another class",
+    "does not earn",
+    "no table learned",
+    "neither learned",
+    "mixed",
+    "undecided",
+    "unequal budgets",
+    "no verdict",
 ]
 Pairs = Sequence[tuple[Cell, Cell]]  # of a row: x and y in every scenario
 
@@ -113,19 +123,24 @@ def difference(pairs: Pairs) -> dict[str, Any]:
     return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
 
 
-def outcome(declared: Declared, rows: pd.DataFrame) -> Outcome:
-    """Decides by contrasts with baselines, all of one scenario or pooled; see the module's docstring."""
+def outcome(declared: Declared, rows: pd.DataFrame, summary: pd.DataFrame | None = None) -> Outcome:
+    """Decides by contrasts with baselines, all of one scenario or pooled; see the module's docstring.
+
+    The table `summary` has the budgets, which are taken to be equal without it.
+    """
     rows, alpha = decisive_rows(declared, rows), 1 - LEVEL
     verdicts = standings(declared, rows)
     if NO_VERDICT in set(verdicts) or len(verdicts) < len(declared.decisive):
         return "no verdict"
     if ((rows["p_random_x"] > alpha) & (rows["p_random_y"] > alpha)).all():
         return "neither learned"
+    if summary is not None and _budgets_differ(rows, summary):
+        return "unequal budgets"
     won = winners(rows)
-    if (won["policy_x"] == won["policy_y"]).any():
+    if _is_alike(won).any():
         return "earns"
     if len(won):
-        return "another class"
+        return "another class" if (won["p_random_y"] <= alpha).any() else "no table learned"
     is_better = (verdicts == BETTER) & (rows.groupby("x")["p_random_x"].max() <= alpha)
     is_lost = verdicts.isin([WORSE, EQUIVALENT]) | is_worse_in_some(rows).groupby(rows["x"]).any()
     if is_better.any() or (MIXED in set(verdicts) and not is_lost.all()):
@@ -184,13 +199,27 @@ def is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns the contrasts of each x that is better in all: in success, than random, not worse in score.
 
-    If some x has the same class of policy as a baseline, it is those of such x alone.
+    If some x has the same class of policy as a baseline that has learned, it is those of such x alone.
     """
     is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= 1 - LEVEL)
     is_won = is_better & ~rows["score_verdict"].isin([WORSE, MIXED])
     won = rows[is_won.groupby(rows["x"]).transform("all")]
-    is_alike = (won["policy_x"] == won["policy_y"]).groupby(won["x"]).transform("any")
+    is_alike = _is_alike(won).groupby(won["x"]).transform("any")
     return won[is_alike] if is_alike.any() else won
+
+
+def _is_alike(rows: pd.DataFrame) -> "pd.Series[bool]":
+    """Returns in which rows y has the same class of policy as x, and is better than the random policy."""
+    return (rows["policy_x"] == rows["policy_y"]) & (rows["p_random_y"] <= 1 - LEVEL)
+
+
+def _budgets_differ(rows: pd.DataFrame, summary: pd.DataFrame) -> bool:
+    """Returns whether the learners of contrasts under one condition had different budgets."""
+    names = summary["algorithm"] + ", " + summary["observation"]
+    is_compared = names.isin([*rows["x"], *rows["y"]])
+    if "condition" in rows:
+        is_compared &= summary["condition"].isin(rows["condition"])
+    return bool(summary.loc[is_compared, "budget"].nunique() > 1)
 
 
 def decisive_rows(declared: Declared, rows: pd.DataFrame) -> pd.DataFrame:

@@ -75,15 +75,19 @@ def difference(row: pd.Series, name: str, table: str, decimals: int = 3) -> str:
 
 
 def setting(folder: Folder) -> str:
-    """Returns what a verdict holds for: the budget, and the scenarios unless they are many."""
+    """Returns what a verdict holds for: the budgets, and the scenarios unless they are many."""
     declared = Declared.from_manifest(folder.manifest)
+    budgets: dict[int, list[str]] = {}
     if "summary.csv" in folder:
         summary = folder.frame("summary")
         rows = compared(summary, folder) if declared.compared else summary
-        budgets = {int(budget) for budget in rows["budget"]}
-    else:
-        budgets = set()
-    budget = f"With {budgets.pop():,} steps of training" if len(budgets) == 1 else "With the declared budgets"
+        for name, steps in dict.fromkeys((name_of(row), int(row["budget"])) for _, row in rows.iterrows()):
+            budgets.setdefault(steps, []).append(folder.names.told(name))
+    named, budget = [name for names in budgets.values() for name in names], "With the declared budgets"
+    if len(budgets) == 1:
+        budget = f"With {next(iter(budgets)):,} steps of training"
+    elif budgets and len({*named}) == len(named):  # no condition changes them
+        budget = "With " + listed(f"{steps:,} steps for {listed(names)}" for steps, names in budgets.items())
     scenarios = [*folder.manifest["scenarios"]]
     is_mean = declared.reporting.pool == "scenarios" and len(scenarios) > 1
     where = listed(scenarios) if len(scenarios) <= 4 else f"{len(scenarios)} scenarios"

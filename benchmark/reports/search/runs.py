@@ -13,7 +13,7 @@ from benchmark.analysis.search import Searched, searched
 from benchmark.analysis.stages import stages
 from benchmark.execution import driver
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment
+from benchmark.experiments import Experiment, family_of
 from envs import InputError
 
 KEY: Final = {"learner": ""}  # the column that names a learner, for readers
@@ -32,11 +32,7 @@ class Searches:
     def facts(self) -> Mapping[str, object]:
         """The effort, and what the learners are."""
         assert self.experiment.search is not None
-        families = {
-            each.name: declared.family or load_algorithm(declared.algorithm).family
-            for each in self.learners
-            for declared in [self.experiment.algorithms[each.variant]]
-        }
+        families = {each.name: family_of(self.experiment, each.variant) for each in self.learners}
         return {"search": self.experiment.search.model_dump(mode="json"), "families": families}
 
 

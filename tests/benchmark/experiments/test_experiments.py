@@ -220,6 +220,7 @@ OF_A_COMPARISON = [
         f'{LINEAR}\nalgorithm = "ppo"',
         "algorithms.dqn_linear_sb3.settings",
     ),
+    ('group = "PPO"', 'family = "tabular"', "[algorithms.ppo]: unknown key family"),
     ("budget = 10000", "budget = 9999", "budget = 9999 is not a whole number of rollouts"),
     ('"every_cell"]', '"anywhere"]', "evaluated_from"),
     ("time_limit = 200", "time_limits = 200", "[settings], which q_learning shares: unknown key time_limits"),

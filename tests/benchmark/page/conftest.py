@@ -52,6 +52,8 @@ observations = ["one_hot"]
 seeds = 2
 settings = {{ budget = 2048 }}
 """
+TABLE, NET, POLICY = ("a-table_b", "index"), ("dqn", "coordinates"), ("ppo", "one_hot")
+LABELS = {TABLE: "a-table_b", NET: "dqn on coordinates", POLICY: "ppo on one-hot cells"}
 
 
 class Opened:
@@ -75,8 +77,8 @@ class Opened:
 
     def choose(self, side: str, *names: str) -> None:
         """Chooses the scenario, algorithm and observation of a panel."""
-        scenario, *learner = names
-        for menu, value in (("scenario", scenario), ("learner", ", ".join(learner))):
+        scenario, algorithm, observation = names
+        for menu, value in (("scenario", scenario), ("learner", LABELS[algorithm, observation])):
             self.panel(side, f"select[name={menu}]").select_option(value)
 
     def to_map(self, place: int) -> None:

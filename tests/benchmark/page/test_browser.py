@@ -1,5 +1,6 @@
 """The page in a real browser: the explorer, sorting, sources, accessibility."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -21,14 +22,10 @@ from benchmark.reports.explorer import FILE, Shown, compressed, packed
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from envs.scene import COLOUR_MAP, colour_limits
-from tests.benchmark.page.conftest import Open, Opened, rows_of
+from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Open, Opened, rows_of
 from tests.benchmark.populations import population as blank
 
 Learners = dict[tuple[str, str, str], Population]
-TABLE, NET, POLICY = ("a-table_b", "index"), ("dqn", "coordinates"), ("ppo", "one_hot")
-
-
-LABELS = {TABLE: "a-table_b", NET: "dqn on coordinates", POLICY: "ppo on one-hot cells"}
 
 
 def number(text: str) -> float:
@@ -310,7 +307,7 @@ def test_agent_of_any_seed_can_be_chosen(opened: Opened, learners: Learners, ope
     address = opened.page.evaluate("location.hash")
     for fragment, seed in ((address, "1"), (address.replace(".1.0~", "~", 1), "0")):
         again = open_page(fragment=fragment)
-        assert again.panel("left", "select[name=learner]").input_value() == ", ".join(POLICY)
+        assert again.panel("left", "select[name=learner]").input_value() == LABELS[POLICY]
         assert again.panel("left", "select[name=seed]").input_value() == seed
 
 
@@ -503,9 +500,26 @@ def test_first_pair_ends_differently(
     build.write(tmp_path, "mine")
     opened = open_page(tmp_path / "mine")
     chosen = [opened.panel(side, "select[name=learner]").input_value() for side in ("left", "right")]
-    assert chosen == [", ".join(TABLE), ", ".join(NET)]
+    assert chosen == [LABELS[TABLE], LABELS[NET]]
     row, column = model.scenario.places[fails_at]
     assert opened.panel("left", "select[name=person]").input_value() == str(row * 12 + column)
+
+
+def test_learners_of_two_experiments_with_one_name_keep_their_titles(
+    results: Path, tmp_path: Path, open_page: Open
+) -> None:
+    shutil.copytree(results, tmp_path / "results")
+    manifest = tmp_path / "results" / "compare_deep" / "manifest.json"
+    changed = json.loads(manifest.read_text(encoding="utf-8"))
+    changed["algorithms"]["a-table_b"]["title"] = "paper's table"
+    manifest.write_text(json.dumps(changed), encoding="utf-8")
+    build.write(tmp_path / "results")
+    for experiment, title in (("reproduce", "a-table_b"), ("compare_deep", "paper's table")):
+        opened = open_page(tmp_path / "results", f"#explorer=S2.a-table_b.index.{experiment}.0.0~S2~0~values")
+        menus = [opened.panel("left", f"select[name={menu}]") for menu in ("learner", "experiment")]
+        assert [menu.input_value() for menu in menus] == [title, experiment]
+        assert menus[0].locator("option").all_inner_texts().count(title) == 1
+        assert menus[1].locator("option").all_inner_texts() == [experiment]
 
 
 def test_a_shared_link_is_followed_before_the_data_are_there(

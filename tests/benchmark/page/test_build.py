@@ -16,7 +16,7 @@ from benchmark.experiments import experiment_names
 from benchmark.page import build
 from benchmark.reports import sameness
 from benchmark.reports.document import Document
-from envs import InputError
+from envs import InputError, load_scenario
 from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
 from tests.support import ROOT, git
@@ -86,6 +86,18 @@ def test_page_says_all_that_the_document_says_and_the_same_each_time(results: Pa
     assert "score: 0 is the random policy, -1 is worse & 2 < 3." in page.words
     for element in ("<em>learner</em>", "<h4>After training</h4>", "<h5>In detail</h5>", "<summary>Terms<"):
         assert page.source.count(element) == 3
+
+
+def test_page_of_another_experiment_tells_of_s1_only_if_it_has_it(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made, tmp_path / "mine")
+    manifest = json.loads((made / "manifest.json").read_text(encoding="utf-8"))
+    for scenario in ("S2", "S1"):
+        manifest["scenarios"][scenario] = load_scenario(scenario).model_dump(mode="json")
+        (tmp_path / "mine" / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+        text = Page(build.write(tmp_path, "mine")).words
+        for said in ("In a ring of 16 cells", "One episode, step by step", "The room has 10 × 12 cells"):
+            assert (said in in_one_line(text)) == (scenario == "S1")
+        assert "The map above" not in text
 
 
 def in_one_line(text: str) -> str:

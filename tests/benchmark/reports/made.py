@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agents.tabular.learner import TabularAlgorithm
+from agents.tabular.updates import Q_LEARNING
 from benchmark.drawing.tables import write_csv
 from benchmark.reports.comparison import REPORT
 from benchmark.reports.comparison.declared import Declared, Learner
@@ -17,8 +19,15 @@ from benchmark.reports.draw import tables_of
 from benchmark.reports.item import Item
 from tests.benchmark.populations import population
 
-BUDGET, EVERY, POINTS = 400, 100, 5  # steps of training, between evaluations, and how many evaluations
+BUDGET, POINTS = 400, 5  # steps of training, and how many evaluations
 _ALGORITHMS = {"tabular": "q_learning", "deep": "compiled_dqn", "planner": "memoryless"}
+
+
+class _Net(TabularAlgorithm):
+    family = "deep"
+
+
+NET = _Net(Q_LEARNING)  # a table that reports take for a net
 
 
 class Made(NamedTuple):
@@ -30,6 +39,7 @@ class Made(NamedTuple):
     score: float | Sequence[float] | None = None  # of every run; by default as its success
     policy: str = "greedy"
     reference_for: str = ""
+    budget: int = BUDGET
     every_run: bool = False  # whether the success is that of every run instead of a share of them
 
 
@@ -43,10 +53,11 @@ def cell(
     name: str,
     success: ArrayLike,
     scenario: str = "S1",
-    *,
-    score: ArrayLike | None = None,
     family: str = "tabular",
     policy: str = "greedy",
+    budget: int = BUDGET,
+    *,
+    score: ArrayLike | None = None,
     condition: str = "default",
     observation: str = "index",
     **arrays: Any,
@@ -63,7 +74,7 @@ def cell(
     }
     algorithm = _ALGORITHMS[family]
     made = population(
-        scenario, len(success), algorithm, budget=BUDGET, every=EVERY, observation=observation, **arrays
+        scenario, len(success), algorithm, budget=budget, every=budget // 4, observation=observation, **arrays
     )
     return Cell(scenario, condition, Learner(name, observation), made, policy, condition != "default")
 
@@ -122,7 +133,8 @@ def compared(
             assert share is not None
             reached = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
             scored = None if each is None else np.full(made.n, each)
-            cells.append(cell(name, reached, scenario, score=scored, family=made.family, policy=made.policy))
+            own = made.family, made.policy, made.budget
+            cells.append(cell(name, reached, scenario, *own, score=scored))
     baselines = [baseline] * bool(baseline) if isinstance(baseline, str) else baseline
     others = [name for name in learners if name not in baselines]
     pairs = contrasts or [(name, table) for name in others for table in baselines]

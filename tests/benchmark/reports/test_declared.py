@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.experiments import Experiment, load_experiment
+from benchmark.experiments import Experiment, family_of, load_experiment
 from benchmark.reports.comparison.declared import Declared, Learner, check, forecast
 from benchmark.reports.comparison.runs import Runs
 from benchmark.reports.draw import report_of
@@ -46,6 +46,43 @@ def test_figures_that_would_be_too_high_are_refused_before_the_runs(tmp_path: Pa
         else:
             with pytest.raises(InputError, match=r"126 scenarios under 2 .* at most 250 scenarios"):
                 check(many)
+
+
+def of_nets(path: Path, algorithm: str, forms: list[str], rest: str) -> Experiment:
+    text = """
+description = "Nets with and without hidden layers."
+scenarios = ["S1"]
+horizon = 50
+evaluation_every = 100
+map_every = 100
+settings.budget = 2048
+"""
+    declared = f"algorithms.x = {{ algorithm = '{algorithm}', observations = {forms}, seeds = 2 }}"
+    return experiment_of(path / "nets.toml", f"{text}{declared}\n{rest}")
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "forms", "layers", "family"),
+    [
+        ("compiled_ppo", ["one_hot"], [8, 8], "deep"),
+        ("compiled_ppo", ["one_hot", "offset_one_hot"], [], "tabular"),
+        ("stable_baselines3:DQN", ["one_hot"], [], "tabular"),
+        ("compiled_dqn", ["coordinates"], [], "deep"),
+        ("compiled_dqn", ["one_hot", "coordinates"], [], "deep"),
+    ],
+)
+def test_a_net_without_hidden_layers_over_one_hot_cells_is_a_table(
+    tmp_path: Path, algorithm: str, forms: list[str], layers: list[int], family: str
+) -> None:
+    experiment = of_nets(tmp_path, algorithm, forms, f"settings.policy_kwargs.net_arch = {layers}")
+    assert family_of(experiment, "x") == family
+
+
+def test_no_condition_makes_a_table_of_a_net(tmp_path: Path) -> None:
+    sweep = "sweep.layers = { two = {}, zero = { settings = { 'policy_kwargs.net_arch' = [] } } }"
+    of_nets(tmp_path, "compiled_dqn", ["coordinates"], sweep)
+    with pytest.raises(InputError, match=r"x: on one_hot, it is deep under .*two and tabular under .*zero"):
+        of_nets(tmp_path, "compiled_dqn", ["one_hot"], sweep)
 
 
 def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:

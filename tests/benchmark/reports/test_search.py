@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from benchmark.__main__ import main
-from benchmark.experiments import load_experiment
+from benchmark.experiments import family_of, load_experiment
 from benchmark.experiments.search import read_chosen, trials
 from benchmark.experiments.specification import tuning_of
 from benchmark.reports.item import PICTURES
@@ -139,7 +139,7 @@ def test_baselines_are_the_best_tables_of_the_search() -> None:
         for variant, declared in experiment.algorithms.items():
             for observation in declared.observations:
                 found = tuning_of(experiment, variant, observation)
-                is_table = declared.family == "tabular" or not declared.algorithm.startswith("compiled")
+                is_table = family_of(experiment, variant) == "tabular"
                 if found is not None and is_table and not declared.reference_for:
                     each = found.score, f"{variant}, {observation}"
                     best[declared.policy] = max(best.get(declared.policy, (0.0, "")), each)

@@ -39,7 +39,7 @@ function meanScoreOf(agent) {
 class Agent {
   constructor(packed) {
     Object.assign(this, packed);
-    this.learner = learnerOf(packed);
+    this.learner = packed.label; // variants of two experiments may have the same name
     this.hasValues = packed.values !== null;
     if (this.hasValues) this.values = unpacked(packed.values, packed.steps.length);
     this.greedy = masksOf(packed.greedy);

@@ -62,7 +62,11 @@ function firstPair() {
 
 // Shows what an address asks for, as far as it exists.
 function follow({ wishes, step, kind }) {
-  panels.forEach((panel, i) => panel.choose({ learner: learnerOf(wishes[i]), ...wishes[i] }));
+  panels.forEach((panel, i) => {
+    const there = agents.filter((agent) => learnerOf(agent) === learnerOf(wishes[i]));
+    const agent = there.find(({ experiment }) => experiment === wishes[i].experiment) ?? there[0];
+    panel.choose({ learner: agent?.learner, ...wishes[i] });
+  });
   shown.step = step >= 0 ? step : allSteps().at(-1);
   if ([...kinds.options].some((option) => option.value === kind)) shown.kind = kind;
   kinds.value = shown.kind;

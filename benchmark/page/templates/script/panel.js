@@ -39,17 +39,15 @@ export class Panel {
   // Chooses the agent that has what is wished for, as far as there is one; the block is one of a room, by default
   // of the agent's.
   choose(wish, roomOfBlock) {
-    const choose = (key, names, labels = names) => {
+    const choose = (key, names) => {
       const name = names.includes(wish[key]) ? wish[key] : names[0];
-      this.menus[key].replaceChildren(...names.map((value, i) => element("option", { value }, labels[i])));
+      this.menus[key].replaceChildren(...names.map((value) => element("option", { value }, value)));
       this.menus[key].value = name;
       return name;
     };
     let left = agents;
     for (const key of CHOSEN) {
-      const named = new Map(left.toReversed().map((agent) => [agent[key], key === "learner" ? agent.label : agent[key]]));
-      const names = [...named.keys()].toReversed();
-      const name = choose(key, names, names.map((each) => named.get(each)));
+      const name = choose(key, [...new Set(left.map((agent) => agent[key]))]);
       left = left.filter((agent) => agent[key] === name);
     }
     const seed = choose("seed", left[0].seeds);
