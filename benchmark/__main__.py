@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _silence_output()
             where = f"{error.filename}: " if error.filename else ""
             message = InputError(f"{where}{error.strerror or error}.")
-        print(f"error: {message}", file=sys.stderr)
+        print(*(f"error: {line}" for line in str(message).split("\n")), sep="\n", file=sys.stderr)
         return 2
     except (Exception, KeyboardInterrupt) as error:
         if _is_interrupt(error):
