@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             message = InputError(f"{where}{error.strerror or error}.")
         elif not is_expected:
             raise
-        print(f"error: {message}", file=sys.stderr)
+        print(*(f"error: {line}" for line in str(message).split("\n")), sep="\n", file=sys.stderr)
         return 2
     return code
 

@@ -8,7 +8,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
@@ -27,6 +27,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 _LONGEST_MESSAGE: Final = 300  # characters
+_MOST_MESSAGES: Final = 10
 _LONGEST_VALUE: Final = 80  # characters of a value that a message repeats
 _SHORTEST_LIST: Final = 40  # characters of accepted names that a message has room for
 _LONGEST_NAME: Final = 60  # characters of a name that is compared with others
@@ -72,19 +73,28 @@ _BREAK: Final = re.compile(r"[\n\t]")
 
 
 class InputError(ValueError):
-    """A mistake in the user's input; the message is one line that can be shown as it is."""
+    """Mistakes in the user's input, mostly one; each has a line in the message that can be shown as it is."""
 
-    def __init__(self, message: str) -> None:
-        """Makes the message a line of printable characters.
+    def __init__(self, *messages: str) -> None:
+        """Makes each message a line of printable characters, and counts those after the tenth.
 
         Of a long one the folders of the file are left out, and then what is in the middle.
         """
-        line = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in message).split())
-        if len(line) > _LONGEST_MESSAGE:
-            line = re.sub(r"^[^ ]*/(?=[^ /]+:)", ".../", line)
-        if len(line) > _LONGEST_MESSAGE:
-            line = f"{line[: _LONGEST_MESSAGE // 2 - 5]} ... {line[-_LONGEST_MESSAGE // 2 :]}"
-        super().__init__(line)
+        lines = [*dict.fromkeys(map(_as_line, messages))]
+        n_more = len(lines) - _MOST_MESSAGES
+        super().__init__(*lines[:_MOST_MESSAGES], *[f"and {n_more:,} more."] * (n_more > 0))
+
+    def __str__(self) -> str:
+        return "\n".join(self.args)
+
+
+def _as_line(message: str) -> str:
+    line = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in message).split())
+    if len(line) > _LONGEST_MESSAGE:
+        line = re.sub(r"^[^ ]*/(?=[^ /]+:)", ".../", line)
+    if len(line) > _LONGEST_MESSAGE:
+        line = f"{line[: _LONGEST_MESSAGE // 2 - 5]} ... {line[-_LONGEST_MESSAGE // 2 :]}"
+    return line
 
 
 class MissingPackageError(ModuleNotFoundError, InputError):
@@ -135,6 +145,29 @@ def require(is_met: bool, found: str, accepted: str) -> None:
     """Refuses a value in a validator of a `Table` by a ValueError, to which `parse` adds file and key."""
     if not is_met:
         raise ValueError(f"{found}: accepted: {accepted}")
+
+
+def check_all(*checks: Callable[[], object]) -> None:
+    """Makes checks that do not depend on each other, and refuses at once what they refuse.
+
+    Raises:
+      ValueError: That of the only check that refuses something, or an InputError with the lines of several.
+    """
+    found = []
+    for check in checks:
+        try:
+            check()
+        except ValueError as error:
+            found.append(error)
+    if len(found) == 1:
+        raise found[0]
+    if found:
+        raise InputError(*(line for error in found for line in lines_of(error)))
+
+
+def lines_of(error: ValueError) -> list[str]:
+    """Returns the message of each mistake."""
+    return [*error.args] if isinstance(error, InputError) else [str(error)]
 
 
 def is_name(text: str) -> bool:
@@ -290,18 +323,42 @@ def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any)
         # From JSON, because the strict validation of Python objects refuses a list in place of a tuple.
         return cls.model_validate_json(json.dumps({**data, **given}, default=str))
     except ValidationError as error:
-        # Unknown keys first: a misspelt key is also reported as missing, which says less.
-        first = min(error.errors(), key=lambda details: details["type"] != "extra_forbidden")
-        key = ".".join(shortened(str(part), _LONGEST_NAME) for part in first["loc"])
-        if first["type"] == "extra_forbidden":
-            *table, name = first["loc"]
-            inside = ".".join(shortened(str(part), _LONGEST_NAME) for part in table)
-            where = f"{source}: [{inside}]" if table else source
-            unknown_name(where, "key", str(name), set(_accepted(cls, table)) - given.keys())
-        if first["type"] == "missing":
-            raise InputError(f"{source}: the key {key} is missing.") from None
-        where = f"{key} = {shortened(json.dumps(first['input'], default=str))}: " if key else ""
-        raise InputError(f"{source}: {where}{_reason(first)}.") from None
+        found = _first_of_each_value(error.errors(), {**data, **given})
+        raise InputError(*(line for each in found for line in _lines(cls, each, source, given))) from None
+
+
+def _first_of_each_value(errors: Iterable[ErrorDetails], data: Any) -> list[ErrorDetails]:
+    """Returns the first error of each value; each alternative of a type makes one.
+
+    Unknown keys come first: a misspelt key is also reported as missing, which is left out.
+    """
+    found: dict[tuple[int | str, ...], ErrorDetails] = {}
+    for each in sorted(errors, key=lambda details: details["type"] != "extra_forbidden"):
+        place, value = each["loc"], data
+        for depth, key in enumerate(each["loc"]):
+            try:
+                value = value[key]
+            except (LookupError, TypeError):  # a missing key, or the name of an alternative
+                place = each["loc"][: depth + (each["type"] == "missing")]
+                break
+        others = [other["loc"][:-1] for other in found.values() if other["type"] == "extra_forbidden"]
+        if each["type"] != "missing" or each["loc"][:-1] not in others:
+            found.setdefault(place, each)
+    return [*found.values()]
+
+
+def _lines(cls: type[Table], error: ErrorDetails, source: str, given: Iterable[str]) -> list[str]:
+    """Returns what is wrong with a value, mostly one sentence."""
+    key = ".".join(shortened(str(part), _LONGEST_NAME) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        *table, name = error["loc"]
+        inside = ".".join(shortened(str(part), _LONGEST_NAME) for part in table)
+        where = f"{source}: [{inside}]" if table else source
+        return [_unknown(where, "key", str(name), set(_accepted(cls, table)) - set(given))]
+    if error["type"] == "missing":
+        return [f"{source}: the key {key} is missing."]
+    where = f"{key} = {shortened(json.dumps(error['input'], default=str))}: " if key else ""
+    return [f"{source}: {where}{reason}." for reason in _reasons(error)]
 
 
 def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> NoReturn:
@@ -309,11 +366,15 @@ def unknown_name(source: str, kind: str, name: str, accepted: Iterable[str], oth
 
     What is accepted otherwise, such as a path, comes last.
     """
+    raise InputError(_unknown(source, kind, name, accepted, otherwise))
+
+
+def _unknown(source: str, kind: str, name: str, accepted: Iterable[str], otherwise: str = "") -> str:
     accepted = sorted(accepted)
     message = f"{source}: unknown {kind} {shortened(name, _LONGEST_NAME)}{_guess(name, accepted)}; accepted: "
     last = f", or {otherwise}" if otherwise else ""
     room = max(_LONGEST_MESSAGE - len(message) - len(last) - 1, _SHORTEST_LIST)
-    raise InputError(f"{message}{shortened(', '.join(accepted), room)}{last}.")
+    return f"{message}{shortened(', '.join(accepted), room)}{last}."
 
 
 def _guess(name: str, accepted: Iterable[str]) -> str:
@@ -332,7 +393,8 @@ def imported(name: str, source: str, kind: str) -> object:
     try:
         found = import_module(module)
         return getattr(found, attribute)
-    except Exception as error:  # a module can raise anything
+    except (Exception, SystemExit) as error:  # a module can raise anything
+        reason: object = "it calls exit" if isinstance(error, SystemExit) else error
         hint, missing = "", _missing(error)
         if found is not None:
             hint = _guess(attribute, dir(found))
@@ -342,7 +404,7 @@ def imported(name: str, source: str, kind: str) -> object:
             known = [each for modules in EXTRAS.values() for each in modules]
             accepted = "a module of the current folder, of the experiment's folder or of an installed package"
             hint = f"{_guess(missing, known)}; accepted: {accepted}"
-        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {error}{hint}.") from error
+        raise InputError(f"{source}: {kind} {shortened(name)} cannot be imported: {reason}{hint}.") from error
 
 
 @contextmanager
@@ -371,7 +433,7 @@ def missing_package(what: str, module: str) -> MissingPackageError:
     )
 
 
-def _missing(error: Exception) -> str | None:
+def _missing(error: BaseException) -> str | None:
     """Returns the top-level module whose absence made an import fail, if that was the reason."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
@@ -389,20 +451,23 @@ def _installer(module: str) -> str | None:
     return None
 
 
-def _reason(error: ErrorDetails) -> str:
-    """Returns why a value is refused, in plain words."""
+def _reasons(error: ErrorDetails) -> list[str]:
+    """Returns why a value is refused, in plain words; a validator may have several reasons."""
     details = error.get("ctx", {})
     match error["type"]:
         case "too_short":
-            return f"accepted: at least {details['min_length']} items"
+            return [f"accepted: at least {details['min_length']} items"]
         case "too_long":
-            return f"accepted: at most {details['max_length']} items"
+            return [f"accepted: at most {details['max_length']} items"]
         case "union_tag_not_found":
-            return "accepted: a table with a key kind"
+            return ["accepted: a table with a key kind"]
         case "model_type" | "model_attributes_type" | "dict_type":
-            return "accepted: a table"
-    message = error["msg"].removeprefix("Value error, ")
-    return f"{message[:1].lower()}{message[1:]}"
+            return ["accepted: a table"]
+        case "value_error":
+            messages = lines_of(details["error"])
+        case _:
+            messages = [error["msg"]]
+    return [f"{message[:1].lower()}{message[1:]}" for message in messages]
 
 
 def _accepted(annotation: Any, location: Iterable[int | str]) -> list[str]:

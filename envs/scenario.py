@@ -559,7 +559,10 @@ class Scenario(Table):
         self._check_walk()
         self._check_cells()
         self._check_sizes()
+        shared = _shared_by(self.model_dump_json(include=_GEOMETRY))
+        self.__dict__.update(shared)
         self._check_starts()
+        shared.update(_zones_by_place=self._zones_by_place, _free_places=self._free_places)
         n, accepted = self.n_observations, f"at most {MAX_STATES}"
         require(n <= MAX_STATES, f"{observe}: {n} observations", accepted)
         return self
@@ -666,6 +669,19 @@ class Scenario(Table):
             where,
             f"at most {n_free} together: the issuer can stand in so many cells",
         )
+
+
+# What decides which zones cells are in, and where episodes can start.
+_GEOMETRY: Final[Any] = {
+    **dict.fromkeys(("grid", "regions", "others", "phases", "first_phase"), True),
+    "issuer": {"position", "heading", "walk"},
+}
+
+
+@lru_cache(maxsize=16)
+def _shared_by(geometry: str) -> dict[str, Any]:  # noqa: ARG001
+    """Returns the dict in which scenarios with the same geometry keep what they have computed of it."""
+    return {}
 
 
 ScenarioLike = str | Path | Scenario | Mapping[str, Any]

@@ -1,4 +1,4 @@
-"""Gives the command line random inputs, and checks that each is accepted or refused by one line.
+"""Gives the command line random inputs; each must be accepted, or refused by a line for each mistake.
 
 `make fuzz` draws 100,000; `tests/test_fuzz.py` some of them. Every input follows from a seed and its number.
 Nothing is trained: an experiment that is accepted ends where its runs would begin.
@@ -36,6 +36,7 @@ from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 
 LONGEST_LINE: Final = 300 + len("error: \n")
+MOST_LINES: Final = 11  # ten mistakes, and how many more there are
 LONGEST_S: Final = 30.0
 MOST_MEMORY_MB: Final = 1000
 CHUNK: Final = 500
@@ -213,7 +214,11 @@ def check(given: Input) -> tuple[str, str]:
         message = errors.getvalue()
         if (peak_memory_mb() or 0) > MOST_MEMORY_MB:
             return "failed", f"takes more than {MOST_MEMORY_MB} MB"
-        is_line = message.startswith("error: ") and message.count("\n") == 1 and len(message) <= LONGEST_LINE
+        lines = message.splitlines(keepends=True)
+        is_error = [
+            each[:7] == "error: " and each[-1] == "\n" and len(each) <= LONGEST_LINE for each in lines
+        ]
+        is_line = 1 <= len(lines) <= MOST_LINES and all(is_error)
         if code == 0:
             return "accepted", ""
         return ("refused" if is_line and code == 2 else "failed"), f"exit code {code}: {message}"

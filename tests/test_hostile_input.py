@@ -6,16 +6,21 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.store import Store
-from envs import InputError, load_scenario
-from envs.inputs import read_toml
+from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
+from envs import InputError, load_scenario, scenario
+from envs.inputs import parse, read_toml
+from envs.regions import zones
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT
 
@@ -39,10 +44,23 @@ question = "?"
 answer = "!"
 scenario = { "grid.rows" = 250, "grid.columns" = 400, ping_limit = 1 }
 """
+NET_ARCH = "policy_kwargs = { net_arch = [1000000] }"
+ROLLOUT = "n_steps = 1000000000"
 # Eight axes of twelve conditions.
 SWEEP = "".join(
     f"[sweep.axis{axis}.c{i}.settings]\nkey{axis} = {i}\n" for axis in range(8) for i in range(12)
 )
+# Seven axes of ten values, in a map.
+GRID = f"{EXPERIMENT}[grids.all]\nquestion = '?'\n" + "".join(
+    f"axes.a{axis}.{i} = {{ 'rewards.key{axis}' = {i} }}\n" for axis in range(7) for i in range(10)
+)
+NET = EXPERIMENT.replace("q_learning", "compiled_dqn").replace('"index"', '"one_hot"').replace("500", "20000")
+
+
+def with_settings(algorithm: str, settings: str) -> str:
+    """Returns the text of an experiment with a net."""
+    text = NET.replace("compiled_dqn", algorithm)
+    return text.replace("budget = 1000", f"budget = 1000000000, {settings}").replace("20000", "100000000")
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -68,6 +86,23 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         (EXPERIMENT.replace("= 200", f"= 0x{'f' * 4000}"), "horizon: too many digits"),
         (EXPERIMENT.replace("= 200", f"= {'9' * 4000}"), "horizon = 9999"),
         (EXPERIMENT + SWEEP, "10,000 conditions"),
+        (GRID, "axes: more than 10,000 points: accepted: at most 10,000 points"),
+        *(
+            (
+                with_settings(algorithm, settings),
+                f"algorithms.table: {expected}; accepted: what takes at most 2 GB",
+            )
+            for algorithm, settings, expected in (
+                # By hand: 4 bytes for each of the 10^12 weights of a square matrix, and little else.
+                ("dqn", NET_ARCH, "policy_kwargs.net_arch = [1000000]: 4,004 GB of memory"),
+                ("compiled_dqn", NET_ARCH, "policy_kwargs.net_arch = [1000000]: 4,004 GB of memory"),
+                ("compiled_dqn", "batch_size = 1000000", "batch_size = 1000000: 3 GB of memory"),
+                ("dqn", "batch_size = 1000000000", "batch_size = 1000000000: 3,088 GB of memory"),
+                ("dqn", "buffer_size = 1000000000", "buffer_size = 1000000000: 1,000 GB of memory"),
+                ("compiled_ppo", ROLLOUT, "n_steps = 1000000000 with n_envs = 1: 40 GB of memory"),
+                ("ppo", ROLLOUT, "n_steps = 1000000000 with n_envs = 1: 1,000 GB of memory"),
+            )
+        ),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
         (EXPERIMENT.replace("map_every", "x" * 5000), "unknown key xxxxx"),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
@@ -86,6 +121,73 @@ def test_files_that_are_too_much(
 ) -> None:
     (tmp_path / "mine.toml").write_text(text)
     assert expected in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
+
+
+def test_a_grid_of_many_points_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zones are computed once for all points, and settings are checked once."""
+    numbers: Counter[str] = Counter()
+
+    def counted(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **named: Any) -> Any:
+            numbers[function.__name__] += 1
+            return function(*arguments, **named)
+
+        return call
+
+    text = GRID.replace("rewards.key0", "rewards.other").replace("rewards.key1", "rewards.wrong_ping")
+    (tmp_path / "mine.toml").write_text("".join(line for line in text.splitlines(True) if ".key" not in line))
+    scenario._shared_by.cache_clear()
+    scenario._checked.cache_clear()
+    monkeypatch.setattr("envs.scenario.zones", counted(zones))
+    monkeypatch.setattr("benchmark.experiments.specification.parse", counted(parse))
+    experiment = load_experiment(tmp_path / "mine.toml")
+    assert len(experiment.conditions) == 100
+    assert numbers == {"zones": 1, "parse": 1}
+
+
+def test_chain_of_extensions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for i in range(1200):
+        text = f'extends = "{tmp_path}/e{i + 1}.toml"\ndescription = ""\nchanges = {{}}\n'
+        (tmp_path / f"e{i}.toml").write_text(text)
+    (tmp_path / "e1200.toml").write_text(EXPERIMENT)
+    line = refused(capsys, "run", tmp_path / "e0.toml", "--results", tmp_path)
+    assert "a chain of more than 16; accepted: at most 16" in line
+    load_experiment(tmp_path / "e1184.toml")
+
+
+def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "exiting.py").write_text("exit()\n")
+    for old, new in (('"q_learning"', '"exiting:a"'), ("\n[alg", '\n[report]\nkind = "exiting:a"\n[alg')):
+        (tmp_path / "mine.toml").write_text(EXPERIMENT.replace(old, new, 1))
+        line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
+        assert "exiting:a cannot be imported: it calls exit" in line
+    (tmp_path / "mine.toml").write_text(EXPERIMENT)
+    line = refused(capsys, "run", tmp_path / "mine.toml", "--executor", "exiting:a", "--results", tmp_path)
+    assert "exiting:a cannot be imported: it calls exit" in line
+
+
+def test_all_mistakes_of_a_file_are_reported_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def errors(text: str) -> list[str]:
+        (tmp_path / "mine.toml").write_text(text)
+        assert main(["run", f"{tmp_path}/mine.toml", "--results", str(tmp_path)]) == 2
+        lines = capsys.readouterr().err.splitlines()
+        assert all(line.startswith("error: ") for line in lines)
+        return [line.removeprefix(f"error: {tmp_path}/mine.toml: ") for line in lines]
+
+    text = EXPERIMENT.replace("horizon = 200", "horizont = 200\nstream = 7").replace("seeds = 3", "")
+    unknown, stream, missing = errors(text)
+    assert unknown.startswith("unknown key horizont (did you mean horizon?)")
+    assert (stream.split(":")[0], missing) == ("stream = 7", "the key algorithms.table.seeds is missing.")
+    compared = (EXPERIMENT_DIRECTORY / "compare_deep.toml").read_text(encoding="utf-8")
+    found = errors(
+        compared.replace("budget = 10000", "budget = 9999").replace("first_seed = 200", "first_seed = 0")
+    )
+    for expected in ("the search has used the seeds 0 to 5 and", "is not a whole number of rollouts of 2000"):
+        assert any(expected in line for line in found), expected
+    assert len(found) == 11
+    assert found[-1].startswith("error: and ")
 
 
 def test_pipe_is_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -34,6 +34,10 @@ class Sb3Algorithm(SequentialAlgorithm):
         module, _, name = self.path.partition(":")
         return getattr(import_module(module), name)
 
+    def memory(self, settings: Any, n_inputs: int) -> dict[str, int]:
+        """Returns the bytes of an agent, which keeps observations themselves."""
+        return dict(settings.memory(n_inputs, n_kept=n_inputs))
+
     def train_agent(
         self,
         model: Model,

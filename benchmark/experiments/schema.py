@@ -10,13 +10,13 @@ import math
 import sys
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from benchmark.experiments.search import Search, Space, trials
 from envs import InputError
@@ -24,6 +24,7 @@ from envs.inputs import (
     Line,
     Name,
     Table,
+    check_all,
     check_file_name,
     in_either_case,
     is_name,
@@ -39,7 +40,11 @@ EXPERIMENT_DIRECTORY: Final = Path(__file__).parent
 SEARCHED: Final[list[str]] = []
 DEFAULT_CONDITION: Final = "default"
 MOST_CONDITIONS: Final = 10_000  # of an experiment
+MOST_BASES: Final = 16  # of an experiment that extends one that extends another, and so on
 MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
+LARGEST_MARGIN: Final = 0.2
+
+_UNUSED_AXIS: Final = "at least one value that changes something"
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
 _RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*", "*_svg", "*_pdf", "*_tex")
@@ -141,26 +146,33 @@ class Grid(Table):
     without: tuple[str, ...] = ()
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
-    @property
+    @cached_property
     def points(self) -> list[dict[str, str]]:
         """The value of each axis, at every point."""
-        every = [dict(zip(self.axes, values, strict=True)) for values in product(*self.axes.values())]
-        return [point for point in every if point_name(point) not in self.without]
+        return [point for name, point in self._all_points.items() if name not in {*self.without}]
+
+    @cached_property
+    def _all_points(self) -> dict[str, dict[str, str]]:
+        """Points by name, those of `without` among them."""
+        points = (dict(zip(self.axes, values, strict=True)) for values in product(*self.axes.values()))
+        return {point_name(point): point for point in points}
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
         axis_of: dict[str, str] = {}
         for axis, values in self.axes.items():
             require(bool(values), f"axes.{axis}", "a table with at least one value")
+            require(any(values.values()), f"axes.{axis}", _UNUSED_AXIS)
             for key in (key for changes in values.values() for key in changes):
                 other = axis_of.setdefault(key, axis)
                 require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
-        names = [
-            point_name(dict(zip(self.axes, values, strict=True))) for values in product(*self.axes.values())
-        ]
+        n_points = math.prod(map(len, self.axes.values()))
+        few = f"{MOST_CONDITIONS:,} points"
+        require(n_points <= MOST_CONDITIONS, f"axes: more than {few}", f"at most {few}")
+        accepted = f"points such as {next(iter(self._all_points))}"
         for name in self.without:
-            require(name in names, f"without: {name}", f"points such as {names[0]}")
-        require(len(self.without) < len(names), "without", "at least one point not listed")
+            require(name in self._all_points, f"without: {name}", accepted)
+        require(bool(self.points), "without", "at least one point not listed")
         return self
 
 
@@ -178,14 +190,23 @@ class Solved(Table):
     """About how many times as late each evaluation is as the one before."""
 
 
+def _is_small(margin: float) -> float:
+    if margin > LARGEST_MARGIN:
+        raise ValueError(f"accepted: at most {LARGEST_MARGIN}, since a larger difference matters")
+    return margin
+
+
+Margin = Annotated[float, Field(gt=0), AfterValidator(_is_small)]
+
+
 class Margins(Table):
     """Differences that are too small to matter."""
 
-    success: Annotated[float, Field(gt=0, lt=1)] = 0.1
+    success: Margin = 0.1
     """Of success."""
-    score: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    score: Margin = 0.05
     """Of the score."""
-    faster: Annotated[float, Field(gt=0, lt=0.5)] = 0.2
+    faster: Margin = 0.2
     """Of the probability of being faster, from 1/2."""
 
 
@@ -280,16 +301,21 @@ class Experiment(Table):
     """If it is there, runs are measured until their scenario is solved."""
 
     @model_validator(mode="after")
-    def _names_differ(self) -> Self:
+    def _is_consistent(self) -> Self:
+        checks = (self._check_names, self._check_schedules, self._check_search, self._check_grids)
+        check_all(*checks, self._check_sweep, self._check_number)
+        return self
+
+    def _check_names(self) -> None:
+        """Checks that names differ, whatever their case."""
         tables = {"algorithms": [*self.algorithms], "readings": [*self.readings], "sweep": [*self.sweep]}
         tables |= {f"sweep.{axis}": [*conditions] for axis, conditions in self.sweep.items()}
         for table, names in tables.items():
             pair = in_either_case(names) or ()
             require(not pair, f"{table}: {' and '.join(pair)}", "names that differ in more than case")
-        return self
 
-    @model_validator(mode="after")
-    def _is_consistent(self) -> Self:
+    def _check_schedules(self) -> None:
+        """Checks where and when policies are evaluated and mapped."""
         starts = f"evaluated_from = {list(self.evaluated_from)}"
         require("start" in self.evaluated_from, starts, '"start" among them')
         schedules = {"": (self.evaluation_every, self.map_every)}
@@ -297,66 +323,78 @@ class Experiment(Table):
         for where, (evaluation_every, map_every) in schedules.items():
             accepted = f"a multiple of evaluation_every = {evaluation_every}"
             require(map_every % evaluation_every == 0, f"{where}map_every = {map_every}", accepted)
+
+    def _check_search(self) -> None:
+        """Checks that all learners of a search are treated alike, and that nothing else is varied."""
         if self.search is None:
-            searched = [name for name, each in self.algorithms.items() if each.search]
-            require(
-                not searched,
-                "".join(f"algorithms.{name}.search" for name in searched[:1]),
-                "a table [search] beside it",
-            )
-        else:
-            changes = [reading for reading in self.readings.values() if reading.scenario or reading.settings]
-            is_alone = not self.sweep and not changes and len(self.readings) == 1 and self.solved is None
-            require(is_alone, "search", "no sweep, readings or solved in the same experiment")
-            efforts = {
-                name: (each.seeds, *self.schedule(name), (self.settings | each.settings).get("budget"))
-                for name, each in self.algorithms.items()
-            }
             for name, each in self.algorithms.items():
-                is_equal = efforts[name] == next(iter(efforts.values()))
-                require(is_equal, f"algorithms.{name}", "the seeds, schedule and budget of all others")
-                require(bool(each.search), f"algorithms.{name}", "a table search, as the experiment has one")
-                unit = (self.settings | each.settings).get("budget_unit", "steps")
-                require(unit == "steps", f"algorithms.{name}.settings.budget_unit = {unit}", "steps")
-                fixed = {"budget", "budget_unit", "time_limit"} & each.search.keys()
-                require(
-                    not fixed,
-                    ", ".join(f"algorithms.{name}.search.{key}" for key in sorted(fixed)),
-                    "other settings",
-                )
-                require(each.seeds > 1, f"algorithms.{name}.seeds = 1", "at least 2 in a search")
-                seeds, later = self.seeds_of_search(name)
-                accepted = f"seeds outside {later.start} to {later.stop - 1}, which its later stages use"
-                require(
-                    not overlap(seeds, later), f"algorithms.{name}.first_seed = {each.first_seed}", accepted
-                )
-        if self.grids:
-            is_alone = not self.sweep and self.search is None and len(self.readings) == 1
-            require(is_alone, "grids", "no sweep, search or further reading in the same experiment")
-            learners = {*self.algorithms, *(", ".join(each[1:]) for each in self.populations)}
-            for name, grid in self.grids.items():
-                for learner in grid.learners:
-                    where, accepted = f"grids.{name}.learners: {learner}", ", ".join(sorted(learners))
-                    require(learner in learners, where, accepted)
+                require(not each.search, f"algorithms.{name}.search", "a table [search] beside it")
+            return
+        changes = [reading for reading in self.readings.values() if reading.scenario or reading.settings]
+        is_alone = not self.sweep and not changes and len(self.readings) == 1 and self.solved is None
+        require(is_alone, "search", "no sweep, readings or solved in the same experiment")
+        check_all(*(partial(self._check_searched, name) for name in self.algorithms))
+
+    def _check_searched(self, name: str) -> None:
+        """Checks what a search tries of one variant."""
+        efforts = {
+            name: (each.seeds, *self.schedule(name), (self.settings | each.settings).get("budget"))
+            for name, each in self.algorithms.items()
+        }
+        each = self.algorithms[name]
+        is_equal = efforts[name] == next(iter(efforts.values()))
+        require(is_equal, f"algorithms.{name}", "the seeds, schedule and budget of all others")
+        require(bool(each.search), f"algorithms.{name}", "a table search, as the experiment has one")
+        unit = (self.settings | each.settings).get("budget_unit", "steps")
+        require(unit == "steps", f"algorithms.{name}.settings.budget_unit = {unit}", "steps")
+        fixed = {"budget", "budget_unit", "time_limit"} & each.search.keys()
+        where = ", ".join(f"algorithms.{name}.search.{key}" for key in sorted(fixed))
+        require(not fixed, where, "other settings")
+        require(each.seeds > 1, f"algorithms.{name}.seeds = 1", "at least 2 in a search")
+        seeds, later = self.seeds_of_search(name)
+        accepted = f"seeds outside {later.start} to {later.stop - 1}, which its later stages use"
+        require(not overlap(seeds, later), f"algorithms.{name}.first_seed = {each.first_seed}", accepted)
+
+    def _check_grids(self) -> None:
+        """Checks that grids name learners, and that every learner is in a grid."""
+        if not self.grids:
+            return
+        is_alone = not self.sweep and self.search is None and len(self.readings) == 1
+        require(is_alone, "grids", "no sweep, search or further reading in the same experiment")
+        learners = {", ".join(each[1:]): each[1] for each in self.populations}
+        known = {*self.algorithms, *learners}
+        for name, grid in self.grids.items():
+            for learner in grid.learners:
+                where = f"grids.{name}.learners: {learner}"
+                require(learner in known, where, ", ".join(sorted(known)))
+        if any(not grid.learners for grid in self.grids.values()):
+            return
+        used = {learner for grid in self.grids.values() for learner in grid.learners}
+        accepted = f"its name in the learners of one, such as grids.{next(iter(self.grids))}.learners"
+        for learner, name in learners.items():
+            is_used = not used.isdisjoint((learner, name))
+            require(is_used, f"algorithms.{name}: {learner} is in no grid", accepted)
+
+    def _check_sweep(self) -> None:
+        """Checks that every axis of a sweep changes something, and no two the same."""
+        axis_of_key: dict[str, str] = {}
+        for axis, conditions in self.sweep.items():
+            require(bool(conditions), f"sweep.{axis}", "a table with at least one condition")
+            changes = [each for each in conditions.values() if each.scenario or each.settings]
+            require(bool(changes), f"sweep.{axis}", _UNUSED_AXIS)
+            for condition in changes:
+                keys = [f"scenario.{key}" for key in condition.scenario]
+                for key in (*keys, *(f"settings.{key}" for key in condition.settings)):
+                    other = axis_of_key.setdefault(key, axis)
+                    require(other == axis, f"sweep.{axis} and sweep.{other}: {key}", "different keys")
+
+    def _check_number(self) -> None:
+        """Checks how many conditions there are."""
         n_conditions = len(self.readings) * math.prod(map(len, self.sweep.values()))
         n_conditions *= sum(len(grid.points) for grid in self.grids.values()) or 1
         n_conditions *= 1 if self.search is None else self.search.trials + 1
         accepted = f"at most {MOST_CONDITIONS:,} conditions"
         require(n_conditions <= MOST_CONDITIONS, "readings, sweep or grids", accepted)
-        return self
-
-    @model_validator(mode="after")
-    def _axes_change_different_keys(self) -> Self:
-        axis_of_key: dict[str, str] = {}
-        for axis, conditions in self.sweep.items():
-            require(bool(conditions), f"sweep.{axis}", "a table with at least one condition")
-            for condition in conditions.values():
-                keys = [f"scenario.{key}" for key in condition.scenario]
-                for key in (*keys, *(f"settings.{key}" for key in condition.settings)):
-                    other = axis_of_key.setdefault(key, axis)
-                    if other != axis:
-                        raise ValueError(f"sweep.{axis} and sweep.{other} both change {key}")
-        return self
 
     @property
     def argument(self) -> str:
@@ -415,6 +453,11 @@ class Experiment(Table):
     def seed_ranges(self) -> set[range]:
         """The seeds of all variants under all conditions."""
         return {self.declared_seeds(variant, name) for variant in self.algorithms for name in self.conditions}
+
+    @cached_property
+    def known_settings(self) -> dict[str, Any]:
+        """The checked settings of learners, by what decides them."""
+        return {}
 
     @cached_property
     def conditions(self) -> dict[str, Mapping[str, Condition]]:
@@ -534,8 +577,11 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
     if "extends" in data:
         extension = parse(Extension, data, str(path))
         base = _path(extension.extends)
+        where = f"{path}: extends = {json.dumps(extension.extends)}"
         if base in (path, *extended_by):
-            raise InputError(f"{path}: extends = {json.dumps(extension.extends)}: it extends itself.")
+            raise InputError(f"{where}: it extends itself.")
+        if len(extended_by) >= MOST_BASES:
+            raise InputError(f"{where}: a chain of more than {MOST_BASES}; accepted: at most {MOST_BASES}.")
         changes = {"description": extension.description} | extension.changes
         data = override(_read(base, (path, *extended_by)), changes, str(path))
     if isinstance(data.get("report"), str):

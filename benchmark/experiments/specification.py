@@ -3,10 +3,10 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, Final
@@ -17,12 +17,13 @@ from agents import LearnerSettings, Schedule, dynamic_programming, load_algorith
 from benchmark.experiments.schema import DEFAULT_CONDITION, Experiment, overlap, read_experiment
 from benchmark.experiments.search import Chosen, read_chosen
 from envs import ACTIONS, InputError, Scenario, load_scenario, model
-from envs.inputs import in_either_case, override, parse, unknown_name
+from envs.inputs import check_all, in_either_case, override, parse, unknown_name
 from envs.observations import ENCODINGS, check_one_hot, seen_as
 
 MOST_RUNS: Final = 500_000  # of an experiment
 MOST_EVALUATIONS: Final = 100_000  # of a run
 LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
+LARGEST_AGENT: Final = 2_000_000_000  # bytes that one setting may take
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,59 +160,178 @@ def load_experiment(experiment: str | Path) -> Experiment:
       experiment: The name of a shipped experiment, or the path of a TOML file.
 
     Raises:
-      InputError: One sentence that names the file, the key, its value and what is accepted.
+      InputError: A sentence for each mistake, which names file, key, value and what is accepted.
     """
     loaded, path = read_experiment(experiment)
-    for name, variant in loaded.algorithms.items():
-        where = f"{path}: algorithms.{name}"
-        accepted = load_algorithm(variant.algorithm, where).observations
-        of = variant.reference_for
-        of_variant = loaded.algorithms[of].observations if of else accepted
-        for observation in variant.observations:
-            if observation not in accepted:
-                unknown_name(where, f"observation for {variant.algorithm}", observation, accepted)
-            if observation not in of_variant:
-                reason = f"{of} does not learn from {observation}; accepted: {', '.join(of_variant)}"
-                raise InputError(f"{where}.observations: {reason}.")
-        if variant.tuned_by:
-            _check_tuning(loaded, name, path)
-        for observation in variant.observations:
-            first = next(iter(loaded.conditions))
-            usual = _family(loaded, name, observation, first, str(path))
-            for condition in loaded.conditions:
-                if (family := _family(loaded, name, observation, condition, str(path))) != usual:
-                    raise InputError(
-                        f"{where}: on {observation}, it is {usual} under {first} and {family} under "
-                        f"{condition}, as a net without hidden layers is a table there; accepted: the same "
-                        "under all conditions."
-                    )
-            for key, axis in variant.search.items():
-                for value in axis.marks:  # which a search tries last
-                    _settings(loaded, name, observation, first, str(path), {key: value})
+
+    def of_each(check: Callable[[Experiment, str, Path], None]) -> list[Callable[[], None]]:
+        return [partial(check, loaded, name, path) for name in loaded.algorithms]
+
+    def of_all(check: Callable[[Experiment, Path], None]) -> Callable[[], None]:
+        return partial(check, loaded, path)
+
+    # The second checks depend on the first.
+    check_all(*of_each(_check_observations), *of_each(_check_tuning), of_all(_check_scenarios))
+    check_all(
+        of_all(_check_settings),
+        *of_each(_check_family),
+        of_all(_check_conditions),
+        *of_each(_check_seeds),
+    )
+    return loaded
+
+
+def _check_observations(experiment: Experiment, name: str, path: Path) -> None:
+    """Checks that a variant's algorithm has its observations, and the variant that it is a reference for."""
+    variant, where = experiment.algorithms[name], f"{path}: algorithms.{name}"
+    accepted = load_algorithm(variant.algorithm, where).observations
+    of = variant.reference_for
+    of_variant = experiment.algorithms[of].observations if of else accepted
+    for observation in variant.observations:
+        if observation not in accepted:
+            unknown_name(where, f"observation for {variant.algorithm}", observation, accepted)
+        if observation not in of_variant:
+            reason = f"{of} does not learn from {observation}; accepted: {', '.join(of_variant)}"
+            raise InputError(f"{where}.observations: {reason}.")
+
+
+def _check_scenarios(experiment: Experiment, path: Path) -> None:
+    """Checks that all scenarios can be loaded and differ, in their names too."""
     with _refused_in(str(path)):
-        names = [load_scenario(scenario).name for scenario in loaded.scenarios]
+        check_all(*(partial(load_scenario, scenario) for scenario in experiment.scenarios))
+    scenarios = [load_scenario(scenario) for scenario in experiment.scenarios]
+    names, where = [scenario.name for scenario in scenarios], f"{path}: scenarios"
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"{path}: scenarios: {twice[0]} is named twice.")
+        raise InputError(f"{where}: {twice[0]} is named twice.")
     if pair := in_either_case(names):
-        raise InputError(
-            f"{path}: scenarios: {' and '.join(pair)}: accepted: names that differ in more than case."
-        )
+        raise InputError(f"{where}: {' and '.join(pair)}: accepted: names that differ in more than case.")
+    met: dict[str, str] = {}
+    for each in scenarios:
+        other = met.setdefault(each.model_dump_json(exclude={"name", "description"}), each.name)
+        if other != each.name:
+            reason = "are the same scenario; accepted: different ones"
+            raise InputError(f"{where}: {other} and {each.name} {reason}.")
+
+
+class _Mistakes:
+    """Collects what is refused of many learners and conditions; what several share is reported once."""
+
+    def __init__(self) -> None:
+        self.found: dict[object, str] = {}
+
+    @contextmanager
+    def noted(self, where: str = "", cause: Callable[[str], object] = str) -> Iterator[None]:
+        """Notes what is refused, after the place. Sentences of equal causes are about the same mistake."""
+        try:
+            yield
+        except InputError as error:
+            for line in error.args:
+                self.found.setdefault(cause(line), f"{where}{line}")
+
+    def refuse(self) -> None:
+        """Raises an InputError if there are mistakes."""
+        if self.found:
+            raise InputError(*self.found.values())
+
+
+def _cause(experiment: Experiment, name: str, reason: str) -> tuple[str, str]:
+    """Returns the cause of a mistake: of one variant if it is about a key of its own, else of all."""
+    variant = experiment.algorithms[name]
+    own = {*variant.settings, *(variant.model_fields_set & {"evaluation_every", "map_every"})}
+    return name * any(key in reason for key in own), reason
+
+
+def _check_settings(experiment: Experiment, path: Path) -> None:
+    """Checks the settings of all learners under all conditions, and all over what a search varies."""
+    mistakes, first = _Mistakes(), next(iter(experiment.conditions))
+    for name, variant in experiment.algorithms.items():
+        marks = [{key: value} for key, axis in variant.search.items() for value in axis.marks]
+        cases = [
+            *((condition, {}) for condition in experiment.conditions),
+            *((first, mark) for mark in marks),
+        ]
+
+        def cause(line: str, name: str = name) -> object:
+            if experiment.search is not None:  # whose trials may all make the same mistake
+                return name
+            _, _, reason = line.partition(f"algorithms.{name}")
+            return _cause(experiment, name, (reason or line.partition(" shares")[2]).partition(": ")[2])
+
+        for observation in variant.observations:
+            for condition, more in cases:
+                with mistakes.noted(cause=cause):
+                    _settings(experiment, name, observation, condition, str(path), more)
+    mistakes.refuse()
+
+
+def _check_family(experiment: Experiment, name: str, path: Path) -> None:
+    """Checks that no condition makes a table of a net."""
+    for observation in experiment.algorithms[name].observations:
+        found: dict[str, str] = {}
+        for condition in experiment.conditions:
+            with suppress(InputError):  # of settings, which another check reports
+                found.setdefault(_family(experiment, name, observation, condition, str(path)), condition)
+        if len(found) > 1:
+            told = " and ".join(f"{family} under {condition}" for family, condition in found.items())
+            raise InputError(
+                f"{path}: algorithms.{name}: on {observation}, it is {told}, as a net without hidden layers is "
+                "a table there; accepted: the same under all conditions."
+            )
+
+
+def _check_conditions(experiment: Experiment, path: Path) -> None:
+    """Checks scenarios under all conditions, and the sizes of runs whose settings are accepted."""
+    mistakes, names = _Mistakes(), [Path(scenario).stem for scenario in experiment.scenarios]
+    searches: dict[str, str] = {}  # and where they are named
+    for name, each in experiment.algorithms.items():
+        if each.tuned_by:
+            where = f"{path}: algorithms.{name}.tuned_by = {each.tuned_by}: "
+            searches.setdefault(each.tuned_by.rpartition(":")[0], where)
+
+    def cause(name: str, line: str) -> object:
+        return _cause(experiment, name, line.partition(" = ")[0])
+
+    for search, where in searches.items():
+        other = _read_search(search)[0]
+        with mistakes.noted(where):
+            if (experiment.stream or experiment.name) == (other.stream or other.name):
+                raise InputError("its stream is that of the search; accepted: another stream.")
     # Trials change neither scenarios nor sizes.
-    conditions = [*loaded.conditions.items()][: None if loaded.search is None else 1]
-    for condition, changes in conditions:
+    for condition in [*experiment.conditions][: None if experiment.search is None else 1]:
+        changes = experiment.conditions[condition]
         for table, change in changes.items():
-            for name in change.scenarios or ():
-                if name not in names:
+            for name in {*(change.scenarios or ())}.difference(names):
+                with mistakes.noted():
                     unknown_name(f"{path}: {table}.scenarios", "scenario", name, names)
         tables = [f"{table}.scenario" for table, change in changes.items() if change.scenario]
-        for declared in loaded.scenarios:
-            with _refused_in(f"{path}: {' with '.join(tables)}"):
-                scenario = _scenario(loaded, condition, declared)
-            for of_scenario, name, observation in loaded.populations_of(condition):
+        for declared in experiment.scenarios:
+            scenario = None
+            with mistakes.noted(f"{path}: {' with '.join(tables)}: ", lambda line: line.partition(": ")[2]):
+                scenario = _scenario(experiment, condition, declared)
+            if scenario is None:
+                continue
+            for search, where in searches.items():
+                with mistakes.noted(where):
+                    _check_unseen(scenario, declared, search)
+            for of_scenario, name, observation in experiment.populations_of(condition):
+                where = f"{path}: algorithms.{name}: "
                 if of_scenario == declared:
-                    with _refused_in(f"{path}: algorithms.{name}"):
-                        check_size(_run(loaded, condition, scenario, name, observation))
-    return loaded
+                    with suppress(InputError):  # of settings, which are checked before
+                        run = _run(experiment, condition, scenario, name, observation)
+                        with mistakes.noted(where, partial(cause, name)):
+                            check_size(run)
+    mistakes.refuse()
+
+
+def _check_unseen(scenario: Scenario, declared: str, search: str) -> None:
+    """Refuses, by an InputError, a scenario of the search."""
+    cheap = ("ping_limit", "rewards", "observe", "first_phase", "draw")
+    for other in _scenarios_of_search(search):
+        is_alike = scenario.grid.size == other.grid.size and len(scenario.places) == len(other.places)
+        is_alike = is_alike and all(getattr(scenario, key) == getattr(other, key) for key in cheap)
+        if is_alike and scenario.essence == other.essence:
+            reason = f"{declared} is {other.name}, a scenario of the search, or its reflection"
+            raise InputError(f"{reason}; accepted: other scenarios.")
 
 
 @contextmanager
@@ -220,7 +340,7 @@ def _refused_in(where: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(*(f"{where}: {line}" for line in error.args)) from error
 
 
 def family_of(experiment: Experiment, variant: str) -> str:
@@ -247,15 +367,20 @@ def _family(experiment: Experiment, variant: str, observation: str, condition: s
 
 
 def check_size(run: RunSpecification) -> None:
-    """Checks that observations, and what is recorded of a run, fit into memory.
+    """Checks that observations, the agent, and what is recorded of a run, fit into memory.
 
     Raises:
       InputError: They do not.
     """
     scenario = seen_as(run.scenario, run.observation)
-    every = f"evaluation_every = {run.evaluation_every}"
+    every, n_inputs = f"evaluation_every = {run.evaluation_every}", 2 * len(scenario.observe)
     if ENCODINGS[run.observation] == "one_hot":
         check_one_hot(scenario.n_observations, scenario.n_features)
+        n_inputs = scenario.n_features
+    for setting, size in load_algorithm(run.algorithm).memory(run.settings, n_inputs).items():
+        if size > LARGEST_AGENT:
+            accepted = f"what takes at most {LARGEST_AGENT / 1e9:.0f} GB"
+            raise InputError(f"{setting}: {size / 1e9:,.0f} GB of memory; accepted: {accepted}.")
     n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1 if run.solved is None else 0
     if n_evaluations > MOST_EVALUATIONS:
         raise InputError(
@@ -279,8 +404,14 @@ def specifications(
     seeds: Sequence[int] | None = None,
 ) -> list[RunSpecification]:
     """Lists the runs of one population, as the experiment names it, with the declared seeds or others."""
-    chosen = experiment.declared_seeds(variant, condition) if seeds is None else seeds
-    first = _run(experiment, condition, _scenario(experiment, condition, scenario), variant, observation)
+    changed = _scenario(experiment, condition, scenario)
+    return _with_seeds(experiment, _run(experiment, condition, changed, variant, observation), seeds)
+
+
+def _with_seeds(
+    experiment: Experiment, first: RunSpecification, seeds: Sequence[int] | None
+) -> list[RunSpecification]:
+    chosen = experiment.declared_seeds(first.variant, first.condition) if seeds is None else seeds
     return [first.with_seed(seed) for seed in chosen]
 
 
@@ -332,7 +463,12 @@ def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = Non
     )
     if n_runs > MOST_RUNS:
         raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
-    every = [specifications(experiment, *population, seeds) for population in populations]
+    every = []
+    for condition in conditions:
+        scenarios = {name: _scenario(experiment, condition, name) for name in experiment.scenarios}
+        for scenario, *learner in experiment.populations_of(condition):
+            first = _run(experiment, condition, scenarios[scenario], *learner)
+            every.append(_with_seeds(experiment, first, seeds))
     runs: dict[str, RunSpecification] = {}
     for run in chain.from_iterable(zip_longest(*every)):
         if run is not None:
@@ -378,6 +514,11 @@ def _read_search(name: str) -> tuple[Experiment, Path]:
 
 
 @lru_cache(maxsize=8)
+def _scenarios_of_search(name: str) -> list[Scenario]:
+    return [load_scenario(each) for each in _read_search(name)[0].scenarios]
+
+
+@lru_cache(maxsize=8)
 def _digest_of_search(name: str) -> str:
     return digest_of_search(_read_search(name)[0])
 
@@ -396,14 +537,12 @@ def digest_of_search(search: Experiment) -> str:
 
 
 def _check_tuning(experiment: Experiment, variant: str, path: Path) -> None:
-    """Checks that a variant's scenarios, stream and seeds are not those that its settings were chosen on.
-
-    Raises:
-      InputError: They are, or `tuned_by` names no variant of a search with the same settings.
-    """
+    """Refuses, by an InputError, what does not name a variant of a search."""
     declared = experiment.algorithms[variant]
     where = f"{path}: algorithms.{variant}.tuned_by = {declared.tuned_by}"
     name, _, searched = declared.tuned_by.rpartition(":")
+    if not declared.tuned_by:
+        return
     if not name:
         raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
     search, _ = _read_search(name)
@@ -411,21 +550,21 @@ def _check_tuning(experiment: Experiment, variant: str, path: Path) -> None:
         raise InputError(f"{where}: {name} has no table [search]; accepted: an experiment with one.")
     if searched not in search.algorithms:
         unknown_name(where, f"variant of {name}", searched, search.algorithms)
-    if (experiment.stream or experiment.name) == (search.stream or search.name):
-        raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
-    seen = {load_scenario(each).essence: each for each in search.scenarios}
-    for condition in experiment.conditions:
-        for scenario in experiment.scenarios:
-            with _refused_in(where):
-                essence = _scenario(experiment, condition, scenario).essence
-            if other := seen.get(essence):
-                reason = f"{scenario} is {other}, a scenario of the search, or its reflection"
-                raise InputError(f"{where}: {reason}; accepted: other scenarios.")
-        own = experiment.all_seeds(variant, condition)
-        for taken in search.seeds_of_search(searched):
-            if overlap(own, taken):
-                reason = f"the search has used the seeds {taken.start} to {taken.stop - 1}"
-                raise InputError(f"{where}: {reason}; accepted: others than {own.start} to {own.stop - 1}.")
+
+
+def _check_seeds(experiment: Experiment, variant: str, path: Path) -> None:
+    """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
+    tuned_by = experiment.algorithms[variant].tuned_by
+    name, _, searched = tuned_by.rpartition(":")
+    taken = _read_search(name)[0].seeds_of_search(searched) if name else ()
+    for own in {experiment.all_seeds(variant, condition): None for condition in experiment.conditions}:
+        if any(overlap(own, each) for each in taken):
+            used = " and ".join(f"{each.start} to {each.stop - 1}" for each in taken)
+            reason = f"the search has used the seeds {used}"
+            accepted = f"others than {own.start} to {own.stop - 1}"
+            raise InputError(
+                f"{path}: algorithms.{variant}.tuned_by = {tuned_by}: {reason}; accepted: {accepted}."
+            )
 
 
 def _settings(
@@ -437,6 +576,13 @@ def _settings(
     more: Mapping[str, Any] | None = None,
 ) -> LearnerSettings:
     """Returns a learner's settings under a condition, and with more changes, checked."""
+    changes = {table: each.settings_of(variant) for table, each in experiment.conditions[condition].items()}
+    changed = {key: value for settings in changes.values() for key, value in settings.items()}
+    changed |= more or {}
+    known: dict[str, LearnerSettings] = experiment.known_settings
+    content = json.dumps([variant, observation, changed], default=str)
+    if content in known:
+        return known[content]
     declared = experiment.algorithms[variant]
     cls = load_algorithm(declared.algorithm, f"{source}: algorithms.{variant}").settings
     for key in experiment.settings:
@@ -448,15 +594,12 @@ def _settings(
     tuned = tuning_of(experiment, variant, observation)
     if tuned is not None:
         where += f" with tuned_by = {declared.tuned_by}"
-    changed: dict[str, Any] = {}
-    for table, change in experiment.conditions[condition].items():
-        changed |= change.settings_of(variant)
-        if change.settings_of(variant):
-            where += f" with {table}.settings"
+    where += "".join(f" with {table}.settings" for table, settings in changes.items() if settings)
     given = experiment.settings | ({} if tuned is None else tuned.settings)
     own = {
         f"{key}.{name}" if name else key: each
         for key, value in declared.settings.items()
         for name, each in (value.items() if isinstance(value, dict) else [("", value)])
     }
-    return parse(cls, override(given, own | changed | dict(more or {}), where), where)
+    known[content] = parse(cls, override(given, own | changed, where), where)
+    return known[content]

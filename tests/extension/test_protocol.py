@@ -54,7 +54,7 @@ settings = { budget = 5000, time_limit = 200, record_every = 5000 }
 [report]
 kind = "comparison"
 omit = ["agents", "learning", "wrong_pings", "curves", "region"]
-margins = { success = 0.3 }
+margins = { success = 0.2 }
 baseline = ["calm, index", "lost, index"]
 contrasts = [["net, index", "calm, index"], ["net, index", "lost, index"]]
 

@@ -142,8 +142,9 @@ def check(experiment: Experiment) -> None:
     """Refuses, by an InputError, an experiment without grids or looks, or with contrasts of unequal seeds."""
     report, where = experiment.report, experiment.argument
     assert report is not None
+    found = []
     if len(experiment.scenarios) > 1:
-        raise InputError(f"{where}: scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
+        found.append(f"scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
     for key, is_there in (
         ("[grids]", bool(experiment.grids)),
         ("[solved]", experiment.solved is not None),
@@ -151,29 +152,27 @@ def check(experiment: Experiment) -> None:
         ("report.contrasts", bool(report.contrasts)),
     ):
         if not is_there:
-            raise InputError(f"{where}: {key} is missing; this report needs it.")
+            found.append(f"{key} is missing; this report needs it.")
     if [*report.looks] != sorted({*report.looks}):
-        raise InputError(f"{where}: report.looks = {[*report.looks]}: accepted: increasing numbers.")
+        found.append(f"report.looks = {[*report.looks]}: accepted: increasing numbers.")
     known = {f"{name}, {observation}": name for _, name, observation in experiment.populations}
     for contrast in report.contrasts:
-        for side in contrast:
-            if side not in known:
-                raise InputError(f"{where}: report.contrasts: {side}: accepted: {', '.join(known)}.")
-            declared = experiment.algorithms[known[side]]
-            if declared.seeds != report.looks[0]:
-                key = f"{where}: algorithms.{known[side]}.seeds = {declared.seeds}"
-                raise InputError(
-                    f"{key}: accepted: report.looks[0] = {report.looks[0]}, as report.contrasts names it."
-                )
-        first = {experiment.algorithms[known[side]].first_seed for side in contrast}
-        if len(first) > 1:
-            raise InputError(
-                f"{where}: report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed."
-            )
-    if not pairs(experiment):
-        raise InputError(
-            f"{where}: report.contrasts: no compared grid has both learners of any; accepted: one or more."
-        )
+        found += [
+            f"report.contrasts: {side}: accepted: {', '.join(known)}."
+            for side in contrast
+            if side not in known
+        ]
+        compared = {known[side]: experiment.algorithms[known[side]] for side in contrast if side in known}
+        for name, declared in compared.items():
+            if report.looks and declared.seeds != min(report.looks):
+                accepted = f"report.looks[0] = {report.looks[0]}, as report.contrasts names it"
+                found.append(f"algorithms.{name}.seeds = {declared.seeds}: accepted: {accepted}.")
+        if len({declared.first_seed for declared in compared.values()}) > 1:
+            found.append(f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed.")
+    if not found and not pairs(experiment):
+        found.append("report.contrasts: no compared grid has both learners of any; accepted: one or more.")
+    if found:
+        raise InputError(*(f"{where}: {sentence}" for sentence in found))
     assert experiment.solved is not None
     for cell in {pair[0].place: pair[0] for pair in pairs(experiment)}.values():
         scenario = specifications(experiment, *cell)[0].drawn_scenario

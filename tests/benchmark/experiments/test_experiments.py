@@ -184,6 +184,7 @@ def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
 # Mistakes
 
 
+MARGINS = "margins = { success = 0.1, score"
 SWEEP = "[readings.default]"  # where a sweep is put before
 OF_A_REPLICATION = [
     ("seeds = 100 ", "seeds = 0 ", "algorithms.q_learning.seeds = 0: input should be greater than"),
@@ -201,6 +202,7 @@ OF_A_REPLICATION = [
     ("map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple of evaluation_every"),
     ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
     (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one condition"),
+    (SWEEP, f"[sweep.rate.low]\n[sweep.rate.high]\n{SWEEP}", "sweep.rate: accepted: at least one value that"),
     (SWEEP, f"[sweep.rate.low]\nsetting = {{}}\n{SWEEP}", "[sweep.rate.low]: unknown key setting"),
     (SWEEP, f"[sweep]\nrate.low.settings.epsilon = 2.0\n{SWEEP}", "rate.low.settings: epsilon = 2.0"),
     (SWEEP, f"[sweep]\npay.low.scenario.ping_limit = 0\n{SWEEP}", "mine.toml: sweep.pay.low.scenario: "),
@@ -212,6 +214,12 @@ OF_A_COMPARISON = [
     ('group = "PPO"', 'group = "P\\nPO"', 'algorithms.ppo.group = "P\\nPO": accepted: text in one line'),
     ('reference_for = "ppo"', 'reference_for = "dqn_sb3"', "ppo_sb3: reference_for: unknown variant dqn_sb3"),
     ('reference_for = "ppo"', 'reference_for = "ppo"\ngroup = "PPO"', "algorithms.ppo_sb3.group: "),
+    (MARGINS, "margins = { faster = 0.21, score", "faster = 0.21: accepted: at most 0.2, since"),
+    (
+        MARGINS,
+        "margins = { success = 0.99, score",
+        "success = 0.99: accepted: at most 0.2, since a larger diff",
+    ),
     ('["index"]', '["one_hot"]', "unknown observation for q_learning one_hot; accepted: index"),
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
@@ -304,6 +312,17 @@ def test_files_of_two_scenarios_do_not_meet(tmp_path: Path) -> None:
         extended(tmp_path, "mine", scenarios=scenarios)
     with pytest.raises(InputError, match=r'stream = "\.\./x": accepted: a name of'):
         extended(tmp_path, "mine", stream="../x")
+
+
+def test_a_scene_under_three_names_is_refused(tmp_path: Path) -> None:
+    text = (SCENARIO_DIRECTORY / "S1.toml").read_text(encoding="utf-8")
+    for name in ("A", "B", "C"):
+        (tmp_path / f"{name}.toml").write_text(re.sub("description.*", f'description = "{name}"', text))
+    scenarios = [f"{tmp_path}/{name}.toml" for name in ("A", "B", "C")]
+    with pytest.raises(
+        InputError, match="scenarios: A and B are the same scenario; accepted: different ones"
+    ):
+        extended(tmp_path, "mine", scenarios=scenarios)
 
 
 @pytest.mark.parametrize("key", ["note", "algorithms__q_learning__group", "readings__ties__answer"])

@@ -188,7 +188,7 @@ def test_forecast_says_before_any_run_that_equivalence_cannot_be_shown(tmp_path:
     none = forecast(declared(tmp_path, 'pool = "none"\nadjust = "none"'))
     assert "29 runs" in none
     assert "20 runs" in none
-    assert forecast(declared(tmp_path, "margins = { success = 0.5 }")) == ""
+    assert forecast(declared(tmp_path, "margins = { success = 0.2 }")) == ""
     sweep = declared(tmp_path, 'pool = "none"\ncontrasts = [["default/noise=high", "default/noise=low"]]')
     assert "8 contrasts" in forecast(sweep)  # four learners, two scenarios
     beyond = load_experiment("beyond_smoke")  # five scenarios, three nets, two baselines

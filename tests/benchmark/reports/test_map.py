@@ -274,6 +274,7 @@ def test_both_sides_of_a_contrast_have_the_same_budget() -> None:
         ("axes.permuted.100", "axes.permuted.all", 'axes.permuted.all.[key] = "all"'),
         ("room=6x7/places=2", "room=6x7", "without: room=6x7: accepted: points such as room=5x6/places=1"),
         ("[grids.code]", '[grids.code]\nlearners = ["dqn"]', "grids.code.learners: dqn: accepted: "),
+        ("[grids.code]", "[grids.code]\naxes.spare.1 = {}", "axes.spare: accepted: at least one value that"),
         ('"issuer.unseen" = 13', '"issuer.unseen" = 14', "issuer.places = 8 with issuer.unseen = 14"),
     ],
 )  # fmt: skip
