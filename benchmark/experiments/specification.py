@@ -274,8 +274,8 @@ def _check_family(experiment: Experiment, name: str, path: Path) -> None:
         if len(found) > 1:
             told = " and ".join(f"{family} under {condition}" for family, condition in found.items())
             raise InputError(
-                f"{path}: algorithms.{name}: on {observation}, it is {told}, as a net without hidden layers is "
-                "a table there; accepted: the same under all conditions."
+                f"{path}: algorithms.{name}: on {observation}, it is {told}, as a net without hidden layers "
+                "is a table there; accepted: the same under all conditions."
             )
 
 
