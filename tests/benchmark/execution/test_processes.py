@@ -161,13 +161,13 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
 
 
 LONG: Final = """
-description = "Two agents of Stable-Baselines3 that do not end for a long time."
+description = "An agent of Stable-Baselines3 that learns for a long time."
 scenarios = ["S1"]
 horizon = 50
 evaluation_every = 100000000
 map_every = 100000000
 settings = { budget = 100000000 }
-algorithms.long = { algorithm = "long_runs:NAME", observations = ["one_hot"], seeds = 2 }
+algorithms.long = { algorithm = "long_runs:NAME", observations = ["one_hot"], seeds = 1 }
 """
 LONG_RUNS: Final = """
 import ctypes
@@ -190,18 +190,19 @@ class Holding(Training):
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 @pytest.mark.parametrize("name", ["Training", "Holding"])
 def test_workers_end_with_a_killed_driver(name: str, tmp_path: Path) -> None:
-    """Also while they hold Python's global lock, so that none of their threads can end them."""
+    """Also while one holds Python's global lock, so that none of its threads can end it."""
     (tmp_path / "long.toml").write_text(LONG.replace("NAME", name), encoding="utf-8")
     (tmp_path / "long_runs.py").write_text(LONG_RUNS, encoding="utf-8")
-    command = [sys.executable, "-m", "benchmark", "run", str(tmp_path / "long.toml"), "--jobs", "2"]
+    command = [sys.executable, "-m", "benchmark", "run", str(tmp_path / "long.toml"), "--jobs", "1"]
     with subprocess.Popen(
         [*command, "--results", str(tmp_path)], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as driver:
-        until(lambda: len([*tmp_path.glob("*.trains")]) == 2 or driver.poll() is not None)
+        until(lambda: [*tmp_path.glob("*.trains")] or driver.poll() is not None)
         started = children(driver.pid)
         driver.kill()
     killed_s = time.monotonic()
-    assert {int(path.stem) for path in tmp_path.glob("*.trains")} < {*started}
+    (worker,) = (int(path.stem) for path in tmp_path.glob("*.trains"))
+    assert worker in started
     until(lambda: not any(Path(f"/proc/{pid}/stat").exists() for pid in started))
     assert time.monotonic() - killed_s < 30
 
