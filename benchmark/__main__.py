@@ -208,7 +208,7 @@ def _parser() -> argparse.ArgumentParser:
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 
     doctor = command("doctor", "examine the installation, the machine and the stored runs")
-    about = "; then its time, memory and disk are estimated, in at most 20 seconds"
+    about = "; then its time, memory and disk are estimated, from stored runs"
     _add_experiment(doctor, about, draws=False)
     _add_jobs(doctor)
     about = "also examine the workers of the Dask scheduler at this address; estimates are for this machine"

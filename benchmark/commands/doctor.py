@@ -216,7 +216,7 @@ def _cluster(address: str, runs: Sequence["RunSpecification"]) -> Finding:
 
 def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace) -> Iterator[Finding]:
     """Yields what it costs to execute the missing runs of an experiment."""
-    from benchmark.execution.calibration import LIMIT_S, estimate
+    from benchmark.execution.calibration import estimate
     from benchmark.execution.driver import pending
 
     try:
@@ -232,21 +232,15 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
         if not missing:
             yield _finding("runs", f"all {len(runs):,} are done")
             return
-        print(f"estimating the cost, for at most {LIMIT_S:.0f} s ...", file=sys.stderr)
         estimated = estimate(missing, store, options.jobs, usable_cores())
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
-    for failure in estimated.errors:
-        text = f"a short job failed: {shortened(failure, _LONGEST)}"
-        yield _finding("runs", text, "check its algorithm and settings", "problem")
     if estimated.unknown:
         names = ", ".join(dict.fromkeys(estimated.unknown))
         text = f"unknown for {len(estimated.unknown)} populations ({shortened(names, _LONGEST)}): "
-        text += f"{LIMIT_S:.0f} s was not enough"
-        yield _finding("time", text, "compiled code is kept, so try again")
-    if estimated.sources:
-        sources = ", ".join(f"{n} from {source}" for source, n in sorted(estimated.sources.items()))
-        text = f"{_duration(*estimated.seconds)} with --jobs {options.jobs}, by populations: {sources}"
-        yield _finding("time", text)
+        yield _finding("time", f"{text}no run of theirs is stored by such a machine")
+    if estimated.known:
+        text = f"{_duration(*estimated.seconds)} with --jobs {options.jobs}, from stored runs of "
+        yield _finding("time", f"{text}{estimated.known} populations")
     if estimated.peak_memory and (free := free_memory()) is not None:
         text = f"about {_bytes(estimated.peak_memory)} at the peak; {_bytes(free)} are free"
         yield _finding("memory", text, "give fewer --jobs" * (estimated.peak_memory >= free), "problem")

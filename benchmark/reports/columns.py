@@ -130,10 +130,6 @@ _BY_REPORT: Final[Mapping[str, Mapping[str, str]]] = {
         "learner": "variant and form of observation",
         "measures.covering_steps": "steps in which the random policy has tried nine tenths of what it can "
         "reach",
-        "measures.error_across_places": "how often an action that is optimal for the nearest "
-        "observation with the issuer in another place is not optimal here",
-        "measures.error_nearby": "the same of the nearest observation in whatever place",
-        "measures.reciprocal_gaps": "sum over fresh states and suboptimal actions of 1 / (V* - Q*)",
         "measures.solvable_k": "smallest k for which the scenario is k-QVI-solvable",
         "n_solved": "runs that solve their scenario",
         "budget too short": "contrasts with this verdict",

@@ -35,4 +35,4 @@ def measures(data: Maps) -> Iterator[dict[str, Any]]:
 
 @lru_cache(maxsize=1024)
 def _hardness(scenario: Scenario, observation: str, horizon: int) -> Hardness:
-    return hardness(compile_seen(scenario, observation), observation, horizon)
+    return hardness(compile_seen(scenario, observation), horizon)
