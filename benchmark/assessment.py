@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +37,6 @@ with needed_by("benchmark.assessment"):
     from benchmark.drawing.tables import read_csv
     from benchmark.experiments import experiment_names
     from benchmark.reports.folder import SCORES, Folder
-
-if TYPE_CHECKING:
-    from stable_baselines3.common.base_class import BaseAlgorithm
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
@@ -157,7 +154,7 @@ class Assessment:
 
 
 def assess(
-    agent: "Act | BaseAlgorithm | str | Path",
+    agent: Any,
     *,
     scenario: ScenarioLike,
     observation: str,

@@ -36,7 +36,7 @@ extends = "when"
 description = "SARSA joins the map."
 
 [changes]
-"grids.places.learners" = ["q_learning", "watkins_q_lambda", "ppo", "dqn", "sarsa"]
+"grids.places.learners" = ["q_learning", "watkins_q_lambda", "large_steps", "ppo", "dqn", "sarsa"]
 
 [changes."algorithms.sarsa"]
 algorithm = "sarsa"

@@ -224,7 +224,7 @@ OF_A_COMPARISON = [
     ("n_steps = 2000 #", "n_step = 2000 #", "unknown key n_step (did you mean n_steps?)"),
     (LINEAR, f'{LINEAR}\nobservations = ["coordinates"]', "dqn_linear does not learn from coordinates"),
     (
-        f"""{LINEAR}\ntitle = "SB3's linear DQN"\nalgorithm = "dqn\"""",
+        f"""{LINEAR}\ntitle = "SB3's linear DQN on one-hot cells"\nalgorithm = "dqn\"""",
         f'{LINEAR}\nalgorithm = "ppo"',
         "algorithms.dqn_linear_sb3.settings",
     ),
