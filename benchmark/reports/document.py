@@ -212,8 +212,14 @@ def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.filters |= {"text": tables.paragraph, "number": tables.show, "plain": tables.plain}
-    environment.filters["wrapped"] = lambda text: f"{fill(text, 118, break_long_words=False)}\n"
+    environment.filters["wrapped"] = _wrapped
     return environment
+
+
+def _wrapped(text: str, indent: str = "") -> str:
+    """Returns a paragraph in lines, all but the first of which are indented."""
+    filled = fill(text, 118, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return f"{filled}\n"
 
 
 def readme(path: Path) -> str:

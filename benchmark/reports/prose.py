@@ -61,10 +61,10 @@ def lookups(folder: Folder) -> dict[str, Callable[..., Any]]:
         found = row(table, **where)
         return tables.link(tables.duration(found[column]), table, found)
 
-    def count(table: str, of: str, **where: object) -> str:
-        """Returns how many values a column has in the rows with these values."""
+    def count(table: str, of: str = "", **where: object) -> str:
+        """Returns how many rows have these values, or how many different values a column has in them."""
         found = rows(table, **where)
-        return tables.link(str(found[of].nunique()), table, found)
+        return tables.link(str(found[of].nunique() if of else len(found)), table, found)
 
     def names(table: str, column: str, **where: object) -> str:
         """Returns the values of a column, as a list in words."""
