@@ -127,7 +127,7 @@ class Assessment:
             f"ranks {rank} of {n + 1} by success, then score{f', tied with {tied}' if tied else ''}: {n} "
             f"published learners by their means, from {runs:,} runs,",
             "and this agent, a single policy: its numbers say nothing about other runs of its training",
-            "success, score: means; lower, equal, higher: the share of runs that rank so, against this agent",
+            "success, score: means; lower, equal, higher: the share of runs that rank so, compared with it",
             "",
             learners.to_string(index=False, float_format="{:.4f}".format),
         ]
@@ -262,7 +262,7 @@ def _policy_of_model(
     where = str(agent) if is_path else "agent"
     if is_path and algorithm is None:
         raise InputError(
-            f"{where}: the algorithm is missing; accepted: module:class, as stable_baselines3:PPO."
+            f"{where}: the algorithm is missing; accepted: module:class, such as stable_baselines3:PPO."
         )
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
@@ -273,7 +273,7 @@ def _policy_of_model(
     if not stochastic:
         return np.asarray(np.eye(len(ACTIONS))[table.argmax(axis=1)])  # the first of several best, as in SB3
     if is_value:
-        raise InputError(f"{where}: stochastic = True: accepted of action probabilities, not values.")
+        raise InputError(f"{where}: stochastic = True: accepted only with action probabilities.")
     return table
 
 

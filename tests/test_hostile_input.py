@@ -90,7 +90,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
         *(
             (
                 with_settings(algorithm, settings),
-                f"algorithms.table: {expected}; accepted: what takes at most 2 GB",
+                f"algorithms.table: {expected}; accepted: at most 2 GB",
             )
             for algorithm, settings, expected in (
                 # By hand: 4 bytes for each of the 10^12 weights of a square matrix, and little else.

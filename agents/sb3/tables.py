@@ -122,8 +122,8 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
     except Exception as error:  # whatever the pickled objects raise
         if policy := _policy_of_others(path, cls):
             raise InputError(
-                f"{path}: it holds a {policy}, which is no policy of {algorithm}; accepted: the class of the "
-                "model that was saved."
+                f"{path}: it holds the policy {policy}, which {algorithm} does not have; accepted: the class "
+                "of the saved model."
             ) from error
         raise InputError(f"{path}: cannot be loaded as {algorithm}: {first_line(error)}.") from error
     return agent_table(agent, str(path), model, observation)

@@ -237,7 +237,7 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
     if estimated.unknown:
         names = ", ".join(dict.fromkeys(estimated.unknown))
         text = f"unknown for {len(estimated.unknown)} populations ({shortened(names, _LONGEST)}): "
-        yield _finding("time", f"{text}no run of theirs is stored by such a machine")
+        yield _finding("time", f"{text}no run of these is stored from a machine like this one")
     if estimated.known:
         text = f"{_duration(*estimated.seconds)} with --jobs {options.jobs}, from stored runs of "
         yield _finding("time", f"{text}{estimated.known} populations")

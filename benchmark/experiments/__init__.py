@@ -10,6 +10,7 @@ from benchmark.experiments.schema import (
 from benchmark.experiments.specification import (
     RunSpecification,
     all_specifications,
+    changed_settings,
     check_size,
     evaluation_steps,
     family_of,
@@ -25,6 +26,7 @@ __all__ = [
     "Reporting",
     "RunSpecification",
     "all_specifications",
+    "changed_settings",
     "check_size",
     "evaluation_steps",
     "experiment_names",

@@ -379,7 +379,7 @@ def check_size(run: RunSpecification) -> None:
         n_inputs = scenario.n_features
     for setting, size in load_algorithm(run.algorithm).memory(run.settings, n_inputs).items():
         if size > LARGEST_AGENT:
-            accepted = f"what takes at most {LARGEST_AGENT / 1e9:.0f} GB"
+            accepted = f"at most {LARGEST_AGENT / 1e9:.0f} GB"
             raise InputError(f"{setting}: {size / 1e9:,.0f} GB of memory; accepted: {accepted}.")
     n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1 if run.solved is None else 0
     if n_evaluations > MOST_EVALUATIONS:
@@ -523,6 +523,15 @@ def _digest_of_search(name: str) -> str:
     return digest_of_search(_read_search(name)[0])
 
 
+def changed_settings(experiment: Experiment, variant: str) -> list[str]:
+    """Lists the settings that a search has chosen for a variant and that the experiment changes."""
+    declared = experiment.algorithms[variant]
+    if not declared.tuned_by:
+        return []
+    name, _, searched = declared.tuned_by.rpartition(":")
+    return [key for key in _read_search(name)[0].algorithms[searched].search if key in declared.settings]
+
+
 def digest_of_search(search: Experiment) -> str:
     """Returns a digest of what a search depends on: what its file declares but texts, scenarios, versions."""
     content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
@@ -561,7 +570,7 @@ def _check_seeds(experiment: Experiment, variant: str, path: Path) -> None:
         if any(overlap(own, each) for each in taken):
             used = " and ".join(f"{each.start} to {each.stop - 1}" for each in taken)
             reason = f"the search has used the seeds {used}"
-            accepted = f"others than {own.start} to {own.stop - 1}"
+            accepted = f"seeds other than {own.start} to {own.stop - 1}"
             raise InputError(
                 f"{path}: algorithms.{variant}.tuned_by = {tuned_by}: {reason}; accepted: {accepted}."
             )

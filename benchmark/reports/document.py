@@ -46,9 +46,21 @@ class Document:
     @cached_property
     def headline(self) -> Finding | None:
         """The finding in a few sentences, written by hand or made by the report; None if there is none."""
+        try:
+            return self.written or self.report.headline(self.folder)
+        except prose.ClaimError:
+            return self.report.headline(self.folder)
+
+    @property
+    def written(self) -> Finding | None:
+        """The finding as it is written by hand; None if it is not.
+
+        Raises:
+          ClaimError: The tables do not show what it claims.
+        """
         path = prose.text_of(self.folder)
         if path is None:
-            return self.report.headline(self.folder)
+            return None
         with self.folder.reading():
             text = templates_in(path.parent).get_template(path.name).render(prose.lookups(self.folder))
         paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
@@ -138,6 +150,7 @@ class Document:
         plus = " or more" if manifest["report"].get("looks") else ""
         for variant, each in manifest["algorithms"].items():
             source = f"search `{each['tuned_by'].partition(':')[0]}`" if each.get("tuned_by") else "declared"
+            source += "".join(f"; {key} declared" for key in each.get("changed", ()))
             for observation in each["settings"]:
                 if observation in OBSERVATIONS:
                     row = {
@@ -185,7 +198,8 @@ def front(results: Path) -> str:
     """
 
     def headline(name: str, paragraph: int = 0) -> str:
-        found = Document(results / name).headline
+        document = Document(results / name)
+        found = document.written or document.headline
         paragraphs = [] if found is None else tables.plain(found.text).split("\n\n")
         return "".join(paragraphs[paragraph : paragraph + 1])
 

@@ -26,6 +26,7 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
+    changed_settings,
     family_of,
     specifications,
 )
@@ -276,6 +277,7 @@ def _manifest(
                 "reference_for": experiment.algorithms[run.variant].reference_for,
                 "policy": experiment.algorithms[run.variant].policy,
                 "tuned_by": experiment.algorithms[run.variant].tuned_by,
+                "changed": changed_settings(experiment, run.variant),
                 "runs": sizes[run.population],  # in a scenario
                 "settings": {
                     each.observation: each.settings.model_dump(mode="json")

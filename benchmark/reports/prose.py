@@ -2,7 +2,8 @@
 
 The finding of a published experiment is a template beside its file: `benchmark/experiments/when.md.jinja`.
 In it, every number is a link to its rows, and `claim` refuses tables for which a sentence would not be true.
-Other results, such as those of other seeds, have the sentences that their kind of report makes.
+Then, and for other seeds, results have the sentences that their kind of report makes; the README of this
+repository is not made.
 """
 
 from collections.abc import Callable
@@ -18,12 +19,16 @@ from envs import InputError
 from envs.words import listed
 
 
+class ClaimError(InputError):
+    """The tables do not show what a text claims."""
+
+
 def text_of(folder: Folder) -> Path | None:
     """Returns the text written for a folder of results; None if there is none for these runs."""
-    manifest, name = folder.manifest, folder.path.name
-    path = EXPERIMENT_DIRECTORY / f"{name}.md.jinja"
-    is_published = manifest.get("experiment") == name and not manifest.get("partial")
-    return path if is_published and path.is_file() else None
+    manifest = folder.manifest
+    path = EXPERIMENT_DIRECTORY / f"{manifest.get('argument')}.md.jinja"
+    is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
+    return path if is_as_declared and path.is_file() else None
 
 
 def lookups(folder: Folder) -> dict[str, Callable[..., Any]]:
@@ -74,7 +79,7 @@ def lookups(folder: Folder) -> dict[str, Callable[..., Any]]:
     def claim(is_true: bool, sentence: str) -> str:
         """Refuses tables for which a sentence is not true; returns an empty text."""
         if not is_true:
-            raise InputError(f"{folder.path}: these tables do not show what the text claims: {sentence}")
+            raise ClaimError(f"{folder.path}: these tables do not show what the text claims: {sentence}")
         return ""
 
     return {each.__name__: each for each in (rows, row, number, interval, duration, count, names, claim)}

@@ -278,7 +278,7 @@ def test_saved_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     check("model.zip: observation_space = Box.*120.*accepted in S1 with", observation="index")
     changed = compile_scenario(load_scenario("S1", CHANGING))
     check("model.zip: observation_space = Box.*120.*accepted in S1 with", model=changed)
-    check("it holds a DQNPolicy, which is no policy of sb3_contrib:QRDQN; accepted", "sb3_contrib:QRDQN")
+    check("it holds the policy DQNPolicy, which sb3_contrib:QRDQN does not have; acc", "sb3_contrib:QRDQN")
     check("is not a class of saved models; accepted: a subclass", "agents.sb3.algorithms:DQN")
     check("unknown form picture", observation="picture")
     A2C("MlpPolicy", Lever(), device="cpu").save(path)

@@ -214,7 +214,7 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
         assess(agent, scenario="Moody", observation="one_hot", algorithm="x:y")
     other = "DQN" if name == "PPO" else "PPO"
     with pytest.raises(
-        InputError, match=rf"zip: it holds a \w+, which is no policy of stable_.*:{other}; acc"
+        InputError, match=rf"zip: it holds the policy \w+, which stable_.*:{other} does not have; acc"
     ):
         assess(saved[name], **options | {"algorithm": f"stable_baselines3:{other}"}, observation="one_hot")
     if name == "DQN":

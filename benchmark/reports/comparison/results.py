@@ -44,10 +44,9 @@ _MOST_TOLD: Final = 6  # contrasts that have a sentence each
 _NEARLY: Final = 0.005  # short of the optimum, that is not worth a mention
 _OUTCOMES: Final[Mapping[Outcome, str]] = {
     "earns": "deep RL earns its keep in",
-    "another class": "only a learner with a policy of another class than tables that learned is better in",
+    "another class": "a net with a policy of another class than the tables that learned is better in",
     "does not earn": "it does not in",
-    "no table learned": "only deep learners, and none of the tables to beat, are shown to beat the random "
-    "policy in",
+    "no table learned": "only deep learners are shown to beat the random policy in",
     "neither learned": "no table and no deep learner compared is shown to beat the random policy in",
     "mixed": "results are mixed in",
     "undecided": "it is undecided in",

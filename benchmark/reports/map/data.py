@@ -170,7 +170,9 @@ def check(experiment: Experiment) -> None:
         if len({declared.first_seed for declared in compared.values()}) > 1:
             found.append(f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed.")
     if not found and not pairs(experiment):
-        found.append("report.contrasts: no compared grid has both learners of any; accepted: one or more.")
+        found.append(
+            "report.contrasts: no compared grid has both learners of a contrast; accepted: one or more."
+        )
     if found:
         raise InputError(*(f"{where}: {sentence}" for sentence in found))
     assert experiment.solved is not None

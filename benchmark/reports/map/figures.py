@@ -28,7 +28,7 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "=": "= equally fast",
     "!": "! decided, but without a ratio",
     "neither": "neither: most runs of both fail",
-    "short": "short: most runs of both fail within the smaller budget, of one not within its own",
+    "short": "short: the smaller budget is too short",
     "?": "? undecided",
     "": "blank: not trained",
 }
@@ -118,10 +118,10 @@ def _label(data: Maps, grid: str) -> str:
 @drawing(
     "map",
     "the map: steps against places, who needs fewer in rooms and places, and the control",
-    "Steps until a run has learned. Left: median steps of each learner, with 95 % intervals; hollow: most "
-    "runs never learn within their budget, at which they are drawn. Middle: which of two learners needs "
-    "fewer, where that is decided, and how many times as many the other one needs. Right: a control, in "
-    "which more and more of the person's places have each other's coordinates.",
+    "Steps until a run has learned. Left: median steps of each learner, with 95 % intervals; hollow, drawn "
+    "at the budget: most runs do not learn. Middle: which of two learners needs fewer, where that is "
+    "decided, and how many times as many the other one needs. Right: a control, in which the coordinates of "
+    "more and more places are permuted.",
 )
 def picture(tables: Frames, data: Maps) -> Figure | None:
     """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""

@@ -53,7 +53,10 @@ def test_findings_are_plain_lines(
     said = capsys.readouterr()
     assert said.err == "importing every package ...\n"
     assert all(re.match(r"(ok|note|problem) {2,}[a-z]+ +\S", line) for line in said.out.splitlines())
-    assert "unknown for 23 populations (q_learning): no run of theirs is stored by such a machine" in said.out
+    assert (
+        "unknown for 23 populations (q_learning): no run of these is stored from a machine like this one"
+        in said.out
+    )
     assert not (tmp_path / "runs.db").exists()
 
 

@@ -153,7 +153,7 @@ def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> 
         ),
         (
             ("first_seed = 100", "first_seed = 14"),
-            "the search has used the seeds 0 to 1 and 10 to 14; accepted: others than 14 to 15",
+            "the search has used the seeds 0 to 1 and 10 to 14; accepted: seeds other than 14 to 15",
         ),
         (("description", 'stream = "search"\ndescription'), "its stream is that of the search; accepted: an"),
         ((":q_learning", ":dqn"), "unknown variant of .* dqn; accepted: q_learning"),
