@@ -94,7 +94,7 @@ if (box) {
       const [x, y] = [row.x, row.y].map((name) => looks[name].told);
       const words = { faster: `${x} needs fewer steps than ${y}`, slower: `${x} needs more steps than ${y}`,
         "equally fast": `${x} and ${y} need equally many steps`, "neither learns": `neither ${x} nor ${y} learns`,
-        "budget too short": `the budget is too short for ${x} and ${y}`,
+        "budget too short": `the smaller budget is too short for ${x} and ${y}`,
         undecided: `it is undecided which of ${x} and ${y} needs fewer steps` };
       return [`With ${where}${code}, after `, sourced(row.file, row.line, row.n), ` pairs of runs: ${words[row.verdict]}.`];
     }
