@@ -62,6 +62,7 @@ class Opened:
     def __init__(self, browser: Browser, folder: Path, fragment: str, **options: Any) -> None:
         """Opens the page of a folder of results, and waits for the explorer if scripts run."""
         self.page: Page = browser.new_page(**({"viewport": {"width": 1280, "height": 900}} | options))
+        self.page.set_default_timeout(180_000)  # ms; on a loaded machine
         self.messages: list[str] = []
         self.requested: list[str] = []
         self.page.on("console", lambda message: self.messages.append(message.text))
