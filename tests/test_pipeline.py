@@ -166,6 +166,8 @@ def test_damaged_stores_are_problems_not_mistakes(
 
 
 def test_read_only_archive_is_verified(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if os.geteuid() == 0 and not all(path.stat().st_mode & 0o1 for path in (ROOT, *ROOT.parents)):
+        pytest.skip("nobody but the superuser, who could write all the same, may read this checkout")
     with tempfile.TemporaryDirectory() as folder:
         archive = Path(folder)
         shutil.copytree(results, archive, dirs_exist_ok=True)
