@@ -70,10 +70,6 @@ class Names:
         phrases = _OBSERVED if self.families.get(variant) == "deep" else _OBSERVED | _ROWS
         return (self.titles.get(variant) or variant) + phrases.get(observation, f" on {observation}")
 
-    def of_arm(self, arm: str) -> str:
-        """Returns what readers call a learner that is given as `variant, observation`."""
-        return self(*arm.split(", "))
-
     def of_side(self, side: str) -> str:
         """Returns a side of a contrast, or any other text, with the names of the learners in it.
 

@@ -54,7 +54,7 @@ def test_sliders_end_in_a_sentence_and_a_table_whose_numbers_are_in_the_files(
             arm = f"{row['algorithm']}, {row['observation']}"
             here = (runs["grid"] == "places") & (runs["point"] == row["point"]) & (runs["learner"] == arm)
             n_learned = int((runs[here]["steps"] <= 1000).sum())
-            expected.add((names.of_arm(arm), f"{n_learned} of {row['n']}", f"{row['steps']:,.0f}"))
+            expected.add((names.of_side(arm), f"{n_learned} of {row['n']}", f"{row['steps']:,.0f}"))
         assert table_of(opened) == expected
     expected_end = "after 12 pairs of runs: the shared table of offsets needs fewer steps than the table."
     assert expected_end in sentence.inner_text()
