@@ -254,7 +254,7 @@ def main(arguments: list[str] | None = None) -> int:
         for some, failed in track(done, "checking inputs", total=len(chunks)):
             counts += some
             print(*failed, sep="\n", end="\n" if failed else "")
-    print(f"inputs accepted: {counts['accepted']:,}, refused by one line: {counts['refused']:,}")
+    print(f"inputs accepted: {counts['accepted']:,}, refused: {counts['refused']:,}")
     print(f"failed: {counts['failed']:,} (--first N --inputs 1 repeats input N)")
     return 1 if counts["failed"] else 0
 

@@ -1,4 +1,4 @@
-"""Drawn inputs are accepted or refused by one line: no traceback, no hang, no gigabyte."""
+"""Drawn inputs are accepted or refused by a line for each mistake: no traceback, no hang, no gigabyte."""
 
 import sys
 from concurrent.futures import ProcessPoolExecutor
