@@ -1,9 +1,9 @@
 """Contrasts that are tested at several looks and get no more runs once they are decided.
 
-The endpoint of a run is after how many steps it has solved its scenario. Two learners are compared by the
-probability that the first is faster, with ties counted as a half, over pairs of runs of the same seed, which
-have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
-the interval of a proportion, and what a scenario draws is part of its width.
+The endpoint of a run is after how many steps it has learned. Two learners are compared by the probability
+that the first is faster, with ties counted as a half, over pairs of runs of the same seed, which have the
+same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has the
+interval of a proportion, and what a scenario draws is part of its width.
 
 At each of the declared looks, every contrast has intervals of such a level that the probability of any wrong
 verdict, in all contrasts at all looks, is at most 5 % (repeated confidence intervals: Jennison and Turnbull
@@ -12,28 +12,25 @@ not matter why a contrast gets more runs.
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from itertools import pairwise, takewhile
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
+from benchmark.analysis.frames import Group, by_population, by_step, learned, tables
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
 from benchmark.execution import driver
-from benchmark.execution.solving import solved
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, RunSpecification, specifications
+from benchmark.experiments import Experiment, Population, RunSpecification
 
-NEITHER: Final = "neither"  # most runs of neither learner solve the scenario, whatever their budgets
+NEITHER: Final = "neither"  # most runs of neither learner learn, whatever their budgets
 TOO_SHORT: Final = "too short"  # nor within the smaller budget; within its own, most runs of one do
-_ENDS: Final = (
-    3  # of intervals; if a verdict is wrong, so is one of these: two of a probability, one of a share
-)
-
-Runs = list[RunSpecification]
+SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
+_ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 
 
 class Decision(NamedTuple):
@@ -42,6 +39,15 @@ class Decision(NamedTuple):
     n: int  # pairs of runs
     verdict: str
     faster: Estimate  # the probability that x is faster, with the interval of this look
+
+
+class Contrast(NamedTuple):
+    """Two learners at a point of a map, and what the first look that decides says, or else the last one."""
+
+    x: Population
+    y: Population
+    took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of n pairs, within the smaller of their budgets
+    decision: Decision
 
 
 def tail_of(n_contrasts: int, n_looks: int) -> float:
@@ -56,15 +62,15 @@ def tail_of(n_contrasts: int, n_looks: int) -> float:
 def decide(
     x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float, *, one_learns: bool = False
 ) -> Decision:
-    """Compares the steps, (N,) each, after which runs of the same seeds have solved; infinite if never.
+    """Compares the steps, (N,) each, after which runs of the same seeds have learned; infinite if never.
 
-    Both have the smaller of their budgets; `one_learns` says that most runs of one solve within its own.
+    Both have the smaller of their budgets; `one_learns` says that most runs of one learn within its own.
     """
     n = len(x)
     wins = np.where(x == y, 0.5, x < y)
     mean = float(wins.mean())
     low, high = (float(end) for end in proportion_interval(mean, n, tail))
-    never = min(float(proportion_interval(np.isinf(each).mean(), n, tail)[0]) for each in (x, y))
+    never = min(float(proportion_interval(np.isinf(steps).mean(), n, tail)[0]) for steps in (x, y))
     if never > 0.5:
         verdict = TOO_SHORT if one_learns else NEITHER
     elif 0.5 - margin < low <= high < 0.5 + margin:
@@ -74,174 +80,129 @@ def decide(
     return Decision(n, verdict, Estimate(mean, low, high))
 
 
-class Cell(NamedTuple):
-    """A population: a point of a grid in a scenario, and a learner."""
+def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.DataFrame:
+    """Returns what the runs of a population took until they had learned within a budget.
 
-    condition: str
-    scenario: str
-    variant: str
-    observation: str
-
-    @property
-    def learner(self) -> str:
-        """The learner's name."""
-        return f"{self.variant}, {self.observation}"
-
-    @property
-    def place(self) -> tuple[str, str]:
-        """Condition and scenario."""
-        return self[:2]
-
-
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """The curves of N runs of a population, of successive seeds, over T evaluations."""
-
-    success: NDArray[np.float64]  # (N, T)
-    spent: NDArray[np.float64]  # (3, N, T) steps, disagreements of the issuer, and CPU seconds until then
-    unseen: NDArray[np.float64]  # (N,) success in unseen places at the end; NaN without any
-    enough: float  # the success that counts as solved
-
-    @property
-    def n(self) -> int:
-        """How many runs there are."""
-        return len(self.success)
-
-    @property
-    def budget(self) -> int:
-        """Steps that a run may train."""
-        return int(self.spent[0, 0, -1])
-
-    def first(self, n: int) -> "Ends":
-        """Returns the same of the first n runs."""
-        return Ends(self.success[:n], self.spent[:, :n], self.unseen[:n], self.enough)
-
-    def took(self, budget: float = math.inf) -> NDArray[np.float64]:
-        """Returns what runs took until they had solved, (3, N), with this budget; infinite if never."""
-        steps = self.spent[0, 0][self.spent[0, 0] <= budget]
-        never = np.full(3, np.inf)
-        found = []
-        for run, curve in enumerate(self.success[:, : len(steps)].tolist()):
-            place = solved(curve, steps, self.enough).place
-            found.append(self.spent[:, run, place] if place < len(steps) else never)
-        return np.array(found).T
-
-    def spent_within(self, budget: float) -> NDArray[np.float64]:
-        """Returns what runs that do not solve have spent of a budget, (3, N)."""
-        return self.spent[:, :, int((self.spent[0, 0] <= budget).sum()) - 1]
-
-
-def cells(experiment: Experiment) -> list[Cell]:
-    """Lists the populations of all grids."""
-    return [
-        Cell(condition, *population)
-        for condition in experiment.conditions
-        for population in experiment.populations_of(condition)
-    ]
-
-
-def pairs(experiment: Experiment) -> list[tuple[Cell, Cell]]:
-    """Lists the cells of every contrast: a contrast of learners at each point where there are both."""
-    assert experiment.report is not None
-    grids = experiment.grids
-    found = {
-        (each.place, each.learner): each
-        for each in cells(experiment)
-        if grids[each.condition.split("/")[1]].is_compared
-    }
-    return [
-        (found[place, x], found[place, y])
-        for place in dict.fromkeys(place for place, _ in found)
-        for x, y in experiment.report.contrasts
-        if (place, x) in found and (place, y) in found
-    ]
-
-
-def runs_of(experiment: Experiment, cell: Cell, seeds: range) -> Runs:
-    """Lists a cell's runs, of seeds that count from its first one."""
-    first = specifications(experiment, *cell)[0]
-    return [first.with_seed(first.seed + seed) for seed in seeds]
-
-
-def read(experiment: Experiment, store: Store, most: int | None = None) -> dict[Cell, Ends]:
-    """Reads the stored runs of every cell, up to the first missing one, at most so many of compared cells."""
-    ended = store.ended()
-    compared = {cell for pair in pairs(experiment) for cell in pair}
-    found = {}
-    for cell in cells(experiment):
-        n_runs = experiment.algorithms[cell.variant].seeds
-        if cell in compared:
-            n_runs = most or max(_looks(experiment))
-        runs = [*takewhile(lambda run: run.digest in ended, runs_of(experiment, cell, range(n_runs)))]
-        if runs:
-            found[cell] = _ends(runs, store)
-    return found
-
-
-def _ends(runs: Runs, store: Store) -> Ends:
-    assert runs[0].solved is not None
-    steps = runs[0].schedule.evaluation_steps
-    records = store.get([run.digest for run in runs])
-    spent = [[steps, record.arrays["disagreements"], record.provenance["cpu_time_s"]] for record in records]
-    return Ends(
-        success=np.array([record.arrays["success"] for record in records]),
-        spent=np.array(spent, dtype=np.float64).swapaxes(0, 1),
-        unseen=np.array([[*record.arrays["unseen_success"], math.nan][0] for record in records]),
-        enough=runs[0].solved["success"],
-    )
-
-
-def _looks(experiment: Experiment) -> tuple[int, ...]:
-    assert experiment.report is not None
-    return experiment.report.looks
-
-
-def identities(experiment: Experiment) -> dict[tuple[Cell, Cell], tuple[str, ...]]:
-    """Returns what makes each contrast: the first runs of its sides; those of two grids may be the same."""
-    return {
-        pair: tuple(runs_of(experiment, cell, range(1))[0].digest for cell in pair)
-        for pair in pairs(experiment)
-    }
-
-
-def decisions(experiment: Experiment, ends: Mapping[Cell, Ends]) -> dict[tuple[Cell, Cell], Decision]:
-    """Returns for every contrast the first look that decides it, or the last one that its runs allow.
-
-    Both sides have the smaller budget of the two. A contrast without enough runs for a look is left out.
+    Returns:
+      A row for each run, with its `seed`; the keys of `SPENT`, infinite if it never learned; `success` at the
+      last evaluation within the budget; and, with the prefix `spent_`, what it had spent by then.
     """
+    curves = curves[curves["step"] <= budget]
+    steps, success = by_step(curves, "step")[0], by_step(curves, "success")
+    first, last = learned(success, steps, level), len(steps) - 1
+    runs = pd.DataFrame({"seed": by_step(curves, "seed")[:, 0], "success": success[:, last]})
+    for name, column in SPENT.items():
+        values = by_step(curves, column).astype(float)
+        at_first = values[np.arange(len(runs)), np.minimum(first, last)]
+        runs[name] = np.where(first > last, np.inf, at_first)
+        runs[f"spent_{name}"] = values[:, last]
+    return runs
+
+
+def in_populations(frame: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
+    """Returns the rows of each population of a map, by condition and learner."""
+    return {(keys["condition"], keys["learner"]): rows for keys, rows in by_population(frame)}
+
+
+def key(population: Population) -> tuple[str, str]:
+    """Returns the key of a population in `in_populations`."""
+    return population.condition.name, population.learner.name
+
+
+def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
+    """Lists the populations of every contrast: a contrast of learners at each point where there are both."""
     assert experiment.report is not None
-    known, looks = identities(experiment), _looks(experiment)
-    tail = tail_of(len({*known.values()}), len(looks))
-    found = {}
-    for x, y in known:
-        if x in ends and y in ends:
-            budget = min(ends[x].budget, ends[y].budget)
-            both, within_own = (
-                [ends[cell].took(limit)[0] for cell in (x, y)] for limit in (budget, math.inf)
-            )
-            for n in (n for n in looks if min(map(len, both)) >= n):
-                one_learns = any(np.isfinite(steps[:n]).mean() > 0.5 for steps in within_own)
-                found[x, y] = decide(
-                    both[0][:n],
-                    both[1][:n],
-                    experiment.report.margins.faster,
-                    tail,
-                    one_learns=one_learns,
-                )
-                if found[x, y].verdict != UNDECIDED:
-                    break
-    return found
+    sides = {
+        key(population): population
+        for population in experiment.populations
+        if experiment.declared.grids[population.condition.axes["grid"]].is_compared
+    }
+    return [
+        (sides[condition, x], sides[condition, y])
+        for condition in dict.fromkeys(condition for condition, _ in sides)
+        for x, y in experiment.report.contrasts
+        if (condition, x) in sides and (condition, y) in sides
+    ]
 
 
-def later_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
+def identity(x: Population, y: Population) -> tuple[str, str]:
+    """Returns what makes a contrast: the first runs of its sides, which are the same in two grids at times."""
+    return x.first.digest, y.first.digest
+
+
+def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
+    """Lists all contrasts that have enough runs for a look."""
+    assert experiment.report is not None
+    pairs, rows = compared(experiment), in_populations(curves)
+    tail = tail_of(len({identity(*pair) for pair in pairs}), len(experiment.report.looks))
+    looked = (
+        _look(experiment, pair, [rows[key(side)] for side in pair], tail)
+        for pair in pairs
+        if all(key(side) in rows for side in pair)
+    )
+    return [contrast for contrast in looked if contrast is not None]
+
+
+def _look(
+    experiment: Experiment, pair: tuple[Population, Population], curves: Sequence[pd.DataFrame], tail: float
+) -> Contrast | None:
+    """Looks at a contrast until it is decided; None if there are too few runs for any look."""
+    report, solved = experiment.report, experiment.declared.solved
+    assert report is not None
+    assert solved is not None
+    budget, decision = min(side.first.settings.budget for side in pair), None
+    within, own = (
+        [
+            without_gaps(took(rows, solved.success, limit), side)
+            for side, rows in zip(pair, curves, strict=True)
+        ]
+        for limit in (budget, math.inf)
+    )
+    for n in (n for n in report.looks if n <= min(map(len, within))):
+        x, y = (runs["steps"].to_numpy()[:n] for runs in within)
+        one_learns = any(np.isfinite(runs["steps"][:n]).mean() > 0.5 for runs in own)
+        decision = decide(x, y, report.margins.faster, tail, one_learns=one_learns)
+        if decision.verdict != UNDECIDED:
+            break
+    if decision is None:
+        return None
+    return Contrast(*pair, (within[0][: decision.n], within[1][: decision.n]), decision)
+
+
+def without_gaps(runs: pd.DataFrame, population: Population) -> pd.DataFrame:
+    """Returns the runs up to the first missing one."""
+    return runs[runs["seed"].to_numpy() == population.seeds.start + np.arange(len(runs))]
+
+
+def groups(experiment: Experiment, store: Store) -> list[Group]:
+    """Lists the runs of all populations that are known by what is stored, at all looks."""
+    *_, last = _stages(experiment, store)
+    return last
+
+
+def further_stages(experiment: Experiment, store: Store) -> Iterator[list[RunSpecification]]:
     """Yields the further runs of every look, as long as those before are stored: of undecided contrasts."""
-    for before, n in pairwise(_looks(experiment)):
-        decided = decisions(experiment, read(experiment, store, before))
-        undecided = [pair for pair, each in decided.items() if each.verdict == UNDECIDED]
-        more = dict.fromkeys(cell for pair in undecided for cell in pair)
-        runs = {run.digest: run for cell in more for run in runs_of(experiment, cell, range(before, n))}
-        if not runs:
+    for before, now in pairwise(_stages(experiment, store)):
+        known = {run.digest for group in before for run in group.runs}
+        runs = {run.digest: run for group in now for run in group.runs}
+        yield [run for digest, run in runs.items() if digest not in known]
+
+
+def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
+    """Yields the runs of all populations at one look after the other."""
+    assert experiment.report is not None
+    seeds = {population: population.seeds for population in experiment.populations}
+    sides = dict.fromkeys(side for pair in compared(experiment) for side in pair)
+    yield [Group(population, population.runs()) for population in seeds]
+    for n in experiment.report.looks[1:]:
+        looked_at = [Group(side, side.runs(seeds[side])) for side in sides]
+        if any(driver.pending(group.runs, store) for group in looked_at):
             return
-        yield [*runs.values()]
-        if driver.pending([*runs.values()], store):
+        _, curves = tables(looked_at, store, ["success", *SPENT.values()])
+        for contrast in contrasts(experiment, curves):
+            if contrast.decision.verdict == UNDECIDED:
+                for side in (contrast.x, contrast.y):
+                    seeds[side] = range(side.seeds.start, side.seeds.start + n)
+        if all(len(seeds[group.population]) == len(group.runs) for group in looked_at):
             return
+        yield [Group(population, population.runs(some)) for population, some in seeds.items()]

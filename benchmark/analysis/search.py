@@ -7,179 +7,181 @@ seeds, the chosen settings, and the same with one of them at other values.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice
+from typing import Final, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from benchmark.analysis.frames import Group, tables
 from benchmark.execution import driver
-from benchmark.execution.store import Store, evaluated
-from benchmark.experiments import (
-    DEFAULT_CONDITION,
-    Experiment,
-    RunSpecification,
-    evaluation_steps,
-    specifications,
-)
-from benchmark.experiments.search import Chosen
-from envs import InputError
+from benchmark.execution.store import Store
+from benchmark.experiments import Experiment, Learner, Population, RunSpecification
+from benchmark.experiments.search import Chosen, Search
 from envs.inputs import override, parse
 
-Runs = list[RunSpecification]
+Areas = NDArray[np.float64]
+COLUMNS: Final = ("area", "cpu_time_s")  # of runs, that a search needs
+SEARCHED, FRESH, AROUND = "search", "fresh", "around"  # stages
 
 
-def area(success: NDArray[np.float64], steps: Sequence[int]) -> NDArray[np.float64]:
-    """Returns the area under curves of success, (..., T), relative to that of a success of 1 from the start.
+class Outcome(NamedTuple):
+    """What a search has found for a learner. I scenarios."""
 
-    >>> float(area(np.array([0.0, 1.0, 1.0]), [0, 10, 20]))
-    0.75
-    """
-    return np.asarray(np.trapezoid(success, steps) / (steps[-1] - steps[0]))
+    learner: Learner
+    searched: Areas  # (trials, I, N) of every trial, on the first seeds
+    fresh: Mapping[tuple[int, str], Areas]  # (N,) on fresh seeds, by trial and scenario
+    chosen: int  # the finalist with the largest mean on fresh seeds
 
-
-@dataclass(frozen=True, eq=False)
-class Searched:
-    """What a search has found for a learner so far. I scenarios."""
-
-    experiment: Experiment
-    variant: str
-    observation: str
-    store: Store
-
-    @property
-    def name(self) -> str:
-        """The learner's name."""
-        return f"{self.variant}, {self.observation}"
-
-    @cached_property
-    def n_trials(self) -> int:
-        """How many there are, with trial 0."""
-        assert self.experiment.search is not None
-        return self.experiment.search.trials + 1
-
-    def runs(self, trial: int, scenario: str, seeds: Sequence[int] | None = None) -> Runs:
-        """Lists the runs of a trial in a scenario, with the declared seeds or others."""
-        condition = f"{DEFAULT_CONDITION}/trial={trial}"
-        return specifications(self.experiment, condition, scenario, self.variant, self.observation, seeds)
-
-    def areas(self, runs: Sequence[RunSpecification]) -> NDArray[np.float64]:
-        """Returns the area under the curve of success of stored runs, (N,)."""
-        name = evaluated("success", self.experiment.algorithms[self.variant].policy, "start")
-        steps = evaluation_steps(runs[0].settings.budget, runs[0].evaluation_every)
-        found = np.stack([record.arrays[name] for record in self.store.get([run.digest for run in runs])])
-        if not found.size:
-            raise InputError(
-                f"{self.experiment.argument}: algorithms.{self.variant}.policy = stochastic: its training "
-                "returns no such policy; accepted: greedy."
-            )
-        return area(found, steps)
-
-    @cached_property
-    def searched(self) -> NDArray[np.float64]:
-        """(trials, I, N) the areas of every trial."""
-        names = self.experiment.scenarios
-        return np.array([[self.areas(self.runs(t, each)) for each in names] for t in range(self.n_trials)])
-
-    @cached_property
-    def finalists(self) -> list[int]:
-        """The best trials, the best first; of equal ones the first."""
-        assert self.experiment.search is not None
-        order = np.argsort(-self.searched.mean(axis=(1, 2)), kind="stable")
-        return [int(trial) for trial in order[: self.experiment.search.finalists]]
-
-    @cached_property
-    def best(self) -> list[int]:
-        """(I,) the best trial of each scenario."""
-        return [int(trial) for trial in self.searched.mean(axis=2).argmax(axis=0)]
-
-    @cached_property
-    def fresh_runs(self) -> Mapping[tuple[int, str], Runs]:
-        """The runs of the second stage, by trial and scenario."""
-        assert self.experiment.search is not None
-        names = self.experiment.scenarios
-        cells = [(trial, name) for trial in [*self.finalists, 0] for name in names]
-        cells += zip(self.best, names, strict=True)
-        return {cell: self.runs(*cell, self.experiment.search.fresh) for cell in cells}
-
-    @cached_property
-    def fresh(self) -> Mapping[tuple[int, str], NDArray[np.float64]]:
-        """The areas of the second stage, (N,) each."""
-        return {cell: self.areas(runs) for cell, runs in self.fresh_runs.items()}
-
-    def everywhere(self, trial: int) -> list[NDArray[np.float64]]:
+    def everywhere(self, trial: int) -> list[Areas]:
         """Returns the fresh areas of a finalist or of trial 0 in every scenario."""
-        return [self.fresh[trial, scenario] for scenario in self.experiment.scenarios]
+        return [areas for (other, _), areas in self.fresh.items() if other == trial]
 
-    @cached_property
-    def chosen(self) -> int:
-        """The finalist with the largest mean on fresh seeds."""
-        return max(self.finalists, key=lambda trial: float(np.mean(self.everywhere(trial))))
 
-    def settings(self, trial: int) -> dict[str, Any]:
-        """Returns the settings that a trial has, but for the budget and the time limit."""
-        changes = self.experiment.conditions[f"{DEFAULT_CONDITION}/trial={trial}"]
-        drawn = {k: v for change in changes.values() for k, v in change.settings_of(self.variant).items()}
-        own = self.experiment.settings | self.experiment.algorithms[self.variant].settings
-        fixed = ("budget", "time_limit")
-        return override({key: own[key] for key in own if key not in fixed}, drawn, self.name)
+def finalists(searched: Areas, n: int) -> list[int]:
+    """Returns the n best trials by (trials, I, N) areas, the best first; of equal ones the first."""
+    order = np.argsort(-searched.mean(axis=(1, 2)), kind="stable")
+    return [int(trial) for trial in order[:n]]
 
-    @cached_property
-    def around(self) -> Mapping[tuple[str, str], Runs]:
-        """The runs of the chosen settings, by ("", ""), and with one at another value, by key and value."""
-        assert self.experiment.search is not None
-        declared = self.experiment.algorithms[self.variant]
-        n = len(self.experiment.declared_seeds(self.variant, DEFAULT_CONDITION))
-        seeds = self.experiment.search.around(n)
-        own = [self.runs(self.chosen, scenario, seeds) for scenario in self.experiment.scenarios]
-        found = {("", ""): [run for runs in own for run in runs]}
-        for key, axis in declared.search.items():
-            for value in axis.marks:
-                changed = override(own[0][0].settings.model_dump(mode="json"), {key: value}, self.name)
-                settings = parse(type(own[0][0].settings), changed, f"{self.name}: {key} = {value}")
-                if settings != own[0][0].settings:
-                    first = [replace(runs[0], settings=settings) for runs in own]
-                    found[key, json.dumps(value)] = [each.with_seed(seed) for each in first for seed in seeds]
-        return found
 
-    def result(self) -> Chosen:
-        """Returns the chosen settings, and the effort."""
-        cells = np.ndindex(self.n_trials, len(self.experiment.scenarios))
-        every = [self.runs(trial, self.experiment.scenarios[i]) for trial, i in cells]
-        runs = [run for runs in (*every, *self.fresh_runs.values()) for run in runs]
-        records = self.store.get([run.digest for run in runs], arrays=False)
-        return Chosen(
-            trial=self.chosen,
-            settings=self.settings(self.chosen),
-            score=round(float(np.mean(self.everywhere(self.chosen))), 6),
-            trials=self.n_trials - 1,
-            runs=len(runs),
-            steps=sum(run.settings.budget for run in runs),
-            cpu_time_s=round(sum(each.provenance["cpu_time_s"][-1] for each in records), 3),
+def best_apart(searched: Areas) -> list[int]:
+    """Returns the best trial of each scenario, by (trials, I, N) areas."""
+    return [int(trial) for trial in searched.mean(axis=2).argmax(axis=0)]
+
+
+def run_again(searched: Areas, n: int) -> list[tuple[int, int]]:
+    """Lists trials and indices of scenarios with fresh runs: of n finalists, of trial 0 and of `best_apart`."""
+    everywhere = [(trial, i) for trial in [*finalists(searched, n), 0] for i in range(searched.shape[1])]
+    apart = [(trial, i) for i, trial in enumerate(best_apart(searched))]
+    return [*dict.fromkeys(everywhere + apart)]
+
+
+def winner(candidates: Sequence[int], fresh: Mapping[tuple[int, str], Areas]) -> int:
+    """Returns the trial with the largest mean on fresh seeds."""
+
+    def mean(trial: int) -> float:
+        return float(np.mean([areas for (other, _), areas in fresh.items() if other == trial]))
+
+    return max(candidates, key=mean)
+
+
+def searched_areas(runs: pd.DataFrame, experiment: Experiment, learner: Learner) -> Areas:
+    """Returns the areas of a learner's trials on the first seeds, (trials, I, N)."""
+    rows = runs[(runs["learner"] == learner.name) & (runs["stage"] == SEARCHED)]
+    shape = len(experiment.conditions), len(experiment.scenarios), -1
+    return rows["area"].to_numpy().reshape(shape)
+
+
+def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
+    """Returns what a search has found for every learner, by its runs of the first two stages."""
+    search = experiment.declared.search
+    assert search is not None
+    found = []
+    for learner in experiment.learners.values():
+        searched = searched_areas(runs, experiment, learner)
+        again = runs[(runs["learner"] == learner.name) & (runs["stage"] == FRESH)]
+        fresh = {
+            (int(trial), scenario): rows["area"].to_numpy()
+            for (trial, scenario), rows in again.groupby(["trial", "scenario"], sort=False)
+        }
+        chosen = winner(finalists(searched, search.finalists), fresh)
+        found.append(Outcome(learner, searched, fresh, chosen))
+    return found
+
+
+def settings_of(experiment: Experiment, learner: Learner, trial: int) -> dict[str, object]:
+    """Returns the settings that a trial has, but for the budget and the time limit."""
+    condition = [*experiment.conditions.values()][trial]
+    own = experiment.declared.settings | learner.declared.settings
+    searched = {key: value for key, value in own.items() if key not in ("budget", "time_limit")}
+    return override(searched, condition.settings_changes(learner.variant), learner.name)
+
+
+def choices(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
+    """Returns the chosen settings of every learner and the effort, by its name; see `outcomes`."""
+    found = {}
+    for outcome in outcomes(experiment, runs):
+        name = outcome.learner.name
+        tried = runs[(runs["learner"] == name) & (runs["stage"] != AROUND)]
+        found[name] = Chosen(
+            trial=outcome.chosen,
+            settings=settings_of(experiment, outcome.learner, outcome.chosen),
+            score=round(float(np.mean(outcome.everywhere(outcome.chosen))), 6),
+            trials=len(outcome.searched) - 1,
+            runs=len(tried),
+            steps=int(tried["budget"].sum()),
+            cpu_time_s=round(float(tried["cpu_time_s"].sum()), 3),
         )
+    return found
 
 
-def searched(experiment: Experiment, store: Store) -> list[Searched]:
-    """Returns what a search has found for every learner; nothing of an experiment without a search."""
-    if experiment.search is None:
-        return []
-    return [
-        Searched(experiment, name, observation, store)
-        for name, declared in experiment.algorithms.items()
-        for observation in declared.observations
+def groups(experiment: Experiment, store: Store) -> list[Group]:
+    """Lists the runs of all stages that are known by what is stored."""
+    return [group for stage in _stages(experiment, store) for group in stage]
+
+
+def further_stages(experiment: Experiment, store: Store) -> Iterator[list[RunSpecification]]:
+    """Yields the runs of the second and third stage, each as long as those before are stored."""
+    for stage in islice(_stages(experiment, store), 1, None):
+        runs = {run.digest: run for group in stage for run in group.runs}
+        yield [*runs.values()]
+
+
+def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
+    search = experiment.declared.search
+    assert search is not None
+    populations = _populations(experiment)
+    scenarios, learners = [*experiment.scenarios], experiment.learners.values()
+    first = [Group(population, population.runs(), {"stage": SEARCHED}) for population in populations.values()]
+    yield first
+    if _is_pending(first, store):
+        return
+    runs, _ = tables(first, store, COLUMNS)
+    fresh = [
+        Group(population, population.runs(search.fresh), {"stage": FRESH})
+        for learner in learners
+        for trial, i in run_again(searched_areas(runs, experiment, learner), search.finalists)
+        for population in [populations[learner.name, trial, scenarios[i]]]
+    ]
+    yield fresh
+    if _is_pending(fresh, store):
+        return
+    runs = pd.concat([runs, tables(fresh, store, COLUMNS)[0]])
+    yield [
+        group
+        for outcome in outcomes(experiment, runs)
+        for group in _around([populations[outcome.learner.name, outcome.chosen, name] for name in scenarios], search)
     ]
 
 
-def later_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
-    """Yields the runs of the second and third stage, each as long as those before are stored."""
-    learners = searched(experiment, store)
-    runs = _distinct(run for each in learners for runs in each.fresh_runs.values() for run in runs)
-    yield runs
-    if not driver.pending(runs, store):
-        yield _distinct(run for each in learners for runs in each.around.values() for run in runs)
+def _populations(experiment: Experiment) -> dict[tuple[str, int, str], Population]:
+    """Returns all populations by learner, trial and scenario."""
+    return {
+        (each.learner.name, int(each.condition.axes["trial"]), each.scenario.name): each
+        for each in experiment.populations
+    }
 
 
-def _distinct(runs: Iterable[RunSpecification]) -> Runs:
-    return list({run.digest: run for run in runs}.values())
+def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
+    """Yields runs with the chosen settings in every scenario, and with one of them at another value."""
+    learner, settings = chosen[0].learner, chosen[0].first.settings
+    seeds = search.around(len(chosen[0].seeds))
+    changed = {("", ""): settings}
+    for key, axis in learner.declared.search.items():
+        for value in axis.marks:
+            content = override(settings.model_dump(mode="json"), {key: value}, learner.name)
+            other = parse(type(settings), content, f"{learner.name}: {key} = {value}")
+            if other != settings:
+                changed[key, json.dumps(value)] = other
+    for (key, value), other in changed.items():
+        for population in chosen:
+            first = replace(population.first, settings=other)
+            more = {"stage": AROUND, "setting": key, "value": value}
+            yield Group(population, [first.with_seed(seed) for seed in seeds], more)
+
+
+def _is_pending(groups: Sequence[Group], store: Store) -> bool:
+    return bool(driver.pending([run for group in groups for run in group.runs], store))
