@@ -10,16 +10,15 @@ import re
 from collections.abc import Callable
 from functools import cached_property, partial
 from pathlib import Path
-from textwrap import fill
 from typing import Final
 
-import jinja2
 import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.reports import files, load_items, load_report, prose
 from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import PICTURES, Finding, Item, as_written
+from benchmark.reports.templates import templates_in as templates_in
 from envs.observations import OBSERVATIONS
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
@@ -58,13 +57,8 @@ class Document:
         Raises:
           ClaimError: The tables do not show what it claims.
         """
-        path = prose.text_of(self.folder)
-        if path is None:
-            return None
-        with self.folder.reading():
-            text = templates_in(path.parent).get_template(path.name).render(prose.lookups(self.folder))
-        paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
-        return Finding("\n\n".join(filter(None, paragraphs)), "several")
+        text = prose.written(self.folder)
+        return None if text is None else Finding(text, "several")
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -197,43 +191,19 @@ def front(results: Path) -> str:
       InputError: A folder of results is damaged, or lacks what README cites.
     """
 
-    def headline(name: str, paragraph: int = 0) -> str:
-        document = Document(results / name)
-        found = document.written or document.headline
-        paragraphs = [] if found is None else tables.plain(found.text).split("\n\n")
-        return "".join(paragraphs[paragraph : paragraph + 1])
+    def text(name: str, title: str = "") -> str:
+        return prose.titled(Folder(results / name), title)
 
     def figure(name: str, item: str) -> str:
         return f"results/{name}/{_figure(Folder(results / name), item)}"
 
-    functions = [figure, headline]
+    functions = [figure, text]
     with Folder(results / "compare_deep").reading():
         return (
             templates_in(_FRONT.parent)
             .get_template(_FRONT.name)
             .render({each.__name__: each for each in functions})
         )
-
-
-def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
-    """Returns the templates in a folder: of HTML, or of Markdown, with filters for texts and numbers."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
-        autoescape=is_html,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"text": tables.paragraph, "number": tables.show, "plain": tables.plain}
-    environment.filters["wrapped"] = _wrapped
-    return environment
-
-
-def _wrapped(text: str, indent: str = "") -> str:
-    """Returns a paragraph in lines, all but the first of which are indented."""
-    filled = fill(text, 118, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-    return f"{filled}\n"
 
 
 def readme(path: Path) -> str:
