@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population
+from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records
 from benchmark.execution.store import VALUE_DECIMALS
 from benchmark.reports.item import Item, writing
 from envs import ACTIONS, EVENTS, ZONES, Model
