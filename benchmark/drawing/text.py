@@ -20,13 +20,14 @@ _LEGEND: Final = f"""\
 def to_text(film: Film, moment: Moment) -> Text:
     """Returns a moment as text: a cell's greedy actions, on the colour of its best value."""
     film = film.seen(moment)
-    scene, values, place = film.scene, film.values[moment.place], moment.place
-    best = np.where(film.is_unvisited(place), np.nan, values.max(axis=1))  # NaN, too, if the agent diverged
-    greedy, agent = contains(film.greedy[place]), moment.cells[-1]
+    scene, index, agent = film.scene, moment.index, moment.cells[-1]
+    greedy, values = contains(film.greedy[index]), film.values[index]
+    # It has no value, too, if the agent diverged.
+    best = film.norm(np.where(film.is_unvisited(index), np.nan, values.max(axis=1)))
     text = Text(f"{film.title}\n")
-    text.append(f"step {film.steps[place]:,}, score {film.scores[place]:.2f}  ")
+    text.append(f"step {film.steps[index]:,}, score {film.scores[index]:.2f}  ")
     text.append(f"{ENDINGS.get(moment.ending, '')}\n")
-    for cell, (red, green, blue) in enumerate(film.colours(best).tolist()):
+    for cell, (red, green, blue, _) in enumerate(film.colours(best, bytes=True).tolist()):
         if cell == agent:
             sign = "@"
         elif scene.is_over[cell]:
