@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from matplotlib import pyplot as plt
-from matplotlib.animation import FuncAnimation
-from matplotlib.artist import Artist
-from matplotlib.backend_bases import KeyEvent
+from matplotlib.backend_bases import Event
 from rich.console import Console
 from rich.live import Live
 
@@ -106,22 +104,34 @@ def has_window() -> bool:
 
 
 def in_window(film: Film) -> None:
-    """Plays the film in a window until the reader closes it; the space bar pauses."""
-    screen, is_paused = Screen([[film]]), False
+    """Plays the film in a window until the reader closes it."""
+    screen, shown, frame, is_paused = Screen([[film]]), list(moments(film)), 0, False
+    canvas = screen.figure.canvas
 
-    def show(moment: Moment) -> list[Artist]:
-        screen.show([moment])
-        return []  # artists to redraw alone
+    def go_to(index: int) -> None:
+        nonlocal frame
+        frame = index
+        screen.show([shown[frame]])
+        canvas.draw_idle()
 
-    def on_key(event: KeyEvent) -> None:
+    def play() -> None:
+        if not is_paused and frame < len(shown) - 1:  # the last frame stays
+            go_to(frame + 1)
+
+    def on_key(event: Event) -> None:
         nonlocal is_paused
-        if event.key == " ":
+        key = getattr(event, "key", None)
+        if key == " ":
             is_paused = not is_paused
-            (animation.pause if is_paused else animation.resume)()
+        if key in ("left", "right"):
+            index = shown[frame].index + (1 if key == "right" else -1)
+            go_to(next((i for i, moment in enumerate(shown) if moment.index == index), frame))
 
-    interval, frames = 1000 / FRAMES_PER_SECOND, list(moments(film))
-    animation = FuncAnimation(screen.figure, show, frames, interval=interval, repeat=False)
-    screen.figure.canvas.mpl_connect("key_press_event", on_key)
+    go_to(0)
+    print("space: pause, left and right: training, q: quit")
+    canvas.mpl_connect("key_press_event", on_key)
+    timer = canvas.new_timer(round(1000 / FRAMES_PER_SECOND), [(play, (), {})])
+    timer.start()
     plt.show()
 
 

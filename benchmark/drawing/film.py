@@ -1,8 +1,8 @@
-"""Paints how agents learn: what they value and do, and where they walk, one frame per moment of training.
+"""Draws how agents learn: what they value and do, and where they walk, one frame per moment of training.
 
 A cell's four triangles are the values of its moves, the disc in its middle is that of PING, and the line is
-the greedy policy's walk from the start. Cells are hatched where the agent has learned nothing: all actions
-are equally good.
+the greedy policy's walk from the start. Cells are hatched where the agent has learned nothing, so that all
+actions are equally good, or where it has diverged.
 """
 
 import io
@@ -13,34 +13,21 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib import patheffects
 from matplotlib import pyplot as plt
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 from PIL import Image
 
 from agents.policy import contains
 from benchmark.analysis.population import Population
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
-from benchmark.drawing.maps import (
-    RGB,
-    Style,
-    add_area,
-    arrowheads,
-    colour_bar,
-    colour_map,
-    dots,
-    triangles,
-)
+from benchmark.drawing.maps import RGB, Style, add_area, arrowheads, colour_bar, discs, dots, triangles
 from benchmark.drawing.style import check_file, figure_of
 from envs import ACTIONS, Model
-from envs.model import PING
 from envs.regions import outlines
 from envs.scene import Scene, cell_map, colour_limits, scene_of
 
@@ -54,13 +41,12 @@ ENDINGS: Final = {
 ANIMATIONS: Final = (".webp", ".gif")  # endings of files
 _DPI: Final = 100
 _CELL, _LARGE_CELL = 0.21, 0.34  # inches, of the cells of several films, and of one
-_LARGEST_MAP: Final = 150  # square inches: cells of larger rooms are smaller
-_LONGEST_SIDE: Final = 80  # inches, of a map
-_NARROWEST: Final = 2.6  # inches, of the texts above a map
+_LARGEST_MAP, _LONGEST_SIDE = 150, 80  # square inches and inches: cells of larger rooms are smaller
+_NARROWEST, _GAP, _BAR = 2.6, 0.1, 0.7  # inches: the texts above a map, between maps, a colour bar
+_WIDEST: Final = 16_383 / _DPI - _BAR  # inches: a WebP has at most so many pixels
 _TITLE, _LINE, _CHARACTERS = 8, 0.14, 15  # size in points, inches of a line, characters in an inch
-_MOST_WEBP: Final = 16_383  # pixels of a side
 _FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
-_UNVISITED: Final[Style] = {"fc": RGB["no value"], "ec": RGB["line"], "lw": 0, "hatch": "//", "zorder": 0.8}
+_UNKNOWN: Final[Style] = {"fc": RGB["no value"], "ec": RGB["line"], "lw": 0, "hatch": "//"}
 _OUTLINED: Final = [patheffects.withStroke(linewidth=2.8, foreground="white")]
 _PATH: Final[Style] = {"color": RGB["path"], "lw": 1.5, "path_effects": _OUTLINED, "zorder": 1.6}
 _AGENT: Final[Style] = {"color": RGB["path"], "marker": "o", "ms": 8, "mec": "white", "mew": 1, "zorder": 1.7}
@@ -89,21 +75,12 @@ class Film:
         """The ends of the colour scale, the same for all maps."""
         return self.scale or colour_limits(self.values)
 
-    @property
-    def norm(self) -> Normalize:
-        """The colour scale."""
-        return Normalize(*self.limits)
-
-    @property
-    def colours(self) -> Colormap:
-        """The colours of the values; NaN has one, too."""
-        return mpl.colormaps[colour_map(self.norm)].with_extremes(bad=RGB["no value"])
-
-    def is_unvisited(self, index: int) -> NDArray[np.bool_]:
-        """Returns in which cells of a map, (O,), all actions are equally good: the agent was never there."""
-        values = self.values[index]
+    def is_unknown(self, index: int) -> NDArray[np.bool_]:
+        """Returns in which cells of a map, (O,), there is no value, or all actions are equally good."""
+        values, greedy = self.values[index], contains(self.greedy[index])
         # Values are rounded, greedy actions were chosen before.
-        return np.asarray((values == values[:, :1]).all(axis=1) & contains(self.greedy[index]).all(axis=1))
+        is_unvisited = (values == values[:, :1]).all(axis=1) & greedy.all(axis=1)
+        return np.asarray(is_unvisited | np.isnan(values).any(axis=1))
 
     def seen(self, moment: "Moment") -> "Film":
         """Returns the film with the issuer where it is at a moment, in the same phase."""
@@ -175,55 +152,86 @@ class Screen:
     """
 
     def __init__(self, films: Sequence[Sequence[Film]]) -> None:
-        """Makes the figure, without any moment. If a WebP cannot be so wide, the last films are left out."""
-        has_arrows = sum(map(len, films)) == 1
+        """Makes the figure and shows the first map; films that do not fit into a WebP are left out."""
+        self.films: list[Film] = []
+        self._axes: list[Axes] = []
         rows, columns = np.max([(film.scene.rows, film.scene.columns) for row in films for film in row], 0)
         cell = min(
-            _LARGE_CELL if has_arrows else _CELL,
+            _LARGE_CELL if sum(map(len, films)) == 1 else _CELL,
             (_LARGEST_MAP / (rows * columns)) ** 0.5,
             _LONGEST_SIDE / max(rows, columns),
         )
-        panel = max(cell * columns, _NARROWEST)
-        films = [row[: max(int(_MOST_WEBP / _DPI / (panel + 0.1)) - 1, 1)] for row in films]
-        n_characters = int(panel * _CHARACTERS)
+        width = max(cell * columns, _NARROWEST) + _GAP
+        films = [row[: max(int(_WIDEST / width), 1)] for row in films]
+        n_columns, n_characters = max(map(len, films)), int(width * _CHARACTERS)
         n_lines = max(len(wrap(film.title, n_characters)) for row in films for film in row) + 2
-        n_columns = max(map(len, films))
-        size = (panel + 0.1) * n_columns + 0.7, (cell * rows + _LINE * n_lines + 0.2) * len(films)
-        self.panels: list[_Panel] = []
+        size = n_columns * width + _BAR, len(films) * (cell * rows + n_lines * _LINE + _GAP)
         with figure_of(len(films), n_columns, size) as (self.figure, axes):
             self.figure.set_dpi(_DPI)
             for row, row_axes in zip(films, axes, strict=True):
                 scale = colour_limits(np.concatenate([film.values.ravel() for film in row]))
-                row = [replace(film, scale=scale) for film in row]
-                colour_bar(self.figure, row_axes, row[0].norm, "value", extend="both")
+                colour_bar(self.figure, row_axes, Normalize(*scale), "value", extend="both")
                 for axis in row_axes[len(row) :]:
                     axis.set_axis_off()
-                for axis, film in zip(row_axes, row, strict=False):
+                for film in row:
                     title = "\n".join(wrap(film.title, n_characters))
-                    self.panels.append(_Panel(axis, replace(film, title=title), has_arrows=has_arrows))
-            self.show([end_of(panel.film, 0) for panel in self.panels])
+                    self.films.append(replace(film, title=title, scale=scale))
+                self._axes += list(row_axes[: len(row)])
+            self.show([end_of(film, 0) for film in self.films])
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")  # a layout takes longer than a frame
 
     def show(self, moments: Sequence[Moment]) -> None:
         """Shows a moment of every film."""
-        for panel, moment in zip(self.panels, moments, strict=True):
-            panel.show(moment)
+        for axis, film, moment in zip(self._axes, self.films, moments, strict=True):
+            _draw(axis, film.seen(moment), moment, has_arrows=len(self.films) == 1)
 
     def image(self) -> Image.Image:
         """Returns the figure as an image."""
         buffer = io.BytesIO()
         self.figure.savefig(buffer, format="rgba", dpi=_DPI)
-        size = round(self.figure.bbox.width), round(self.figure.bbox.height)
+        size = self.figure.canvas.get_width_height()
         return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
+
+
+def _draw(axis: Axes, film: Film, moment: Moment, *, has_arrows: bool) -> None:
+    scene, index, agent, norm = film.scene, moment.index, moment.cells[-1], Normalize(*film.limits)
+    greedy, is_unknown = contains(film.greedy[index]), film.is_unknown(index)
+    cell = np.arange(scene.n_cells).repeat(len(ACTIONS))
+    frame = pd.DataFrame(
+        {
+            "row": cell // scene.columns,
+            "column": cell % scene.columns,
+            "action": np.tile(ACTIONS, scene.n_cells),
+            "value": film.values[index].ravel(),
+            # All actions are greedy mostly where the agent has never been.
+            "is_marked": greedy.ravel() & ~greedy.all(axis=1).repeat(len(ACTIONS)) & (cell != agent),
+        }
+    )[~(is_unknown | scene.is_over).repeat(len(ACTIONS))]
+    is_ping = frame["action"] == "PING"
+    axis.clear()
+    axis.set_facecolor(RGB["over"])
+    add_area(axis, outlines((is_unknown & ~scene.is_over).reshape(scene.rows, -1)), _UNKNOWN)
+    triangles(axis, scene, frame[~is_ping], norm, "value")
+    discs(axis, frame[is_ping], norm, "value")
+    if has_arrows:
+        arrowheads(axis, frame[~is_ping & frame["is_marked"]])
+    dots(axis, frame[is_ping & frame["is_marked"]])
+    axis.plot(*scene.position[[*moment.cells]].T[::-1], **_PATH)
+    axis.plot(*scene.position[[agent]].T[::-1], **_AGENT)
+    diverged = "diverged   " if np.isnan(film.values[index]).any() else ""
+    state = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
+    title = f"{film.title}\n{state}\n{ENDINGS.get(moment.ending, '')}"
+    axis.set_title(title, loc="left", size=_TITLE, parse_math=False)
+    axis.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
 
 def learning(films: Sequence[Sequence[Film]]) -> list[Image.Image]:
     """Draws agents side by side, at every step at which one of them has a map."""
     screen = Screen(films)
     frames = []
-    for step in sorted({step for row in films for film in row for step in film.steps}):
-        screen.show([panel.film.end_at(step) for panel in screen.panels])
+    for step in sorted({step for film in screen.films for step in film.steps}):
+        screen.show([film.end_at(step) for film in screen.films])
         frames.append(screen.image())
     plt.close(screen.figure)
     return frames
@@ -246,71 +254,3 @@ def write(frames: Sequence[Image.Image], path: Path) -> None:
         quality=70,
         duration=[_FRAME_MS] * (len(frames) - 1) + [_LAST_MS],
     )
-
-
-class _Panel:
-    """The map of one film."""
-
-    def __init__(self, axis: Axes, film: Film, *, has_arrows: bool) -> None:
-        self.film = film
-        self._axis, self._has_arrows = axis, has_arrows
-        self._scene: Scene | None = None
-        self._marks: list[Artist] = []  # of the moment that is shown
-
-    def show(self, moment: Moment) -> None:
-        film, index = self.film.seen(moment), moment.index
-        if film.scene is not self._scene:
-            self._draw(film.scene)
-        values, greedy = film.values[index], contains(film.greedy[index])
-        self._moves.set_array(values[self._cells, :PING].ravel())
-        self._pings.set_array(values[self._cells, PING])
-        is_unvisited = film.is_unvisited(index) & ~film.scene.is_over
-        # All actions are greedy mostly where the agent has never been; marks would say nothing.
-        is_marked = greedy & ~greedy.all(axis=1, keepdims=True) & ~film.scene.is_over[:, None]
-        chosen = _cells(film.scene, *np.nonzero(is_marked))
-        is_ping = chosen["action"] == "PING"
-        pings = dots(self._axis, chosen[is_ping])
-        pings.set_zorder(1.5)  # below the path, which is below person and start
-        for mark in self._marks:
-            mark.remove()
-        self._marks = [
-            *add_area(self._axis, outlines(is_unvisited.reshape(film.scene.rows, -1)), _UNVISITED),
-            *([arrowheads(self._axis, chosen[~is_ping])] if self._has_arrows else []),
-            pings,
-            *self._axis.plot(*film.scene.position[[*moment.cells]].T[::-1], **_PATH),
-            *self._axis.plot(*film.scene.position[moment.cells[-1:]].T[::-1], **_AGENT),
-        ]
-        diverged = "diverged   " if np.isnan(film.values[index]).any() else ""
-        state = f"step {film.steps[index]:,}   {diverged}score {film.scores[index]:.2f}"
-        text = f"{film.title}\n{state}\n{ENDINGS.get(moment.ending, '')}"
-        self._axis.set_title(text, loc="left", size=_TITLE, parse_math=False)
-
-    def _draw(self, scene: Scene) -> None:
-        """Draws what stays the same as long as the scene does."""
-        self._axis.clear()
-        self._marks, self._scene = [], scene
-        self._cells = np.flatnonzero(~scene.is_over)
-        moves = _cells(scene, np.repeat(self._cells, PING), np.tile(np.arange(PING), len(self._cells)))
-        self._moves = triangles(self._axis, scene, moves.assign(value=0.0), self.film.norm, "value")
-        self._moves.set(cmap=self.film.colours, zorder=0.5)
-        self._pings = EllipseCollection(
-            [0.4],
-            [0.4],
-            [0.0],
-            units="xy",
-            offsets=scene.position[self._cells][:, ::-1],
-            offset_transform=self._axis.transData,
-            norm=self.film.norm,
-            cmap=self.film.colours,
-            edgecolors=[RGB["line"]],
-            linewidths=0.4,
-            zorder=0.6,
-        )
-        self._axis.add_collection(self._pings)
-        self._axis.set(facecolor=RGB["over"], xticks=[], yticks=[], xlabel="", ylabel="")
-
-
-def _cells(scene: Scene, cell: NDArray[np.intp], action: NDArray[np.intp]) -> pd.DataFrame:
-    """Returns cells and actions as `maps` draws them."""
-    row, column = np.divmod(cell, scene.columns)
-    return pd.DataFrame({"row": row, "column": column, "action": np.array(ACTIONS)[action]})

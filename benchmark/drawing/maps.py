@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import EllipseCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -67,20 +67,30 @@ def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize)
     _dress(axis, scene, _ON_VALUES)
 
 
-def triangles(
-    axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean"
-) -> PolyCollection:
+def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, value: str = "mean") -> None:
     """Draws one value per cell and move as a triangle on the side of the cell to which the move leads.
 
     The frame has columns row, column, action (moves alone) and the one that is drawn.
     """
-    drawn = PolyCollection(
-        _shapes(frame, TRIANGLES), array=frame[value].to_numpy(),
-        cmap=colour_map(norm), norm=norm, edgecolors="face", linewidths=0.2,
+    axis.add_collection(
+        PolyCollection(
+            _shapes(frame, TRIANGLES), array=frame[value].to_numpy(),
+            cmap=colour_map(norm), norm=norm, edgecolors="face", linewidths=0.2,
+        )
     )  # fmt: skip
-    axis.add_collection(drawn)
     _dress(axis, scene, _ON_VALUES)
-    return drawn
+
+
+def discs(axis: Axes, frame: pd.DataFrame, norm: Normalize, value: str) -> None:
+    """Draws one value per cell as a disc in its middle; columns row, column and the one that is drawn."""
+    axis.add_collection(
+        EllipseCollection(
+            [0.4], [0.4], [0], units="xy",
+            offsets=frame[["column", "row"]].to_numpy(), offset_transform=axis.transData,
+            array=frame[value].to_numpy(), cmap=colour_map(norm), norm=norm,
+            edgecolors=RGB["line"], linewidths=0.4,
+        )
+    )  # fmt: skip
 
 
 def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
@@ -99,21 +109,18 @@ def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
     )  # fmt: skip
 
 
-def arrowheads(axis: Axes, moves: pd.DataFrame) -> PolyCollection:
+def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:
     """Draws an arrow head for every move, beside the centre of its cell, so that several fit into one.
 
     The frame has columns row, column and action.
     """
     shapes = _shapes(moves, ARROWHEADS)
-    drawn = PolyCollection(shapes, facecolors="white", edgecolors="black", linewidths=0.4)
-    axis.add_collection(drawn)
-    return drawn
+    axis.add_collection(PolyCollection(shapes, facecolors="white", edgecolors="black", linewidths=0.4))
 
 
-def dots(axis: Axes, cells: pd.DataFrame) -> Line2D:
+def dots(axis: Axes, cells: pd.DataFrame) -> None:
     """Draws a dot in each of these cells; columns row and column."""
-    (drawn,) = axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
-    return drawn
+    axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
 
 
 def colour_map(norm: Normalize) -> str:
@@ -280,10 +287,11 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
         axis.yaxis.set_major_formatter(lambda y, _: f"{y - row:g}".replace("-", "−"))
 
 
-def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> list[Patch]:
-    """Draws the cells that loops enclose, except those in holes, as one patch; none without any loop."""
+def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> None:
+    """Draws the cells that loops enclose, except those in holes."""
     paths = [Path(np.array([*loop, loop[0]])[:, ::-1] - 0.5, closed=True) for loop in loops]
-    return [axis.add_patch(PathPatch(Path.make_compound_path(*paths), **style))] if paths else []
+    if paths:
+        axis.add_patch(PathPatch(Path.make_compound_path(*paths), **style))
 
 
 def _shapes(frame: pd.DataFrame, of_move: NDArray[np.float64]) -> list[NDArray[np.float64]]:

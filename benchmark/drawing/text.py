@@ -2,11 +2,14 @@
 
 from typing import Final
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import Normalize
 from rich.text import Text
 
 from agents.policy import contains
 from benchmark.drawing.film import ENDINGS, Film, Moment
+from benchmark.drawing.maps import RGB, colour_map
 from envs.scene import ARROWS
 
 # Before and after a cell
@@ -22,12 +25,13 @@ def to_text(film: Film, moment: Moment) -> Text:
     film = film.seen(moment)
     scene, index, agent = film.scene, moment.index, moment.cells[-1]
     greedy, values = contains(film.greedy[index]), film.values[index]
-    # It has no value, too, if the agent diverged.
-    best = film.norm(np.where(film.is_unvisited(index), np.nan, values.max(axis=1)))
+    best = np.where(film.is_unknown(index), np.nan, values.max(axis=1))
+    norm = Normalize(*film.limits)
+    colours = mpl.colormaps[colour_map(norm)].with_extremes(bad=RGB["no value"])
     text = Text(f"{film.title}\n")
     text.append(f"step {film.steps[index]:,}, score {film.scores[index]:.2f}  ")
     text.append(f"{ENDINGS.get(moment.ending, '')}\n")
-    for cell, (red, green, blue, _) in enumerate(film.colours(best, bytes=True).tolist()):
+    for cell, (red, green, blue, _) in enumerate(colours(norm(best), bytes=True).tolist()):
         if cell == agent:
             sign = "@"
         elif scene.is_over[cell]:
