@@ -100,8 +100,15 @@ def settings_of(experiment: Experiment, learner: Learner, trial: int) -> dict[st
     return override(searched, condition.settings_changes(learner.variant), learner.name)
 
 
-def choices(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
-    """Returns the chosen settings of every learner and the effort, by its name; see `outcomes`."""
+def chosen(experiment: Experiment, store: Store) -> dict[str, Chosen]:
+    """Returns the chosen settings of every learner and the effort, by its name; all runs are stored."""
+    first, fresh, _ = _stages(experiment, store)
+    runs, _ = tables([*first, *fresh], store, COLUMNS)
+    return chosen_by(experiment, runs)
+
+
+def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
+    """Returns the same from the runs of the first two stages."""
     found = {}
     for outcome in outcomes(experiment, runs):
         name = outcome.learner.name

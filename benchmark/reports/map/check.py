@@ -1,5 +1,6 @@
 """What a map demands of an experiment."""
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 from agents.dynamic_programming import largest_success
@@ -10,50 +11,59 @@ from envs import InputError, Scenario, compile_scenario
 
 def check(experiment: Experiment) -> None:
     """Refuses, by an InputError, an experiment without grids or looks, or with contrasts of unequal seeds."""
-    report, where = experiment.report, experiment.argument
+    report, declared = experiment.report, experiment.declared
     assert report is not None
-    found = []
+    needed = {
+        "[grids]": declared.grids,
+        "[solved]": declared.solved,
+        "report.looks": report.looks,
+        "report.contrasts": report.contrasts,
+    }
+    found = [f"{key} is missing; this report needs it." for key, value in needed.items() if not value]
     if len(experiment.scenarios) > 1:
         found.append(f"scenarios: {len(experiment.scenarios)}: accepted: exactly one.")
-    for key, is_there in (
-        ("[grids]", bool(experiment.grids)),
-        ("[solved]", experiment.solved is not None),
-        ("report.looks", bool(report.looks)),
-        ("report.contrasts", bool(report.contrasts)),
-    ):
-        if not is_there:
-            found.append(f"{key} is missing; this report needs it.")
     if [*report.looks] != sorted({*report.looks}):
         found.append(f"report.looks = {[*report.looks]}: accepted: increasing numbers.")
-    known = {f"{name}, {observation}": name for _, name, observation in experiment.populations}
     for contrast in report.contrasts:
-        found += [
-            f"report.contrasts: {side}: accepted: {', '.join(known)}."
-            for side in contrast
-            if side not in known
-        ]
-        compared = {known[side]: experiment.algorithms[known[side]] for side in contrast if side in known}
-        for name, declared in compared.items():
-            if report.looks and declared.seeds != min(report.looks):
-                accepted = f"report.looks[0] = {report.looks[0]}, as report.contrasts names it"
-                found.append(f"algorithms.{name}.seeds = {declared.seeds}: accepted: {accepted}.")
-        if len({declared.first_seed for declared in compared.values()}) > 1:
-            found.append(f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed.")
-    if not found and not pairs(experiment):
+        found += _mistakes(experiment, contrast)
+    if not found and not compared(experiment):
         found.append(
             "report.contrasts: no compared grid has both learners of a contrast; accepted: one or more."
         )
+    found = found or [*_unreachable(experiment)]
     if found:
-        raise InputError(*(f"{where}: {sentence}" for sentence in found))
-    assert experiment.solved is not None
-    for cell in {pair[0].place: pair[0] for pair in pairs(experiment)}.values():
-        scenario = specifications(experiment, *cell)[0].drawn_scenario
-        if (most := _largest_success(scenario, experiment.horizon)) < experiment.solved.success:
-            raise InputError(
-                f"{where}: solved.success = {experiment.solved.success:g}: in {cell.scenario} at "
-                f"{cell.condition.split('/', 1)[1]} no policy succeeds more often than {most:.3g}; "
-                "accepted: at most that."
+        raise InputError(*(f"{experiment.argument}: {sentence}" for sentence in dict.fromkeys(found)))
+
+
+def _mistakes(experiment: Experiment, contrast: tuple[str, str]) -> Iterator[str]:
+    """Yields what is wrong with a contrast: unknown learners, or other seeds than the first look needs."""
+    assert experiment.report is not None
+    known, looks = experiment.learners, experiment.report.looks
+    for side in contrast:
+        if side not in known:
+            yield f"report.contrasts: {side}: accepted: {', '.join(known)}."
+    sides = [known[side] for side in contrast if side in known]
+    for side in sides:
+        if looks and side.declared.seeds != min(looks):
+            accepted = f"report.looks[0] = {looks[0]}, as report.contrasts names it"
+            yield f"algorithms.{side.variant}.seeds = {side.declared.seeds}: accepted: {accepted}."
+    if len({side.declared.first_seed for side in sides}) > 1:
+        yield f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed."
+
+
+def _unreachable(experiment: Experiment) -> Iterator[str]:
+    """Yields the first point at which no policy succeeds often enough."""
+    assert experiment.declared.solved is not None
+    level = experiment.declared.solved.success
+    for population in {x.condition.name: x for x, _ in compared(experiment)}.values():
+        most = _largest_success(population.first.drawn_scenario, experiment.declared.horizon)
+        if most < level:
+            point = population.condition.name.partition("/")[2]
+            yield (
+                f"solved.success = {level:g}: in {population.scenario.name} at {point} no policy succeeds more "
+                f"often than {most:.3g}; accepted: at most that."
             )
+            return
 
 
 @lru_cache(maxsize=1024)
