@@ -89,14 +89,13 @@ def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.Dat
     """
     curves = curves[curves["step"] <= budget]
     steps, success = by_step(curves, "step")[0], by_step(curves, "success")
-    first, last = learned(success, steps, level), len(steps) - 1
-    runs = pd.DataFrame({"seed": by_step(curves, "seed")[:, 0], "success": success[:, last]})
+    first, last = learned(success, steps, level, until=2), len(steps) - 1
+    of_runs = {"seed": by_step(curves, "seed")[:, 0], "success": success[:, last]}
     for name, column in SPENT.items():
         values = by_step(curves, column).astype(float)
-        at_first = values[np.arange(len(runs)), np.minimum(first, last)]
-        runs[name] = np.where(first > last, np.inf, at_first)
-        runs[f"spent_{name}"] = values[:, last]
-    return runs
+        at_first = values[np.arange(len(values)), np.minimum(first, last)]
+        of_runs |= {name: np.where(first > last, np.inf, at_first), f"spent_{name}": values[:, last]}
+    return pd.DataFrame(of_runs)
 
 
 def in_populations(frame: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
@@ -196,7 +195,7 @@ def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     yield [Group(population, population.runs()) for population in seeds]
     for n in experiment.report.looks[1:]:
         looked_at = [Group(side, side.runs(seeds[side])) for side in sides]
-        if any(driver.pending(group.runs, store) for group in looked_at):
+        if driver.pending([run for group in looked_at for run in group.runs], store):
             return
         _, curves = tables(looked_at, store, ["success", *SPENT.values()])
         for contrast in contrasts(experiment, curves):

@@ -160,7 +160,9 @@ def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     yield [
         group
         for outcome in outcomes(experiment, runs)
-        for group in _around([populations[outcome.learner.name, outcome.chosen, name] for name in scenarios], search)
+        for group in _around(
+            [populations[outcome.learner.name, outcome.chosen, name] for name in scenarios], search
+        )
     ]
 
 
