@@ -12,7 +12,7 @@ not matter why a contrast gets more runs.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -98,79 +98,69 @@ def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.Dat
     return pd.DataFrame(of_runs)
 
 
-def in_populations(frame: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
-    """Returns the rows of each population of a map, by condition and learner."""
-    return {(keys["condition"], keys["learner"]): rows for keys, rows in by_population(frame)}
-
-
-def key(population: Population) -> tuple[str, str]:
-    """Returns the key of a population in `in_populations`."""
-    return population.condition.name, population.learner.name
+def rows_of(experiment: Experiment, frame: pd.DataFrame) -> dict[Population, pd.DataFrame]:
+    """Returns the rows of every population of a map that has any, without runs after a missing one."""
+    named = {(keys["condition"], keys["learner"]): rows for keys, rows in by_population(frame)}
+    found = {}
+    for population in experiment.populations:
+        rows = named.get((population.condition.name, population.learner.name))
+        if rows is not None:
+            seeds, start = rows["seed"].unique(), population.seeds.start
+            n = int((seeds == start + np.arange(len(seeds))).sum())
+            found[population] = rows[rows["seed"] < start + n]
+    return found
 
 
 def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
     """Lists the populations of every contrast: a contrast of learners at each point where there are both."""
     assert experiment.report is not None
-    sides = {
-        key(population): population
-        for population in experiment.populations
-        if experiment.declared.grids[population.condition.axes["grid"]].is_compared
-    }
+    points: dict[str, dict[str, Population]] = {}
+    for population in experiment.populations:
+        if experiment.declared.grids[population.condition.axes["grid"]].is_compared:
+            points.setdefault(population.condition.name, {})[population.learner.name] = population
     return [
-        (sides[condition, x], sides[condition, y])
-        for condition in dict.fromkeys(condition for condition, _ in sides)
+        (sides[x], sides[y])
+        for sides in points.values()
         for x, y in experiment.report.contrasts
-        if (condition, x) in sides and (condition, y) in sides
+        if x in sides and y in sides
     ]
-
-
-def identity(x: Population, y: Population) -> tuple[str, str]:
-    """Returns what makes a contrast: the first runs of its sides, which are the same in two grids at times."""
-    return x.first.digest, y.first.digest
 
 
 def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     """Lists all contrasts that have enough runs for a look."""
-    assert experiment.report is not None
-    pairs, rows = compared(experiment), in_populations(curves)
-    tail = tail_of(len({identity(*pair) for pair in pairs}), len(experiment.report.looks))
-    looked = (
-        _look(experiment, pair, [rows[key(side)] for side in pair], tail)
-        for pair in pairs
-        if all(key(side) in rows for side in pair)
-    )
-    return [contrast for contrast in looked if contrast is not None]
+    report, pairs, rows = experiment.report, compared(experiment), rows_of(experiment, curves)
+    assert report is not None
+    # The same contrast may be in two grids.
+    n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})
+    tail, found = tail_of(n_contrasts, len(report.looks)), []
+    for x, y in pairs:
+        if x in rows and y in rows:
+            looked = _look(experiment, (x, y), (rows[x], rows[y]), tail)
+            found += [] if looked is None else [looked]
+    return found
 
 
 def _look(
-    experiment: Experiment, pair: tuple[Population, Population], curves: Sequence[pd.DataFrame], tail: float
+    experiment: Experiment,
+    sides: tuple[Population, Population],
+    curves: tuple[pd.DataFrame, pd.DataFrame],
+    tail: float,
 ) -> Contrast | None:
     """Looks at a contrast until it is decided; None if there are too few runs for any look."""
     report, solved = experiment.report, experiment.declared.solved
     assert report is not None
     assert solved is not None
-    budget, decision = min(side.first.settings.budget for side in pair), None
-    within, own = (
-        [
-            without_gaps(took(rows, solved.success, limit), side)
-            for side, rows in zip(pair, curves, strict=True)
-        ]
-        for limit in (budget, math.inf)
-    )
-    for n in (n for n in report.looks if n <= min(map(len, within))):
-        x, y = (runs["steps"].to_numpy()[:n] for runs in within)
+    budget = min(side.first.settings.budget for side in sides)
+    own = [took(rows, solved.success) for rows in curves]
+    x, y = (took(rows, solved.success, budget) for rows in curves)
+    decision = None
+    for n in (n for n in report.looks if n <= min(len(x), len(y))):
         one_learns = any(np.isfinite(runs["steps"][:n]).mean() > 0.5 for runs in own)
-        decision = decide(x, y, report.margins.faster, tail, one_learns=one_learns)
+        steps = x["steps"].to_numpy()[:n], y["steps"].to_numpy()[:n]
+        decision = decide(*steps, report.margins.faster, tail, one_learns=one_learns)
         if decision.verdict != UNDECIDED:
             break
-    if decision is None:
-        return None
-    return Contrast(*pair, (within[0][: decision.n], within[1][: decision.n]), decision)
-
-
-def without_gaps(runs: pd.DataFrame, population: Population) -> pd.DataFrame:
-    """Returns the runs up to the first missing one."""
-    return runs[runs["seed"].to_numpy() == population.seeds.start + np.arange(len(runs))]
+    return None if decision is None else Contrast(*sides, (x[: decision.n], y[: decision.n]), decision)
 
 
 def groups(experiment: Experiment, store: Store) -> list[Group]:
@@ -198,10 +188,10 @@ def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
         if driver.pending([run for group in looked_at for run in group.runs], store):
             return
         _, curves = tables(looked_at, store, ["success", *SPENT.values()])
-        for contrast in contrasts(experiment, curves):
-            if contrast.decision.verdict == UNDECIDED:
-                for side in (contrast.x, contrast.y):
-                    seeds[side] = range(side.seeds.start, side.seeds.start + n)
-        if all(len(seeds[group.population]) == len(group.runs) for group in looked_at):
+        looked = contrasts(experiment, curves)
+        undecided = [contrast for contrast in looked if contrast.decision.verdict == UNDECIDED]
+        if not undecided:
             return
+        for side in (side for contrast in undecided for side in (contrast.x, contrast.y)):
+            seeds[side] = range(side.seeds.start, side.seeds.start + n)
         yield [Group(population, population.runs(some)) for population, some in seeds.items()]

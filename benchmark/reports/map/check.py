@@ -39,30 +39,28 @@ def _mistakes(experiment: Experiment, contrast: tuple[str, str]) -> Iterator[str
     """Yields what is wrong with a contrast: unknown learners, or other seeds than the first look needs."""
     assert experiment.report is not None
     known, looks = experiment.learners, experiment.report.looks
-    for side in contrast:
-        if side not in known:
-            yield f"report.contrasts: {side}: accepted: {', '.join(known)}."
-    sides = [known[side] for side in contrast if side in known]
-    for side in sides:
-        if looks and side.declared.seeds != min(looks):
+    for name in contrast:
+        if name not in known:
+            yield f"report.contrasts: {name}: accepted: {', '.join(known)}."
+    sides = {known[name].variant: known[name].declared for name in contrast if name in known}
+    for variant, declared in sides.items():
+        if looks and declared.seeds != min(looks):
             accepted = f"report.looks[0] = {looks[0]}, as report.contrasts names it"
-            yield f"algorithms.{side.variant}.seeds = {side.declared.seeds}: accepted: {accepted}."
-    if len({side.declared.first_seed for side in sides}) > 1:
+            yield f"algorithms.{variant}.seeds = {declared.seeds}: accepted: {accepted}."
+    if len({declared.first_seed for declared in sides.values()}) > 1:
         yield f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed."
 
 
 def _unreachable(experiment: Experiment) -> Iterator[str]:
     """Yields the first point at which no policy succeeds often enough."""
-    assert experiment.declared.solved is not None
-    level = experiment.declared.solved.success
+    declared = experiment.declared
+    assert declared.solved is not None
     for population in {x.condition.name: x for x, _ in compared(experiment)}.values():
-        most = _largest_success(population.first.drawn_scenario, experiment.declared.horizon)
-        if most < level:
-            point = population.condition.name.partition("/")[2]
-            yield (
-                f"solved.success = {level:g}: in {population.scenario.name} at {point} no policy succeeds more "
-                f"often than {most:.3g}; accepted: at most that."
-            )
+        most = _largest_success(population.first.drawn_scenario, declared.horizon)
+        if most < declared.solved.success:
+            where = f"{population.scenario.name} at {population.condition.name.partition('/')[2]}"
+            level = f"solved.success = {declared.solved.success:g}"
+            yield f"{level}: in {where} no policy succeeds more often than {most:.3g}; accepted: at most that."
             return
 
 

@@ -1,6 +1,7 @@
 """Figures of a map, drawn from its tables."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable
 from textwrap import fill
 from typing import Any, Final
 
@@ -50,7 +51,7 @@ _LABELS: Final = {
 )
 def picture(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws the first grid with one axis, the first with two, and the control, as far as there are any."""
-    return _panels(tables, experiment, _leading(tables, experiment))
+    return _draw(tables, experiment, _leading(_panels(tables, experiment)))
 
 
 @drawing(
@@ -60,51 +61,62 @@ def picture(tables: Frames, experiment: Experiment) -> Figure | None:
 )
 def others(tables: Frames, experiment: Experiment) -> Figure | None:
     """Draws what the map does not show, but for references."""
-    shown = _leading(tables, experiment)
-    return _panels(tables, experiment, [name for name in experiment.declared.grids if name not in shown])
+    panels = _panels(tables, experiment)
+    leading = _leading(panels)
+    return _draw(tables, experiment, {grid: draw for grid, draw in panels.items() if grid not in leading})
 
 
-def _leading(tables: Frames, experiment: Experiment) -> list[str]:
-    """Returns the grids that the map shows."""
-    kinds = {name: _kind(tables, experiment, name) for name in experiment.declared.grids}
-    first = (next((name for name in kinds if kinds[name] is draw), None) for draw in _WIDTHS)
-    return [name for name in [*first][:3] if name is not None]
+def _panels(tables: Frames, experiment: Experiment) -> "dict[str, Panel]":
+    """Returns what draws each grid; some are not drawn."""
+    panels: dict[str, Panel] = {}
+    for name, grid in experiment.declared.grids.items():
+        lines = _lines(tables, experiment, name) if len(grid.axes) == 1 else {}
+        if lines:
+            has_unseen = any(rows["unseen"].any() for rows in lines.values())
+            panels[name] = _draw_unseen if has_unseen else _draw_lines
+            if "permuted" in grid.axes:
+                panels[name] = _draw_control
+        elif len(grid.axes) == 2 and (tables["contrasts"]["grid"] == name).any():
+            panels[name] = _draw_square
+    return panels
 
 
-def _kind(tables: Frames, experiment: Experiment, grid: str) -> "Draw | None":
-    """Returns what draws a grid; None if it is not drawn."""
-    axes = [*experiment.declared.grids[grid].axes]
-    lines = _lines(tables, experiment, grid)
-    if len(axes) == 1 and lines:
-        if axes == ["permuted"]:
-            return _draw_control
-        return _draw_unseen if any(rows["unseen"].any() for rows in lines.values()) else _draw_lines
-    is_compared = (tables["contrasts"]["grid"] == grid).any()
-    return _draw_square if len(axes) == 2 and is_compared else None
+def _leading(panels: "dict[str, Panel]") -> "dict[str, Panel]":
+    """Returns the first grid of each kind that the map shows, in the order of kinds."""
+    first = {draw: grid for grid, draw in reversed(panels.items())}
+    return {first[draw]: draw for draw in (_draw_lines, _draw_square, _draw_control) if draw in first}
 
 
-def _panels(tables: Frames, experiment: Experiment, grids: Sequence[str]) -> Figure | None:
+def _draw(tables: Frames, experiment: Experiment, panels: "dict[str, Panel]") -> Figure | None:
     """Draws grids side by side."""
-    panels = [(draw, grid) for grid in grids if (draw := _kind(tables, experiment, grid)) is not None]
     if not panels:
         return None
-    widths = [_WIDTHS[draw] for draw, _ in panels]
+    widths = [_WIDTHS.get(draw, 3.0) for draw in panels.values()]
     with figure_of(1, 1, (sum(widths), 4.9)) as (figure, axes):
         axes[0, 0].remove()
         parts = figure.subfigures(1, len(panels), width_ratios=widths, squeeze=False)[0]
-        for part, (draw, grid) in zip(parts, panels, strict=True):
+        for part, width, (grid, draw) in zip(parts, widths, panels.items(), strict=True):
             axis = part.subplots()
             draw(axis, tables, experiment, grid)
-            question = fill(experiment.declared.grids[grid].question, round(9.5 * _WIDTHS[draw]))
+            question = fill(experiment.declared.grids[grid].question, round(9.5 * width))
             axis.set_title(question, loc="left", fontweight="bold")
     return figure
 
 
+def _axis_of(experiment: Experiment, grid: str) -> tuple[str, dict[str, float], list[str]]:
+    """Returns the only axis of a grid, its values as numbers, by name, and as they are written.
+
+    5x6 is written 5×6, and is the number 30.
+    """
+    ((axis, names),) = experiment.declared.grids[grid].axes.items()
+    values = {name: math.prod(float(part) for part in name.split("x")) for name in names}
+    return axis, values, [name.replace("x", "×") for name in names]
+
+
 def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.DataFrame]:
-    """Returns the rows of a grid with one axis, by learner but for references; `at` is the axis as a number."""
-    (axis, values), *_ = experiment.declared.grids[grid].axes.items()
-    at = {f"{axis} {value}": number(value) for value in values}
-    cells = tables["cells"]
+    """Returns the rows of each learner but references in a grid with one axis, whose numbers are in `at`."""
+    cells, (axis, values, _) = tables["cells"], _axis_of(experiment, grid)
+    at = {f"{axis} {name}": value for name, value in values.items()}
     rows = cells[cells["grid"] == grid]
     rows = rows.assign(learner=rows["algorithm"] + ", " + rows["observation"], at=rows["point"].map(at))
     return {
@@ -112,15 +124,6 @@ def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.Da
         for name, of_learner in rows.groupby("learner", sort=False)
         if not experiment.learners[str(name)].reference_for
     }
-
-
-def number(value: str) -> float:
-    """Returns the value of an axis as a number: 5x6 is 30.
-
-    >>> number("0.5"), number("5x6")
-    (0.5, 30.0)
-    """
-    return float(np.prod([float(part) for part in value.split("x")]))
 
 
 def _style(experiment: Experiment, learner: str) -> dict[str, Any]:
@@ -134,38 +137,35 @@ def _draw_lines(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -
     report, solved = experiment.report, experiment.declared.solved
     assert report is not None
     assert solved is not None
-    values, texts = _values(experiment, grid)
-    is_positive, lines = min(values) > 0, _lines(tables, experiment, grid)
+    name, numbers, texts = _axis_of(experiment, grid)
+    values, lines = [*numbers.values()], _lines(tables, experiment, grid)
+    is_positive = min(values) > 0
     axis.set_yscale("log")
     compared = {*tables["contrasts"]["x"], *tables["contrasts"]["y"]}
-    labels = [
-        _curve(axis, rows, experiment, alpha=0.2 if name in compared else 0.08)
-        for name, rows in lines.items()
-    ]
-    _apart(labels)
+    _apart(
+        [
+            _curve(axis, rows, experiment, alpha=0.2 if learner in compared else 0.08)
+            for learner, rows in lines.items()
+        ]
+    )
     if is_positive:
         axis.set_xscale("log")
     axis.set_xticks(values, texts)
     axis.minorticks_off()
-    axis.set_xlabel(_label(experiment, grid))
+    axis.set_xlabel(_LABELS.get(name, name))
     axis.set_xlim(values[0] / 1.15 if is_positive else 0, values[-1] * (9 if is_positive else 2))
     axis.set_ylabel(f"steps until success stays at or above {solved.success:g}")
-    steps = lines[y].set_index("at")["steps"] if (y := report.contrasts[0][1]) in lines else pd.Series()
-    last = steps.get(values[-1], np.inf)
-    if np.isfinite(last):
-        proportional = last * np.array(values) / values[-1]
+    of_y = lines.get(report.contrasts[0][1], pd.DataFrame({"at": [], "steps": []}))
+    last = of_y.loc[of_y["at"] == values[-1], "steps"]
+    if np.isfinite(last).any():
+        proportional = last.iloc[0] * np.array(values) / values[-1]
         axis.plot(values, proportional, color="0.4", lw=1, ls=":")
-        axis.annotate(
-            "proportional",
-            (values[0], proportional[0]),
-            (4, -9),
-            textcoords="offset points",
-            fontsize="x-small",
-        )
+        below = {"textcoords": "offset points", "fontsize": "x-small"}
+        axis.annotate("proportional", (values[0], proportional[0]), (4, -9), **below)
 
 
 def _curve(axis: Axes, rows: pd.DataFrame, experiment: Experiment, alpha: float) -> Annotation:
-    """Draws a learner's median steps, hollow and at the budget where most runs never solve; returns its label."""
+    """Draws a learner's median steps, hollow at the budget where most runs never solve; returns its label."""
     learner = experiment.learners[rows["learner"].iloc[0]]
     style, values = _style(experiment, learner.name), rows["at"].to_numpy()
     shown, low, high = (
@@ -186,24 +186,13 @@ def _curve(axis: Axes, rows: pd.DataFrame, experiment: Experiment, alpha: float)
     return label
 
 
-def _apart(labels: Sequence[Annotation]) -> None:
+def _apart(labels: Iterable[Annotation]) -> None:
     """Moves labels up so that none is over another, given that their axis is logarithmic."""
     lowest = -np.inf
     for label in sorted(labels, key=lambda label: label.xy[1]):
         height = max(np.log10(label.xy[1]), lowest)
         label.set_position((8, (height - np.log10(label.xy[1])) * _POINTS))
         lowest = height + _LINE / _POINTS
-
-
-def _values(experiment: Experiment, grid: str) -> tuple[list[float], list[str]]:
-    """Returns the values of a grid's only axis, and how they are written."""
-    (names,) = experiment.declared.grids[grid].axes.values()
-    return [number(name) for name in names], [name.replace("x", "×") for name in names]
-
-
-def _label(experiment: Experiment, grid: str) -> str:
-    (axis,) = experiment.declared.grids[grid].axes
-    return _LABELS.get(axis, axis)
 
 
 def _draw_square(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
@@ -271,39 +260,29 @@ def _draw_legend(axis: Axes, image: QuadMesh, experiment: Experiment, used: set[
 def _draw_control(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
     """Draws the success at the end of training against the share of codes that are permuted."""
     _draw_success(axis, tables, experiment, grid, "success")
-    axis.set(xlabel="% of the places whose\ncoordinates are permuted")
-    axis.set(ylabel="success at the end of training")
+    axis.set(
+        xlabel="% of the places whose\ncoordinates are permuted", ylabel="success at the end of training"
+    )
 
 
 def _draw_unseen(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
     """Draws the success in unseen places."""
     _draw_success(axis, tables, experiment, grid, "unseen_success")
-    axis.set(xlabel=fill(_label(experiment, grid), 24), ylabel="success in unseen places")
+    name, *_ = _axis_of(experiment, grid)
+    axis.set(xlabel=fill(_LABELS.get(name, name), 24), ylabel="success in unseen places")
 
 
 def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str, column: str) -> None:
     for name, rows in _lines(tables, experiment, grid).items():
         success, low, high = (rows[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
-        axis.errorbar(
-            range(len(rows)),
-            success,
-            [success - low, high - success],
-            lw=1.6,
-            elinewidth=0.8,
-            ms=6,
-            label=experiment.learners[name].title,
-            **_style(experiment, name),
-        )
-    _, texts = _values(experiment, grid)
+        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **_style(experiment, name)}
+        title = experiment.learners[name].title
+        axis.errorbar(range(len(rows)), success, [success - low, high - success], label=title, **style)
+    *_, texts = _axis_of(experiment, grid)
     axis.set_xticks(range(len(texts)), texts)
     axis.set_ylim(-0.04, 1.04)
     axis.figure.legend(loc="outside lower center", frameon=False, fontsize="small")
 
 
-Draw = Callable[[Axes, Frames, Experiment, str], None]
-_WIDTHS: Final[dict[Draw, float]] = {
-    _draw_lines: 6.0,
-    _draw_square: 4.2,
-    _draw_control: 3.0,
-    _draw_unseen: 3.0,
-}
+Panel = Callable[[Axes, Frames, Experiment, str], None]
+_WIDTHS: Final[dict[Panel, float]] = {_draw_lines: 6.0, _draw_square: 4.2}
