@@ -9,7 +9,7 @@ seeds, the chosen settings, and the same with one of them at other values.
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from benchmark.experiments.search import Chosen, Search
 from envs.inputs import override, parse
 
 Areas = NDArray[np.float64]
+Fresh = Mapping[tuple[int, str], Areas]  # (N,) on fresh seeds, by trial and scenario
 COLUMNS: Final = ("area", "cpu_time_s")  # of runs, that a search needs
 SEARCHED, FRESH, AROUND = "search", "fresh", "around"  # stages
 
@@ -33,12 +34,13 @@ class Outcome(NamedTuple):
 
     learner: Learner
     searched: Areas  # (trials, I, N) of every trial, on the first seeds
-    fresh: Mapping[tuple[int, str], Areas]  # (N,) on fresh seeds, by trial and scenario
+    fresh: Fresh
     chosen: int  # the finalist with the largest mean on fresh seeds
 
-    def everywhere(self, trial: int) -> list[Areas]:
-        """Returns the fresh areas of a finalist or of trial 0 in every scenario."""
-        return [areas for (other, _), areas in self.fresh.items() if other == trial]
+
+def everywhere(fresh: Fresh, trial: int) -> list[Areas]:
+    """Returns the fresh areas of a finalist or of trial 0 in every scenario."""
+    return [areas for (other, _), areas in fresh.items() if other == trial]
 
 
 def finalists(searched: Areas, n: int) -> list[int]:
@@ -52,43 +54,28 @@ def best_apart(searched: Areas) -> list[int]:
     return [int(trial) for trial in searched.mean(axis=2).argmax(axis=0)]
 
 
-def run_again(searched: Areas, n: int) -> list[tuple[int, int]]:
-    """Lists trials and indices of scenarios with fresh runs: of n finalists, of trial 0 and of `best_apart`."""
-    everywhere = [(trial, i) for trial in [*finalists(searched, n), 0] for i in range(searched.shape[1])]
-    apart = [(trial, i) for i, trial in enumerate(best_apart(searched))]
-    return [*dict.fromkeys(everywhere + apart)]
-
-
-def winner(candidates: Sequence[int], fresh: Mapping[tuple[int, str], Areas]) -> int:
-    """Returns the trial with the largest mean on fresh seeds."""
-
-    def mean(trial: int) -> float:
-        return float(np.mean([areas for (other, _), areas in fresh.items() if other == trial]))
-
-    return max(candidates, key=mean)
-
-
 def searched_areas(runs: pd.DataFrame, experiment: Experiment, learner: Learner) -> Areas:
     """Returns the areas of a learner's trials on the first seeds, (trials, I, N)."""
     rows = runs[(runs["learner"] == learner.name) & (runs["stage"] == SEARCHED)]
-    shape = len(experiment.conditions), len(experiment.scenarios), -1
-    return rows["area"].to_numpy().reshape(shape)
+    return rows["area"].to_numpy().reshape(len(experiment.conditions), len(experiment.scenarios), -1)
 
 
 def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
     """Returns what a search has found for every learner, by its runs of the first two stages."""
-    search = experiment.declared.search
-    assert search is not None
+    assert experiment.declared.search is not None
     found = []
     for learner in experiment.learners.values():
         searched = searched_areas(runs, experiment, learner)
         again = runs[(runs["learner"] == learner.name) & (runs["stage"] == FRESH)]
         fresh = {
-            (int(trial), scenario): rows["area"].to_numpy()
+            (int(str(trial)), str(scenario)): rows["area"].to_numpy()
             for (trial, scenario), rows in again.groupby(["trial", "scenario"], sort=False)
         }
-        chosen = winner(finalists(searched, search.finalists), fresh)
-        found.append(Outcome(learner, searched, fresh, chosen))
+        means = {
+            trial: float(np.mean(everywhere(fresh, trial)))
+            for trial in finalists(searched, experiment.declared.search.finalists)
+        }
+        found.append(Outcome(learner, searched, fresh, max(means, key=lambda trial: means[trial])))
     return found
 
 
@@ -102,13 +89,11 @@ def settings_of(experiment: Experiment, learner: Learner, trial: int) -> dict[st
 
 def chosen(experiment: Experiment, store: Store) -> dict[str, Chosen]:
     """Returns the chosen settings of every learner and the effort, by its name; all runs are stored."""
-    first, fresh, _ = _stages(experiment, store)
-    runs, _ = tables([*first, *fresh], store, COLUMNS)
-    return chosen_by(experiment, runs)
+    return chosen_by(experiment, tables(groups(experiment, store), store, COLUMNS)[0])
 
 
 def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
-    """Returns the same from the runs of the first two stages."""
+    """Returns the same by the runs."""
     found = {}
     for outcome in outcomes(experiment, runs):
         name = outcome.learner.name
@@ -116,7 +101,7 @@ def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
         found[name] = Chosen(
             trial=outcome.chosen,
             settings=settings_of(experiment, outcome.learner, outcome.chosen),
-            score=round(float(np.mean(outcome.everywhere(outcome.chosen))), 6),
+            score=round(float(np.mean(everywhere(outcome.fresh, outcome.chosen))), 6),
             trials=len(outcome.searched) - 1,
             runs=len(tried),
             steps=int(tried["budget"].sum()),
@@ -138,46 +123,41 @@ def further_stages(experiment: Experiment, store: Store) -> Iterator[list[RunSpe
 
 
 def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
-    search = experiment.declared.search
+    """Yields the runs of each stage, as long as those before are stored."""
+    search, names = experiment.declared.search, [*experiment.scenarios]
     assert search is not None
-    populations = _populations(experiment)
-    scenarios, learners = [*experiment.scenarios], experiment.learners.values()
-    first = [Group(population, population.runs(), {"stage": SEARCHED}) for population in populations.values()]
+    # By learner, trial and scenario
+    populations = {
+        (each.learner.name, int(each.condition.axes["trial"]), each.scenario.name): each
+        for each in experiment.populations
+    }
+    first = [
+        Group(population, population.runs(), {"stage": SEARCHED}) for population in experiment.populations
+    ]
     yield first
     if _is_pending(first, store):
         return
     runs, _ = tables(first, store, COLUMNS)
-    fresh = [
-        Group(population, population.runs(search.fresh), {"stage": FRESH})
-        for learner in learners
-        for trial, i in run_again(searched_areas(runs, experiment, learner), search.finalists)
-        for population in [populations[learner.name, trial, scenarios[i]]]
-    ]
+    fresh = []
+    for learner in experiment.learners.values():
+        searched = searched_areas(runs, experiment, learner)
+        again = product([*finalists(searched, search.finalists), 0], names)
+        for trial, name in dict.fromkeys([*again, *zip(best_apart(searched), names, strict=True)]):
+            population = populations[learner.name, trial, name]
+            fresh.append(Group(population, population.runs(search.fresh), {"stage": FRESH}))
     yield fresh
     if _is_pending(fresh, store):
         return
     runs = pd.concat([runs, tables(fresh, store, COLUMNS)[0]])
-    yield [
-        group
-        for outcome in outcomes(experiment, runs)
-        for group in _around(
-            [populations[outcome.learner.name, outcome.chosen, name] for name in scenarios], search
-        )
-    ]
-
-
-def _populations(experiment: Experiment) -> dict[tuple[str, int, str], Population]:
-    """Returns all populations by learner, trial and scenario."""
-    return {
-        (each.learner.name, int(each.condition.axes["trial"]), each.scenario.name): each
-        for each in experiment.populations
-    }
+    around = []
+    for learner, _, _, chosen in outcomes(experiment, runs):
+        around += _around([populations[learner.name, chosen, name] for name in names], search)
+    yield around
 
 
 def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
     """Yields runs with the chosen settings in every scenario, and with one of them at another value."""
     learner, settings = chosen[0].learner, chosen[0].first.settings
-    seeds = search.around(len(chosen[0].seeds))
     changed = {("", ""): settings}
     for key, axis in learner.declared.search.items():
         for value in axis.marks:
@@ -185,11 +165,10 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
             other = parse(type(settings), content, f"{learner.name}: {key} = {value}")
             if other != settings:
                 changed[key, json.dumps(value)] = other
-    for (key, value), other in changed.items():
-        for population in chosen:
-            first = replace(population.first, settings=other)
-            more = {"stage": AROUND, "setting": key, "value": value}
-            yield Group(population, [first.with_seed(seed) for seed in seeds], more)
+    for ((key, value), other), population in product(changed.items(), chosen):
+        first = replace(population.first, settings=other)
+        runs = [first.with_seed(seed) for seed in search.around(len(population.seeds))]
+        yield Group(population, runs, {"stage": AROUND, "setting": key, "value": value})
 
 
 def _is_pending(groups: Sequence[Group], store: Store) -> bool:

@@ -59,8 +59,8 @@ def _unreachable(experiment: Experiment) -> Iterator[str]:
         most = _largest_success(population.first.drawn_scenario, declared.horizon)
         if most < declared.solved.success:
             where = f"{population.scenario.name} at {population.condition.name.partition('/')[2]}"
-            level = f"solved.success = {declared.solved.success:g}"
-            yield f"{level}: in {where} no policy succeeds more often than {most:.3g}; accepted: at most that."
+            often = f"in {where} no policy succeeds more often than {most:.3g}; accepted: at most that"
+            yield f"solved.success = {declared.solved.success:g}: {often}."
             return
 
 

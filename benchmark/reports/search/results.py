@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from benchmark.analysis.intervals import Estimate, combined, interval, resample
-from benchmark.analysis.search import AROUND, Areas, best_apart, chosen_by, outcomes, settings_of
+from benchmark.analysis.search import AROUND, best_apart, chosen_by, everywhere, outcomes, settings_of
 from benchmark.drawing.maps import gallery
 from benchmark.drawing.style import figure_of, learner_style
 from benchmark.drawing.tables import decimals_of
@@ -63,7 +63,7 @@ def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates means over scenarios on fresh runs. `found` is the mean of the best trial's first runs."""
     for outcome in outcomes(experiment, runs):
         learner, fresh = outcome.learner, outcome.fresh
-        best, default = outcome.everywhere(outcome.chosen), outcome.everywhere(0)
+        best, default = everywhere(fresh, outcome.chosen), everywhere(fresh, 0)
         trials = zip(best_apart(outcome.searched), experiment.scenarios, strict=True)
         apart = [fresh[trial, scenario] for trial, scenario in trials]
         yield _names(learner) | {
