@@ -8,8 +8,8 @@ from benchmark.analysis.search import chosen
 from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
-from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.experiments.choices import digest_of_search
+from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST

@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Final
 
 from matplotlib import pyplot as plt
@@ -13,7 +12,7 @@ from matplotlib.backend_bases import Event
 from rich.console import Console
 from rich.live import Live
 
-from benchmark.analysis.population import load_population
+from benchmark.analysis.records import load_records
 from benchmark.commands import MOST_SEEDS
 from benchmark.drawing.film import ANIMATIONS, Film, Moment, Screen, end_of, film_of, learning, write
 from benchmark.drawing.style import check_file
@@ -24,11 +23,8 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
-    check_size,
     load_experiment,
-    specifications,
 )
-from benchmark.reports.learners import Names
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
 
@@ -47,20 +43,19 @@ def specification(
     Raises:
       InputError: The experiment has no such run, or the scenario is not there or too large.
     """
-    if variant not in experiment.algorithms:
-        unknown_name(experiment.name, "variant", variant, experiment.algorithms)
-    observations = experiment.algorithms[variant].observations
-    observation = observation or observations[0]
-    if observation not in observations:
-        unknown_name(f"{experiment.name}: {variant}", "observation", observation, observations)
-    if DEFAULT_CONDITION not in experiment.conditions or experiment.solved is not None:
+    learners = {
+        learner.observation: learner for learner in experiment.learners.values() if learner.variant == variant
+    }
+    if not learners:
+        unknown_name(experiment.name, "variant", variant, experiment.declared.algorithms)
+    observation = observation or next(iter(learners))
+    if observation not in learners:
+        unknown_name(f"{experiment.name}: {variant}", "observation", observation, learners)
+    if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
         accepted = "an experiment without sweep, grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
-    paths = {Path(declared).stem: declared for declared in experiment.scenarios}
-    of = DEFAULT_CONDITION, paths.get(scenario, scenario), variant, observation
-    (run,) = specifications(experiment, *of, [seed])
-    check_size(run)  # as if the experiment declared it
-    return run
+    population = experiment.population(DEFAULT_CONDITION, scenario, learners[observation].name)
+    return population.first.with_seed(seed)
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:
@@ -81,7 +76,7 @@ def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Fil
         print(f"training {title} ...", file=sys.stderr)
         if errors := run([watched], store, jobs=1):
             raise InputError(f"{title}: training failed: {errors[0]}")
-    return film_of(title, load_population([watched], store, fewest=1))
+    return film_of(title, load_records([watched], store))
 
 
 def moments(film: Film) -> Iterator[Moment]:
@@ -156,7 +151,9 @@ def main(options: argparse.Namespace) -> int:
         check_file(options.save, *ANIMATIONS)
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
-        film = load_film(watched, store, Names.of(experiment)(watched.variant, watched.observation))
+        film = load_film(
+            watched, store, experiment.learners[f"{watched.variant}, {watched.observation}"].title
+        )
     if options.save is not None:
         write(learning([[film]]), options.save)
         print(f"{film.title}: {options.save}")

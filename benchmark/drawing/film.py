@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from agents.policy import contains
-from benchmark.analysis.population import Population
+from benchmark.analysis.records import Records
 from benchmark.analysis.walk import CIRCLE, HORIZON, Walk, walk
 from benchmark.drawing.maps import RGB, Style, add_area, arrowheads, colour_bar, discs, dots, triangles
 from benchmark.drawing.style import check_file, figure_of
@@ -114,12 +114,12 @@ class Moment:
     state: int = 0  # the last one, which says where the issuer stands and in which phase
 
 
-def film_of(title: str, population: Population, agent: int = 0) -> Film:
-    """Returns the film of one agent of a population."""
-    model, indices = population.model, population.map_indices
-    arrays = population.agents[agent]
+def film_of(title: str, records: Records, agent: int = 0) -> Film:
+    """Returns the film of one of these agents."""
+    model, indices = records.model, records.map_indices
+    arrays = records.agents[agent]
     values, greedy = arrays["values"].astype(np.float64), arrays["greedy"][indices]
-    walks = [walk(model, masks, population.horizon) for masks in greedy]
+    walks = [walk(model, masks, records.horizon) for masks in greedy]
     n_starts = len(model.starts)
     _, scene, observed = cell_map(model)
     is_egocentric = scene.origin is not None
@@ -130,10 +130,10 @@ def film_of(title: str, population: Population, agent: int = 0) -> Film:
     return Film(
         title=title if n_starts == 1 else f"{title}, first of {n_starts} starts",
         scene=scene,
-        steps=np.array(population.evaluation_steps)[indices].tolist(),
+        steps=np.array(records.evaluation_steps)[indices].tolist(),
         values=values,
         greedy=greedy,
-        scores=population.unbounded_scores[agent, indices],
+        scores=records.unbounded_scores()[agent, indices],
         walks=walks,
         model=None if model.has_cell_maps or is_egocentric else model,
     )
