@@ -14,9 +14,10 @@ import pandas as pd
 
 from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Experiment, Extension
-from benchmark.reports import REPORTS, load_report, sameness
+from benchmark.page.build import published
+from benchmark.reports import REPORTS, load_report
 from benchmark.reports.columns import meaning
-from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.reports.folder import Folder
 from envs import Scenario, load_scenario, scenario_names
 from envs.inputs import Table
 from envs.observations import OBSERVATIONS
@@ -75,7 +76,7 @@ def _section(name: str, table: Schema, at: list[str], level: int) -> str:
 
 
 def _values(schema: Schema) -> list[object]:
-    return schema.get("enum", [schema["const"]] if "const" in schema else [])
+    return [*schema.get("enum", [schema["const"]] if "const" in schema else [])]
 
 
 def _accepted(schema: Schema) -> str:
@@ -93,14 +94,15 @@ def _accepted(schema: Schema) -> str:
             return "[ROW, COLUMN]" if items == ["whole number"] * 2 else f"[{', '.join(items)}]"
         case "array":
             number = _range(schema, "minItems", "maxItems", " item").removeprefix(", ")
-            items_in_words = _accepted(schema["items"]).replace("[a table]", "[tables]")
-            return f"list of {items_in_words}{number and f' ({number})'}"
+            inner = _accepted(schema["items"]).replace("[a table]", "[tables]")
+            return f"list of {inner}{number and f' ({number})'}"
         case "object" if isinstance(schema.get("additionalProperties"), dict):
             return f"{_accepted(schema['additionalProperties'])} for each name"
         case "object":
             return "a table"
         case "integer" | "number" as kind:
-            return ("whole " * (kind == "integer")) + "number" + _range(schema, "minimum", "maximum")
+            word = "whole number" if kind == "integer" else "number"
+            return word + _range(schema, "minimum", "maximum")
         case "boolean":
             return "true or false"
         case "string":
@@ -144,7 +146,7 @@ def experiments() -> str:
     rows, users = [], dict[type[Table], list[str]]()
     for name in ALGORITHMS:
         algorithm = load_algorithm(name)
-        table = algorithm.settings
+        table: type[Table] = algorithm.settings
         users.setdefault(table, []).append(f"`{name}`")
         forms = ", ".join(f"`{form}`" for form in OBSERVATIONS if form in algorithm.observations)
         link = f"[{table.__name__}](#table-{table.__name__.lower()})"
@@ -172,9 +174,7 @@ def columns(results: Path) -> str:
     tables: dict[tuple[str, str], dict[str, None]] = {}
     folders: dict[str, list[str]] = {}
     descriptions: dict[tuple[str, str], str] = {}
-    for path in sameness.published_folders(results):
-        if not (path / MANIFEST).exists():
-            continue
+    for path in published(results):
         report = load_report(Folder(path).manifest["report"]["kind"])
         folders.setdefault(report.name, []).append(f"`{path.name}`")
         for file in sorted(path.glob("*.csv*")):

@@ -31,7 +31,6 @@ from benchmark.reports.folder import MANIFEST
 STAMP: Final = ".stamp"
 REPOSITORY: Final = Path(__file__).parents[2]
 _SUMMARY: Final = "summary.csv"
-_APART: Final = (".*", "*_smoke", "*_partial", "*_seeds_*")  # folders that are never published
 _LISTED: Final = 6  # differing files that a sentence names
 
 
@@ -107,20 +106,6 @@ def compare(
 def published_file(name: str, file: str) -> bytes | None:
     """Returns the content of a file of the last commit's results; None if there is no such file."""
     return _git("show", f"HEAD:results/{name}/{file}")
-
-
-def ignored(paths: Iterable[Path]) -> set[Path]:
-    """Returns which of these git ignores in this checkout, as it does results of users' experiments."""
-    given = [str(path.absolute()) for path in paths]
-    listing = _git("-c", "core.quotePath=off", "check-ignore", "--", *given) or b""
-    return {Path(line) for line in os.fsdecode(listing).splitlines()}
-
-
-def published_folders(results: Path) -> list[Path]:
-    """Lists the folders of complete results, with the declared seeds, that git does not ignore here."""
-    paths = sorted(path for path in results.glob("*") if path.is_dir())
-    left_out = ignored(paths)
-    return [path for path in paths if path.absolute() not in left_out and not any(map(path.match, _APART))]
 
 
 def keep_published(folder: Path, name: str) -> None:
