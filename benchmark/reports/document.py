@@ -126,8 +126,10 @@ class Document:
             for observation in declared["settings"]:
                 name = f"{variant}, {observation}"
                 row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`"}
-                row |= {"policy": declared["policy"], "settings": "; ".join(sources)}
-                rows.append(row | {"runs": f"{declared['runs']}{plus}"})
+                row |= {"policy": declared["policy"]}
+                if not manifest["search"]:
+                    row |= {"settings": "; ".join(sources), "runs": f"{declared['runs']}{plus}"}
+                rows.append(row)
         return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
 
     @property
