@@ -146,9 +146,12 @@ def duration(seconds: float) -> str:
     >>> duration(0.000319), duration(0.0345), duration(0.0999), duration(175)
     ('0.32 ms', '34 ms', '100 ms', '180 s')
     """
-    value, unit = (seconds * 1000, "ms") if seconds < 0.1 else (seconds, "s")
-    digits = f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"
-    return f"{digits} {unit}"
+    return f"{two_digits(seconds * 1000)} ms" if seconds < 0.1 else f"{two_digits(seconds)} s"
+
+
+def two_digits(value: float) -> str:
+    """Returns a number rounded to two significant digits."""
+    return f"{value:.2g}" if value < 10 else f"{round(value, 2 - len(str(int(value)))):,.0f}"
 
 
 def _column_texts(column: pd.Series) -> list[str]:
