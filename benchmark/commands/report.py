@@ -2,17 +2,19 @@
 
 import argparse
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from benchmark.analysis.search import chosen
 from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
-from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.experiments.choices import digest_of_search
+from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, sameness
-from benchmark.reports.folder import MANIFEST
+from benchmark.reports import document, draw, files, prose, sameness
+from benchmark.reports.data import load
+from benchmark.reports.folder import MANIFEST, Folder
 from envs import InputError
 
 
@@ -34,22 +36,25 @@ def main(options: argparse.Namespace) -> int:
     if options.format and options.partial:
         raise InputError("--format, --partial: accepted: one of the two.")
     experiment = load_experiment(options.experiment)
-    draw.report_of(experiment)
+    report = draw.report_of(experiment)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
     with Store(options.results / "runs.db", read_only=True) as store:
         if options.format:
             directory = directory.with_name(f"{directory.name}_{options.format}")
-            draw.export(experiment, store, directory, seeds, options.format)
+            data = load(experiment, store, seeds, columns=report.columns)
+            draw.export(data, report, directory, options.format)
             print(f"{experiment.name}: written to {directory}.")
             return 0
-        made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
+        made = draw.draw(experiment, report, store, directory, seeds, partial=options.partial)
         if experiment.declared.search is not None:
             _write_chosen(experiment, store)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
-    print(f"{experiment.name}: the page is {page.update(options.results, directory.name)}.")
+    print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
     if made.certificate is not None:
         print(made.certificate)
+    for claim in prose.failed_claims(Folder(directory)):  # on another processor, nets learn differently
+        print(f"{experiment.name}: its text is not used, as these tables do not show that {claim}.")
     return 0
 
 
@@ -68,22 +73,16 @@ def _write_chosen(experiment: Experiment, store: Store) -> None:
 
     A file that differs in measured times alone stays as it is.
     """
-    path = experiment.path
-    file, learners = chosen_file(path), chosen(experiment, store)
-    found = Choices(search=digest_of_search(experiment.declared), learners=learners)
-    try:
-        is_same = _unmeasured(read_chosen(path, "")) == _unmeasured(found)
-    except InputError:  # there is none, or it is damaged
-        is_same = False
+    file = chosen_file(experiment.path)
+    found = Choices(search=digest_of_search(experiment.declared), learners=chosen(experiment, store))
+    measured = {"learners": {"__all__": {"cpu_time_s"}}}
+    is_same = False
+    with suppress(InputError):  # there is none, or it is damaged
+        before = read_chosen(experiment.path, "")
+        is_same = before.model_dump(exclude=measured) == found.model_dump(exclude=measured)
     if not is_same:
         files.write_text(file, found.model_dump_json(indent=1) + "\n")
     print(f"{experiment.name}: the chosen settings are in {file}{', as before' * is_same}.")
-
-
-def _unmeasured(choices: Choices) -> object:
-    return choices.search, {
-        n: each.model_dump(exclude={"cpu_time_s"}) for n, each in choices.learners.items()
-    }
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:

@@ -98,7 +98,7 @@ def _problems(
             what = "runs are missing" if is_published else "there is no report"
             print(f"{experiment.name}: not drawn again, since {what}.")
         if is_published:
-            pages.add(None if experiment.name in page.PUBLISHED else experiment.name)
+            pages.add(None if experiment.name in page.CHAPTERS else experiment.name)
     yield from rewritten(pages, options.results)
 
 
@@ -138,7 +138,7 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
     made.mkdir()
     with suppress(OSError):  # it notes what earlier reports showed, which the store does not know
         shutil.copy(folder / MANIFEST, made)
-    draw.draw(experiment, store, made)
+    draw.draw(experiment, draw.report_of(experiment), store, made)
     # Measured times, too, are those that the store has.
     found = sameness.compare(made, experiment.name, (), folder)
     assert found is not None  # there is a manifest

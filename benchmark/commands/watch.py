@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Final
 
 from matplotlib import pyplot as plt
@@ -13,7 +12,7 @@ from matplotlib.backend_bases import Event
 from rich.console import Console
 from rich.live import Live
 
-from benchmark.analysis.population import load_population
+from benchmark.analysis.records import load_records
 from benchmark.commands import MOST_SEEDS
 from benchmark.drawing.film import ANIMATIONS, Film, Moment, Screen, end_of, film_of, learning, write
 from benchmark.drawing.style import check_file
@@ -24,11 +23,8 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
-    check_size,
     load_experiment,
-    specifications,
 )
-from benchmark.reports.learners import Names
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
 
@@ -42,34 +38,30 @@ def specification(
 ) -> RunSpecification:
     """Returns a run of an experiment, with any seed; the default observation is the variant's first.
 
-    The scenario is one of the experiment's, or else a shipped one or the path of a file.
+    The scenario is one of the experiment, or else a shipped one or the path of a file.
 
     Raises:
-      InputError: The experiment has no such run, or the scenario is not there or too large.
+      InputError: The experiment has no such run, or the scenario does not exist or is too large.
     """
-    if variant not in experiment.algorithms:
-        unknown_name(experiment.name, "variant", variant, experiment.algorithms)
-    observations = experiment.algorithms[variant].observations
-    observation = observation or observations[0]
-    if observation not in observations:
-        unknown_name(f"{experiment.name}: {variant}", "observation", observation, observations)
-    if DEFAULT_CONDITION not in experiment.conditions or experiment.solved is not None:
+    learners = {
+        learner.observation: learner for learner in experiment.learners.values() if learner.variant == variant
+    }
+    if not learners:
+        unknown_name(experiment.name, "variant", variant, experiment.declared.algorithms)
+    observation = observation or next(iter(learners))
+    if observation not in learners:
+        unknown_name(f"{experiment.name}: {variant}", "observation", observation, learners)
+    if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
         accepted = "an experiment without sweep, grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
-    paths = {Path(declared).stem: declared for declared in experiment.scenarios}
-    of = DEFAULT_CONDITION, paths.get(scenario, scenario), variant, observation
-    (run,) = specifications(experiment, *of, [seed])
-    check_size(run)  # as if the experiment declared it
-    return run
+    population = experiment.population(DEFAULT_CONDITION, scenario, learners[observation].name)
+    return population.first.with_seed(seed)
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:
     """Returns the film of a run; a missing run is trained and stored.
 
-    Args:
-      watched: The run.
-      store: Where it is stored.
-      learner: What readers call its learner; by default, its variant and its observation.
+    Readers see the name of the learner, by default its variant and observation.
 
     Raises:
       InputError: Training failed.
@@ -81,11 +73,11 @@ def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Fil
         print(f"training {title} ...", file=sys.stderr)
         if errors := run([watched], store, jobs=1):
             raise InputError(f"{title}: training failed: {errors[0]}")
-    return film_of(title, load_population([watched], store, fewest=1))
+    return film_of(title, load_records([watched], store))
 
 
 def moments(film: Film) -> Iterator[Moment]:
-    """Yields what is shown, one moment per frame: for every map the walk, cell by cell, and then its end."""
+    """Yields the moment of every frame: for every map the walk, cell by cell, and then its end."""
     for index in range(len(film.steps)):
         end = end_of(film, index)
         for n_cells in range(1, len(end.cells)):
@@ -156,7 +148,9 @@ def main(options: argparse.Namespace) -> int:
         check_file(options.save, *ANIMATIONS)
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
-        film = load_film(watched, store, Names.of(experiment)(watched.variant, watched.observation))
+        film = load_film(
+            watched, store, experiment.learners[f"{watched.variant}, {watched.observation}"].title
+        )
     if options.save is not None:
         write(learning([[film]]), options.save)
         print(f"{film.title}: {options.save}")

@@ -10,15 +10,17 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
+from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records
 from benchmark.execution.store import VALUE_DECIMALS
+from benchmark.experiments import Experiment
 from benchmark.reports.item import Item, writing
 from envs import ACTIONS, EVENTS, ZONES, Model
 from envs import scene as drawn
@@ -38,14 +40,14 @@ class Shown(NamedTuple):
 
     algorithm: str  # the variant's name
     observation: str
-    population: Population
+    records: Records
 
 
-def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
+def explorer_item(lister: Callable[[Experiment, RecordsOf], Iterable[Shown]]) -> Item:
     """Returns the item with the explorer's file.
 
     Args:
-      lister: Returns what is shown of a report's data.
+      lister: Returns what is shown of an experiment.
     """
 
     @writing(
@@ -53,9 +55,9 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
         "what the explorer on the page shows: values, policies and scenarios, as compressed JSON",
         FILE,
     )
-    def agents(data: Any, directory: Path) -> None:
-        if shown := [*lister(data)]:
-            (directory / FILE).write_bytes(compressed(packed(shown)))
+    def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+        if shown := [*lister(experiment, records)]:
+            path.write_bytes(compressed(packed(shown)))
 
     return agents
 
@@ -68,7 +70,7 @@ def compressed(data: object) -> bytes:
 
 def packed(shown: Sequence[Shown]) -> dict[str, object]:
     """Returns what the explorer shows; agents refer to their scene and to what they see by index."""
-    models = {learner.population.model.scenario: learner.population.model for learner in shown}
+    models = {learner.records.model.scenario: learner.records.model for learner in shown}
     scene_of_scenario = {scenario: _scene(model) for scenario, model in models.items()}
     scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
     for scene in scene_of_scenario.values():
@@ -76,7 +78,7 @@ def packed(shown: Sequence[Shown]) -> dict[str, object]:
             scenes.append(scene)
     agents = []
     for learner in shown:
-        scenario = learner.population.model.scenario
+        scenario = learner.records.model.scenario
         indices = {"scene": scenes.index(scene_of_scenario[scenario]), "sight": [*models].index(scenario)}
         agents.append(_learner(learner) | indices)
     return {
@@ -103,15 +105,15 @@ def _colours(name: str) -> list[str]:
     return [to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 33))]
 
 
-def typical_agent(population: Population) -> int:
+def typical_agent(records: Records) -> int:
     """Returns the index of a typical agent: the one with the median mean score over training.
 
     Scores count as 0 to 1. Of an even number of agents, it is the lower median; of agents with the same mean,
     the one with the lowest seed.
     """
-    means = np.clip(population.unbounded_scores, 0, 1).mean(axis=1).round(9)
+    means = np.clip(records.unbounded_scores(), 0, 1).mean(axis=1).round(9)
     median = np.sort(means)[(len(means) - 1) // 2]
-    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
+    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: records.seeds[agent])
 
 
 def _learner(shown: Shown) -> dict[str, object]:
@@ -120,32 +122,32 @@ def _learner(shown: Shown) -> dict[str, object]:
     Of maps over training there is every second, and the last. `kind` says what they hold: `q` for action
     values, or `probability` for the action probabilities of a stochastic policy.
     """
-    population = shown.population
-    n_observations = population.model.n_observations
-    last = len(population.map_indices) - 1
+    records = shown.records
+    n_observations = records.model.n_observations
+    last = len(records.map_indices) - 1
     has_values = n_observations <= MOST_VALUED
     chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
-    points = population.map_indices[chosen]  # among the evaluation steps
-    first = population.agents[0]
-    n_shown = min(len(population.seeds), max(MOST_MASKS // n_observations, 1))
-    others = [agent["greedy"][-1] for agent in population.agents[1:n_shown]]
+    points = records.map_indices[chosen]  # among the evaluation steps
+    first = records.agents[0]
+    n_shown = min(len(records.seeds), max(MOST_MASKS // n_observations, 1))
+    others = [agent["greedy"][-1] for agent in records.agents[1:n_shown]]
     return {
-        "scenario": population.scenario,
+        "scenario": records.scenario,
         "algorithm": shown.algorithm,
         "observation": shown.observation,
-        "horizon": population.horizon,
-        "unit": population.specification["settings"].get("budget_unit", "steps"),
+        "horizon": records.horizon,
+        "unit": getattr(records.run.settings, "budget_unit", "steps"),
         "kind": "probability" if first["stochastic"].shape[0] else "q",
-        "discount": population.discount,
-        "steps": [population.evaluation_steps[point] for point in points],
-        "score": _listed(population.unbounded_scores[0, points]),
+        "discount": records.discount,
+        "steps": [records.evaluation_steps[point] for point in points],
+        "score": _listed(records.unbounded_scores()[0, points]),
         "success": _listed(first["success"][points]),
         "values": _integers(first["values"][chosen]) if has_values else None,
         "greedy": _characters(first["greedy"][points]),
-        "seeds": list(population.seeds[:n_shown]),
+        "seeds": list(records.seeds[:n_shown]),
         "others": {  # after the first
-            "score": _listed(population.unbounded_scores[1:n_shown, -1]),
-            "success": _listed(population.arrays["success"][1:n_shown, -1]),
+            "score": _listed(records.unbounded_scores()[1:n_shown, -1]),
+            "success": _listed(records.arrays["success"][1:n_shown, -1]),
             "greedy": _characters(np.array(others, dtype=np.uint8)),
         },
     }
