@@ -149,7 +149,7 @@ def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     if _is_pending(fresh, store):
         return
     runs = pd.concat([runs, tables(fresh, store, COLUMNS)[0]])
-    around = []
+    around: list[Group] = []
     for learner, _, _, chosen in outcomes(experiment, runs):
         around += _around([populations[learner.name, chosen, name] for name in names], search)
     yield around

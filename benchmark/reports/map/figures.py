@@ -15,7 +15,7 @@ from matplotlib.text import Annotation
 
 from benchmark.drawing.style import INK, figure_of, learner_style
 from benchmark.drawing.tables import two_digits
-from benchmark.experiments import Experiment
+from benchmark.experiments import Experiment, Learner
 from benchmark.reports.item import Frames, drawing
 
 _COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; to be told apart in grey by the signs
@@ -126,10 +126,10 @@ def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.Da
     }
 
 
-def _style(experiment: Experiment, learner: str) -> dict[str, Any]:
+def _style(experiment: Experiment, learner: Learner) -> dict[str, Any]:
     """Returns colour, marker and dash of a learner that is no reference."""
-    variants = [name for name, each in experiment.declared.algorithms.items() if not each.reference_for]
-    return learner_style(*learner.split(", "), variants)
+    own = [each.variant for each in experiment.learners.values() if not each.reference_for]
+    return learner_style(learner.variant, learner.observation, [*dict.fromkeys(own)])
 
 
 def _draw_lines(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
@@ -160,14 +160,15 @@ def _draw_lines(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -
     if np.isfinite(last).any():
         proportional = last.iloc[0] * np.array(values) / values[-1]
         axis.plot(values, proportional, color="0.4", lw=1, ls=":")
-        below = {"textcoords": "offset points", "fontsize": "x-small"}
-        axis.annotate("proportional", (values[0], proportional[0]), (4, -9), **below)
+        start = values[0], proportional[0]
+        label = axis.annotate("proportional", start, (4, -9), textcoords="offset points")
+        label.set_fontsize("x-small")
 
 
 def _curve(axis: Axes, rows: pd.DataFrame, experiment: Experiment, alpha: float) -> Annotation:
     """Draws a learner's median steps, hollow at the budget where most runs never solve; returns its label."""
     learner = experiment.learners[rows["learner"].iloc[0]]
-    style, values = _style(experiment, learner.name), rows["at"].to_numpy()
+    style, values = _style(experiment, learner), rows["at"].to_numpy()
     shown, low, high = (
         rows[column].where(np.isfinite(rows[column]), rows["budget"]).clip(lower=_LOWEST)
         for column in ("steps", "steps_low", "steps_high")
@@ -208,7 +209,7 @@ def _draw_square(axis: Axes, tables: Frames, experiment: Experiment, grid: str) 
         point = ", ".join(f"{name} {value}" for name, value in values.items())
         if point in compared.index:
             index = rows.index(values[first]), columns.index(values[second])
-            text, colours[index] = _sign(compared.loc[point], point, tables["pairs"])
+            text, colours[index] = _sign(compared.loc[[point]].iloc[0], point, tables["pairs"])
             used.update([text, text[:1]])
             is_dark = abs(np.nan_to_num(colours[index])) > _DARK * _MOST
             ink = "black" if np.isnan(colours[index]) else INK[int(is_dark)]
@@ -275,9 +276,9 @@ def _draw_unseen(axis: Axes, tables: Frames, experiment: Experiment, grid: str) 
 def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str, column: str) -> None:
     for name, rows in _lines(tables, experiment, grid).items():
         success, low, high = (rows[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
-        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **_style(experiment, name)}
-        title = experiment.learners[name].title
-        axis.errorbar(range(len(rows)), success, [success - low, high - success], label=title, **style)
+        learner, ends = experiment.learners[name], [success - low, high - success]
+        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **_style(experiment, learner)}
+        axis.errorbar(range(len(rows)), success, ends, label=learner.title, **style)
     *_, texts = _axis_of(experiment, grid)
     axis.set_xticks(range(len(texts)), texts)
     axis.set_ylim(-0.04, 1.04)

@@ -34,7 +34,7 @@ def headline(folder: Folder) -> str:
     for family, kind in {"tabular": "table", "deep": "net"}.items():
         rows = table[families == family]
         if len(rows):
-            best = rows.loc[rows["chosen"].idxmax()]
+            best = rows.iloc[int(rows["chosen"].argmax())]
             default, chosen = (link(f"{best[key]:.2f}", "chosen", best) for key in ("default", "chosen"))
             learner = folder.told(f"{best['algorithm']}, {best['observation']}")
             parts.append(f"from {default} to {chosen} for the best {kind}, {learner}")

@@ -145,7 +145,7 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
     groups = [rows for _, rows in table.groupby("learner", sort=False)]
     digits = decimals_of(table["expected"], is_bounded=True)
     for rows in sorted(groups, key=lambda rows: -rows["expected"].iloc[-1]):
-        row: dict[str, Any] = {"learner": rows["learner"].iloc[0]}
+        row: dict[str, object] = {"learner": rows["learner"].iloc[0]}
         for b in dict.fromkeys([*(b for b in _SOME if b < n), n]):
             (_, one), *_ = rows[rows["trials"] == b].iterrows()
             row[f"best of {b}"] = entry(one, "expected", "best_of", digits)
@@ -410,7 +410,7 @@ def gain(x: Sequence[NDArray[np.float64]], y: Sequence[NDArray[np.float64]]) -> 
     return Estimate(float(np.dot(weights, means)), *combined(weights, means, [len(each) for each in sides]))
 
 
-def expected_best(areas: NDArray[np.float64], weights: NDArray[Any], most: int) -> NDArray[np.float64]:
+def expected_best(areas: NDArray[np.float64], weights: NDArray[np.float64], most: int) -> NDArray[np.float64]:
     """Returns the expected mean area of the best of b trials, for b from 1 to `most`: (..., most).
 
     Trials are drawn with replacement. The best of them is that with the largest mean over half of the runs of
