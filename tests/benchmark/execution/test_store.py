@@ -2,11 +2,10 @@
 
 import functools
 import os
-import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.execution.store import DamagedError, NoRunsError, Record, Store
+from benchmark.execution.store import NoRunsError, Record, Store
 from envs import InputError
 
 
