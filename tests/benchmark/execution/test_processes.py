@@ -1,5 +1,6 @@
 """Worker processes: nothing is lost or repeated when they, or their driver, are killed or interrupted."""
 
+import fcntl
 import multiprocessing
 import os
 import signal
@@ -9,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final, TextIO
 
 import pytest
 
@@ -51,7 +52,7 @@ def runs(experiment: Path) -> list[RunSpecification]:
 @pytest.fixture(scope="module")
 def expected(runs: list[RunSpecification]) -> dict[str, dict[str, bytes]]:
     """The arrays of all its runs by digest, each executed in this process."""
-    return arrays_of([record for each in runs for record in execute_job([each])])
+    return arrays_of([record for job in runs for record in execute_job([job])])
 
 
 def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
@@ -123,7 +124,7 @@ def n_stored(results: Path) -> int:
         return 0  # not created yet
 
 
-def until(is_true: Callable[[], Any]) -> None:
+def until(is_true: Callable[[], object]) -> None:
     deadline = time.monotonic() + PATIENCE_S
     while not is_true():
         assert time.monotonic() < deadline, "too slow"
@@ -225,13 +226,16 @@ def test_second_driver_waits_for_the_first_and_repeats_nothing(
     assert first.stdout is not None
     first.stdout.readline()
 
-    def end_first(_: float) -> None:
-        with Store(tmp_path / "runs.db") as store:
-            store.add(execute_job(runs[:1]))
-        first.kill()
-        first.communicate()
+    def lock(file: TextIO, operation: int) -> None:
+        if operation == fcntl.LOCK_EX:  # now the second has to wait
+            with Store(tmp_path / "runs.db") as store:
+                store.add(execute_job(runs[:1]))
+            first.kill()
+            first.communicate()
+        flock(file, operation)
 
-    monkeypatch.setattr("benchmark.execution.store.time.sleep", end_first)
+    flock = fcntl.flock
+    monkeypatch.setattr(fcntl, "flock", lock)
     arguments = ["run", str(experiment), "--results", str(tmp_path), "--jobs", "1", "--executor", "thread"]
     assert main(arguments) == 0
     said = capsys.readouterr()
