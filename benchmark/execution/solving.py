@@ -17,7 +17,7 @@ def solved(success: Sequence[float], steps: Sequence[int], enough: float) -> Sol
     Args:
       success: At the first evaluations.
       steps: Environment steps of all evaluations, rising.
-      enough: The level.
+      enough: The level of success.
 
     >>> steps = [0, 100, 200, 300, 400, 500]
     >>> solved([0, 1, 0, 1, 1], steps, 0.9), solved([0, 1, 1, 0], steps, 0.9)
