@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 import sqlite3
+import stat
 import sys
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -161,15 +162,14 @@ class Store:
         try:
             if not read_only:
                 folder.mkdir(parents=True, exist_ok=True)
-            if self._path.exists() and not self._path.is_file():
-                raise InputError(f"{self._path}: {_UNUSABLE}: it is not a file; {_MOVE}.")
-            # SQLite leaves an empty file if it is killed early.
-            has_runs = self._path.exists() and self._path.stat().st_size > 0
+            status = self._path.stat() if self._path.exists() else None
         except OSError as error:
-            reason = "it is a file" if folder.is_file() else error.strerror
-            what = f"cannot be {'read' if read_only else 'created'}: {reason}"
+            what = f"cannot be {'read' if read_only else 'created'}: {error.strerror}"
             raise InputError(f"{folder}: {what}; choose another folder with --results.") from error
-        if read_only and not has_runs:
+        if status is not None and not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{self._path}: {_UNUSABLE}: it is not a file; {_MOVE}.")
+        # SQLite leaves an empty file if it is killed early.
+        if read_only and (status is None or status.st_size == 0):
             raise NoRunsError(f"{self._path}: there are no runs yet; run the experiment first.")
         self._open()
 
@@ -293,16 +293,13 @@ class Store:
             with self._input_errors():
                 self._salvage()
         damaged = self.damaged(self.ended().intersection(digests))
-
-        def remove() -> int:
-            with self._connection:
+        if damaged:
+            with self._input_errors(), self._connection:
                 self._connection.execute("BEGIN IMMEDIATE")
-                # Meanwhile another driver may have replaced some by intact ones.
-                rows = [(digest,) for digest in damaged if self._is_damaged(digest)]
+                damaged = self.damaged(damaged)  # another driver may have replaced some by intact ones
+                rows = [(digest,) for digest in damaged]
                 self._connection.executemany("DELETE FROM runs WHERE digest = ?", rows)
-            return len(rows)
-
-        return self._do(remove) if damaged else 0
+        return len(damaged)
 
     def problem(self) -> str:
         """Returns what is wrong with the file's structure; empty if nothing."""
