@@ -64,8 +64,8 @@ def arrays_of(records: Sequence[Record]) -> dict[str, dict[str, bytes]]:
 
 def test_worker_stays_for_the_next_job(runs: list[RunSpecification]) -> None:
     executor, pids = Processes(1), set()
-    for each in runs[:2]:
-        executor.submit([each]).result()
+    for job in runs[:2]:
+        executor.submit([job]).result()
         pids.add(tuple(process.pid for process in multiprocessing.active_children()))
     executor.cancel()
     assert len(pids) == 1
@@ -168,7 +168,7 @@ horizon = 50
 evaluation_every = 100000000
 map_every = 100000000
 settings = { budget = 100000000 }
-algorithms.long = { algorithm = "long_runs:NAME", observations = ["one_hot"], seeds = 1 }
+algorithms.long = { algorithm = "long_runs:Holding", observations = ["one_hot"], seeds = 1 }
 """
 LONG_RUNS: Final = """
 import ctypes
@@ -176,23 +176,18 @@ import os
 from pathlib import Path
 from stable_baselines3 import DQN
 
-class Training(DQN):
+class Holding(DQN):
     def train(self, *arguments, **named):
         super().train(*arguments, **named)
         Path(__file__).with_name(f"{os.getpid()}.trains").touch()
-
-class Holding(Training):
-    def train(self, *arguments, **named):
-        super().train(*arguments, **named)
         ctypes.PyDLL(None).sleep(90)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-@pytest.mark.parametrize("name", ["Training", "Holding"])
-def test_workers_end_with_a_killed_driver(name: str, tmp_path: Path) -> None:
+def test_workers_end_with_a_killed_driver(tmp_path: Path) -> None:
     """Also while one holds Python's global lock, so that none of its threads can end it."""
-    (tmp_path / "long.toml").write_text(LONG.replace("NAME", name), encoding="utf-8")
+    (tmp_path / "long.toml").write_text(LONG, encoding="utf-8")
     (tmp_path / "long_runs.py").write_text(LONG_RUNS, encoding="utf-8")
     command = [sys.executable, "-m", "benchmark", "run", str(tmp_path / "long.toml"), "--jobs", "1"]
     with subprocess.Popen(
@@ -205,7 +200,7 @@ def test_workers_end_with_a_killed_driver(name: str, tmp_path: Path) -> None:
     (worker,) = (int(path.stem) for path in tmp_path.glob("*.trains"))
     assert worker in started
     until(lambda: not any(Path(f"/proc/{pid}/stat").exists() for pid in started))
-    assert time.monotonic() - killed_s < 30
+    assert time.monotonic() - killed_s < 60
 
 
 def test_second_driver_waits_for_the_first_and_repeats_nothing(
