@@ -200,10 +200,11 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
     """Yields what it costs to execute the missing runs of an experiment."""
     from benchmark.execution.calibration import estimate
     from benchmark.execution.driver import pending
-    from benchmark.execution.provenance import check_packages
+    from benchmark.execution.provenance import versions
 
     try:
-        check_packages(run.algorithm for run in runs)
+        for algorithm in sorted({run.algorithm for run in runs}):
+            versions(algorithm)
     except InputError as error:
         yield _problem("runs", error)
         return

@@ -4,7 +4,6 @@ import hashlib
 import os
 import platform
 import subprocess
-from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -22,16 +21,6 @@ _PACKAGES: Final = ("gymnasium", "llvmlite", "matplotlib", "numba", "numpy", "pa
 _FEATURES: Final = ("avx", "avx2", "fma", "avx512f")
 _SOURCES: Final = (".py", ".toml", ".html", ".css", ".js", ".md", ".jinja")
 _SHOWN: Final = 12  # digits of a digest in a message
-
-
-def check_packages(algorithms: Iterable[str]) -> None:
-    """Checks that everything is installed that runs of these algorithms need.
-
-    Raises:
-      MissingPackageError: A package is not installed.
-    """
-    for algorithm in sorted(set(algorithms)):
-        versions(algorithm)
 
 
 @cache
