@@ -35,7 +35,9 @@ def written(folder: Folder) -> str | None:
     """
     text, failed = _rendered(folder)
     if failed:
-        raise ClaimError("\n".join(f"{folder.path}: these tables do not show that {each}." for each in failed))
+        raise ClaimError(
+            "\n".join(f"{folder.path}: these tables do not show that {each}." for each in failed)
+        )
     return text
 
 
