@@ -45,6 +45,7 @@ def check(experiment: Experiment) -> None:
             raise InputError(f"{source}: report.{key}: a replication takes none; accepted: in a comparison.")
 
 
+@lru_cache(maxsize=1)  # most tables and figures are of the default reading
 def all_agents(experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION) -> Agents:
     """Returns all agents of a reading.
 
