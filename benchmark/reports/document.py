@@ -155,7 +155,7 @@ class Document:
                 for end in (".csv", *(f".{form}" for form in PICTURES))
                 if f"{item.name}{end}" in self.folder
             ]
-            if item.file in self.folder or ends:
+            if ends or (item.file and item.file in self.folder):
                 rows.append((item.file or f"{item.name}{', '.join(ends)}", item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
