@@ -15,7 +15,6 @@ __all__ = ["REPORT"]
 
 
 def _explored(experiment: Experiment, records: RecordsOf) -> Iterator[Shown]:
-    """Yields what the explorer shows."""
     (learner,) = experiment.learners.values()
     for agents in few_agents(experiment, records).values():
         yield Shown(learner.variant, learner.observation, agents)
@@ -39,4 +38,5 @@ REPORT: Final = Report(
     document=Path(__file__).parent / "document.md.jinja",
     headline=verdicts.headline,
     lead="figure",
+    columns=("success",),
 )

@@ -46,26 +46,22 @@ def check(experiment: Experiment) -> None:
 
 
 @lru_cache(maxsize=1)  # most tables and figures are of the default reading
-def all_agents(experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION) -> Agents:
-    """Returns all agents of a reading.
-
-    Raises:
-      InputError: Their training returns no curves of the maximum Q.
-    """
-    agents = {
+def _agents(experiment: Experiment, records: RecordsOf, reading: str) -> Agents:
+    return {
         population.scenario.name: records(population)
         for population in experiment.populations
         if population.condition.name == reading
     }
-    for name in _CURVES.values():
-        if any(name not in group.arrays for group in agents.values()):
-            raise InputError(f"{experiment.argument}: algorithms: its training returns no {name}.")
-    return agents
+
+
+def all_agents(experiment: Experiment, records: RecordsOf) -> Agents:
+    """Returns all agents of the default reading."""
+    return _agents(experiment, records, DEFAULT_CONDITION)
 
 
 def few_agents(experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION) -> Agents:
     """Returns as many agents of a reading as the paper has: those of the first seeds."""
-    agents = all_agents(experiment, records, reading)
+    agents = _agents(experiment, records, reading)
     return {name: group.subset(0, _size(experiment)) for name, group in agents.items()}
 
 

@@ -59,15 +59,13 @@ class Claim(NamedTuple):
 
 
 def _resampled(name: str, samples: Samples, drawn: float = math.nan, note: str = "") -> Part:
-    """Makes a part with a bootstrap interval."""
     with np.errstate(invalid="ignore"):  # of infinite ratios
         low, high = interval(samples)
         return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
 
 
 def _ratio(numerator: Samples | float, denominator: Samples | float) -> Samples:
-    """Divides, giving infinity or NaN where there is nothing to divide by."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # infinity or NaN, if nothing has been learned
         return np.divide(numerator, denominator)
 
 
@@ -82,10 +80,7 @@ def _ratios(groups: Sequence[Records], measure: Callable[[Records], tuple[Sample
 
 @lru_cache(maxsize=64)
 def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
-    """Returns the standard deviation over agents of their maximum Q, averaged over steps.
-
-    With it goes what the paper draws: the height of the area from the least to the largest agent.
-    """
+    """Returns the standard deviation over agents, averaged over steps; and the height of the drawn area."""
     curves, weights = agents.arrays[curve], agents.weights
     mean = weights @ curves / len(curves)
     variance = weights @ curves**2 / len(curves) - mean**2
@@ -98,10 +93,6 @@ def _variability(groups: Sequence[Records], curve: str) -> list[Part]:
 
 
 def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
-    """Measures the level that an agent's curve reaches at one step in a hundred, mean over agents.
-
-    What is drawn of it is the peak of the averaged curve.
-    """
     parts = []
     for agents in groups:
         curves, model = agents.arrays[curve], agents.model
@@ -115,7 +106,7 @@ def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
 
 
 def _focus(agents: Records) -> tuple[Samples, float]:
-    """Returns how far from the target region the positive mean Q-values of the moves lie, in cells."""
+    """Returns how far from the target region the positive mean Q-values of the moves lie."""
     q = agents.arrays["q"][:, :, :PING]
     mass = np.maximum(agents.weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
@@ -140,27 +131,21 @@ def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
 
 
 def _valued_outside(groups: Sequence[Records], _: str) -> list[Part]:
-    """Counts the cells outside the target region with a positive mean PING Q-value.
-
-    If no cell of the target region has one either, nothing has been learned, and there is no count.
-    """
     (agents,) = groups
     in_target, signs = agents.in_target, _signs(agents)
-    inside = signs[0][in_target].sum()
+    inside = signs[0][in_target].sum()  # without any, nothing has been learned, and nothing is counted
     value, low, high = (float(n) if inside else math.nan for n in signs[:, ~in_target].sum(axis=1))
     note = f"{inside} of {in_target.sum()} target cells have one"
     return [Part(agents.scenario, value, low, high, note=note)]
 
 
 def _missing_inside(groups: Sequence[Records], _: str) -> list[Part]:
-    """Counts the target cells without a positive mean PING Q-value."""
     (agents,) = groups
     value, high, low = map(float, (~_signs(agents)[:, agents.in_target]).sum(axis=1))
     return [Part(agents.scenario, value, low, high)]
 
 
 def _reaches(groups: Sequence[Records], _: str) -> list[Part]:
-    """Measures the share of agents that succeed more likely than not, with its exact interval."""
     (agents,) = groups
     succeeds = agents.arrays["success"][:, -1] > 0.5  # (N,)
     error = float(succeeds.std()) / math.sqrt(len(succeeds))
@@ -180,11 +165,10 @@ def _mean_map(agents: Records, level: float = LEVEL) -> tuple[float, float, floa
 
 
 def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
-    """Compares the overlaps in S2 with those in S1; that of agents' own maps has Welch's interval."""
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
     s2, s1 = (_mean_map(agents, level) for agents in groups)
     x, y = (agents.region_overlap for agents in groups)
-    squares = np.array([own.var(ddof=1) / len(own) for own in (x, y)])
+    squares = np.array([own.var(ddof=1) / len(own) for own in (x, y)])  # Welch's interval
     error, difference, reach = math.sqrt(squares.sum()), float(x.mean() - y.mean()), 0.0
     if error > 0:
         freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
@@ -196,7 +180,6 @@ def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
 
 
 def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
-    """Measures how maps overlap with the target region: the mean map, and, by Student, the agents' own."""
     parts = [Part(f"mean map {agents.scenario}", *_mean_map(agents)) for agents in groups]
     for agents in groups:
         own, valued, in_target = agents.region_overlap, agents.values_ping, agents.in_target
@@ -224,18 +207,16 @@ CLAIMS: Final = (
 
 
 def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.DataFrame:
-    """Measures claims.
+    """Measures claims; returns one row per part.
+
+    `effect` is a part's distance from the threshold, in standard deviations of a single agent, positive on
+    the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding. If it is
+    the true one, `agents_needed` agents decide an undecided part with a probability of 80 %.
 
     Args:
       agents: Those of at least the claims' scenarios, all of one reading and equally many.
-      curve: The array of maximum Q that the claims on curves are about, `"max_q"` or `"table_max_q"`.
+      curve: The array of maximum Q that the claims on curves are about.
       claims: By default all that the paper makes.
-
-    Returns:
-      One row per part of a claim. `effect` is a part's distance from the threshold, in standard deviations of
-      a single agent, positive on the right side. It is NaN if there is no standard deviation, or if that is 0
-      but for rounding. If it is the true one, `agents_needed` agents decide an undecided part with a
-      probability of 80 %.
     """
     rows: list[dict[str, object]] = []
     for claim in claims:
@@ -247,7 +228,6 @@ def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = C
 
 
 def _judged(claim: Claim, part: Part, n_agents: int) -> dict[str, object]:
-    """Returns the row of a part, all but the verdict on its claim."""
     sign = 1 if claim.right_side == ">" else -1
     margin, *ends = (sign * (x - claim.threshold) for x in (part.value, part.low, part.high))
     state = "passes" if np.min(ends) > 0 else "fails" if np.max(ends) <= 0 else "undecided"  # NaN, too
@@ -261,14 +241,11 @@ def _judged(claim: Claim, part: Part, n_agents: int) -> dict[str, object]:
 
 
 def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Returns the part that a verdict rests on: of the worst state, the one farthest on the wrong side.
+    """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side.
 
     Args:
       parts: Rows of `judge`, perhaps of several readings or numbers of agents.
       keys: The columns that tell those apart, beside the claim.
-
-    Returns:
-      One of the rows per claim and key, in their order.
     """
     sign = np.where(parts["right_side"] == ">", 1, -1)
     ranked = parts.assign(

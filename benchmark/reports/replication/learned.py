@@ -25,16 +25,14 @@ from envs.scenario import FEEDBACK
 from envs.scene import scene_of
 
 _DASHES: Final = ("-", "--", ":")
+_OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
 _SPREAD: Final = {
     "min": "smallest over agents",
     "max": "largest over agents",
-    "std": "standard deviation over agents",
+    "std": "their standard deviation",
 }
-_REACHED: Final = {
-    "success": "probability that an episode ends with a PING in the target region, mean over agents",
-    "optimal_share": "share of agents whose greedy policy is optimal",
-}
-_OPTIMAL: Final = (  # that readers see
+_OPTIMAL_SHARE: Final = {"optimal_share": "share of agents whose greedy policy is optimal"}
+_REACHED: Final = (  # that readers see
     *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
     *("start_value_learned", "start_value_optimal", "cells_differing"),
 )
@@ -46,7 +44,7 @@ _OPTIMAL: Final = (  # that readers see
     "The paper's figure: maximum Q over training, final Q of the moves and of PING.",
 )
 def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | None:
-    """Draws max Q per step, final Q of the moves and final Q of PING, a column per scenario."""
+    """Draws a column per scenario."""
     if not {"max_q", "q_values"} <= tables.keys():
         return None
     curves, values, groups = tables["max_q"], tables["q_values"], few_agents(experiment, records)
@@ -58,9 +56,8 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
             curve, scene = curves[curves["scenario"] == name], scene_of(agents.model)
             letters = ascii_lowercase[column :: len(groups)]  # as the paper's
             kind = agents.model.scenario.issuer.feedback.kind
-            axis = axes[0, column]
-            band = {"color": "0.8", "lw": 0, "label": "range over agents"}
-            axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
+            axis, ends = axes[0, column], (curve["min"], curve["max"])
+            axis.fill_between(curve["step"], *ends, color="0.8", lw=0, label="range over agents")
             axis.plot(curve["step"], curve["mean"], color="black", lw=0.9, label="mean of the agents")
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a correct PING pays in S1")
             axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[kind]}")
@@ -89,7 +86,6 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
     "maximum Q over agents at every recorded step, of the visited cell and of the table",
     meanings=_SPREAD
     | {
-        "step": "environment steps of training so far",
         "mean": "mean over agents of the largest Q of the visited cell",
         "table_mean": "the same of the largest Q of the whole table",
         "table_min": "its smallest over agents",
@@ -113,12 +109,7 @@ def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     "success, score of the greedy policy, and the share of optimal agents, over training",
     dict.fromkeys(("scenario", "success", "score", "optimal_share", "unbounded_score"), ""),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
-    meanings=_REACHED
-    | {
-        "step": "environment steps of training so far",
-        "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1], mean over "
-        "agents",
-    },
+    meanings=_OPTIMAL_SHARE,
 )
 def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training."""
@@ -130,7 +121,7 @@ def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
             "step": agents.evaluation_steps,
             "success": proportion(agents.arrays["success"]),
             "score": proportion(np.clip(scores, 0.0, 1.0)),
-            "optimal_share": proportion(_is_optimal(scores)),
+            "optimal_share": proportion(scores >= _OPTIMUM),
             "unbounded_score": scores.mean(axis=0),
         }
         frames.append(pd.DataFrame(expanded(columns)))
@@ -164,8 +155,8 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
 @item(
     "optimal",
     "the exact optimum, what was learned, success, and the regret, with all agents as well",
-    dict.fromkeys(_OPTIMAL, ""),
-    meanings=_REACHED
+    dict.fromkeys(_REACHED, ""),
+    meanings=_OPTIMAL_SHARE
     | {
         "agents": "agents per scenario",
         "first_seed": "seed of the first agent",
@@ -187,7 +178,7 @@ def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, ob
         row: dict[str, object] = {"scenario": agents.scenario, "agents": len(agents.seeds)}
         row |= {"first_seed": agents.seeds[0], "last_seed": agents.seeds[-1]}
         row["success"] = proportion(agents.arrays["success"][:, -1])
-        row["optimal_share"] = proportion(_is_optimal(agents.unbounded_scores()[:, -1]))
+        row["optimal_share"] = proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)
         for name, (random, best) in agents.anchors.items():
             learned = agents.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
@@ -247,11 +238,7 @@ def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | No
     },
 )
 def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
-    """Tabulates the final Q-values over agents, and Q*: one row per scenario, cell and action.
-
-    Q* (`optimal`) is that of an agent that knows its state, with no wrong PING so far, discounted and with
-    the issuer's mean rewards, as the learner's is.
-    """
+    """Tabulates final Q-values, and those of an agent that knows its state, with no wrong PING so far."""
     frames = []
     for name, agents in few_agents(experiment, records).items():
         best, q = optimal_values(agents), agents.arrays["q"]
@@ -267,10 +254,7 @@ def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
 
 
 def differing(agents: Records) -> NDArray[np.float64]:
-    """Returns the share of agents whose greedy action is not an optimal one, (O,).
-
-    An agent with several best actions, which it draws from, counts by the share that is not optimal.
-    """
+    """Returns the share of agents whose greedy action is not optimal, (O,); if they draw it, in part."""
     best = contains(greedy_masks(optimal_values(agents), OPTIMUM_TOLERANCE))  # (O, A)
     greedy = contains(agents.arrays["greedy"][:, -1])  # (N, O, A)
     wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
@@ -281,8 +265,3 @@ def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Returns mean, sample standard deviation and extremes over agents of (N, ...) values."""
     std = values.std(axis=0, ddof=1)
     return {"mean": values.mean(axis=0), "std": std, "min": values.min(axis=0), "max": values.max(axis=0)}
-
-
-def _is_optimal(scores: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which scores are those of an optimal policy."""
-    return scores >= 1 - OPTIMUM_TOLERANCE

@@ -10,19 +10,14 @@ from matplotlib.patches import Patch, Rectangle
 from benchmark.analysis.frames import RecordsOf
 from benchmark.drawing.style import COLOURS, INK, figure_of
 from benchmark.drawing.tables import link
-from benchmark.experiments import DEFAULT_CONDITION, Experiment
+from benchmark.experiments import Experiment
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import entry, item
+from benchmark.reports.item import entry, item, no_rows
 from benchmark.reports.replication.agents import all_agents, few_agents, has_claims, judged, judged_sets
 from benchmark.reports.replication.claims import CLAIMS, VERDICTS, agreement, weakest
-from envs.words import listed
 
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
-_COLOURS: Final = dict(
-    zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True)
-)  # differ in brightness
-_WORDS: Final = (("holds", "hold"), ("is undecided", "are undecided"), ("does not hold", "do not hold"))
-_VERBS: Final = dict(zip(VERDICTS, _WORDS, strict=True))  # of one claim, and of several
+_COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # by brightness, too
 _SHOWN: Final = (
     *("claim", "agents", "verdict", "sets", "agreeing", "part", "right_side", "threshold", "value", "state"),
     *("drawn", "effect", "agents_needed"),
@@ -31,8 +26,8 @@ _MEANINGS: Final = {
     "claim": "claim of the paper",
     "part": "which number of the claim",
     "value": "the number",
-    "low": "lower end of the 95 % interval of `value`",
-    "high": "upper end of the 95 % interval of `value`",
+    "low": "lower end of its 95 % interval",
+    "high": "upper end of its 95 % interval",
     "right_side": "on which side of the threshold the part must lie",
     "threshold": "threshold",
     "state": "whether the part passes, fails or is undecided",
@@ -46,10 +41,8 @@ _MEANINGS: Final = {
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
     meanings=_MEANINGS
     | {
-        "effect": "distance from the threshold in standard deviations of a single agent, positive where the "
-        "claim says",
-        "agents_needed": "agents that would decide an undecided part with a probability of 80 %, if its "
-        "effect is the true one",
+        "effect": "distance to the right side of the threshold, in standard deviations of a single agent",
+        "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
         "note": "more about the part",
         "drawn": "what the paper's figure shows instead of `value`",
         "sets": "disjoint sets of as many agents as the paper has",
@@ -86,12 +79,13 @@ def headline(folder: Folder) -> str | None:
     frame = folder.frame("claims")
     most = frame["agents"].max()
     rows = weakest(frame[frame["agents"] == most])
+    parts = [(verdict, rows[rows["verdict"] == verdict]) for verdict in VERDICTS]
     counts = [
-        f"{link(str(len(counted)), 'claims', counted)} {verbs[len(counted) > 1]}"
-        for verdict, verbs in _VERBS.items()
-        if len(counted := rows[rows["verdict"] == verdict])
+        f"{verdict} {link(f'{len(judged)}', 'claims', judged)}" for verdict, judged in parts if len(judged)
     ]
-    return f"With {most:,} agents per scenario, of the paper's {len(rows)} claims {listed(counts)}."
+    return (
+        f"Verdicts on the paper's {len(rows)} claims, with {most:,} agents per scenario: {', '.join(counts)}."
+    )
 
 
 @item(
@@ -108,19 +102,10 @@ def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | Non
     return pd.concat(frames, ignore_index=True) if frames else None
 
 
-def _changed(frame: pd.DataFrame) -> pd.DataFrame:
-    """Returns the weakest parts of the claims whose verdict under a reading is not the one by default."""
-    rows = weakest(frame, "reading")
-    default = rows[rows["reading"] == DEFAULT_CONDITION].set_index("claim")["verdict"]
-    rows = rows.assign(by_default=rows["claim"].map(default))
-    return rows[rows["verdict"] != rows["by_default"]]
-
-
 @item(
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
-    {"reading": "", "claim": "", "by_default": "verdict by default", "verdict": "", "part": "", "value": ""},
-    where=_changed,
+    where=no_rows,
     meanings=_MEANINGS | {"reading": "reading of the paper"},
 )
 def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
