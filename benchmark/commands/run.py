@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.analysis.records import check_scores
-from benchmark.analysis.stages import stages
+from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.executors import ExecutorFactory, load_executor
@@ -47,7 +47,8 @@ def main(options: argparse.Namespace) -> int:
     if text := forecast(experiment):
         print(f"{name}: {text}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
-        for stage, runs in enumerate(stages(experiment, store, seeds), start=1):
+        for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
+            runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name
             if code := _execute(label, runs, store, options, jobs, executor):
                 return code

@@ -74,7 +74,7 @@ class Item:
         self.display = function
         return function
 
-    def table(self, data: Data) -> pd.DataFrame | None:
+    def tabulate(self, data: Data) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
         rows = None if self.compute is None else called(self.compute, data)
         if rows is None or isinstance(rows, pd.DataFrame):

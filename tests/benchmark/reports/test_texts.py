@@ -68,7 +68,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Path]
     experiment = experiment_of(folder / "mine-1.toml", text)
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, store, folder / "mine-1")
+        draw.draw(experiment, draw.report_of(experiment), store, folder / "mine-1")
     return experiment, folder / "mine-1"
 
 
