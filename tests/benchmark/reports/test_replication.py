@@ -14,10 +14,9 @@ from benchmark.analysis.intervals import RESAMPLES
 from benchmark.analysis.records import Records, optimal_values
 from benchmark.drawing.tables import LINK, write_csv
 from benchmark.experiments import load_experiment
-from benchmark.reports.data import Data
 from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Item
+from benchmark.reports.item import Item, expanded
 from benchmark.reports.replication import REPORT, claims, learned, verdicts
 from envs import InputError
 from envs.model import PING
@@ -38,8 +37,11 @@ def computed(item: Item, *groups: Records, few: int | None = None) -> pd.DataFra
         scenarios={name: experiment.scenarios[name] for name in named},
         populations=[each for each in experiment.populations if each.scenario.name in named],
     )
-    nothing = pd.DataFrame()
-    return item.table(Data(experiment, nothing, nothing, lambda each: named[each.scenario.name]))
+    assert item.compute is not None
+    rows = item.compute(experiment, lambda each: named[each.scenario.name])
+    if rows is None or isinstance(rows, pd.DataFrame):
+        return rows
+    return pd.DataFrame([expanded(row) for row in rows])
 
 
 def table(item: Item, *groups: Records, few: int | None = None) -> pd.DataFrame:
