@@ -116,7 +116,7 @@ def _train_until_solved(run: RunSpecification, logs: Path | None) -> dict[str, N
     and NaN without such places.
     """
     assert run.solved is not None
-    enough, is_greedy = run.solved["success"], run.solved["policy"] == "greedy"
+    enough, is_greedy = float(run.solved["success"]), run.solved["policy"] == "greedy"
     model = compile_seen(run.drawn_scenario, run.observation)
     schedule = run.schedule
     n_steps = len(schedule.evaluation_steps)

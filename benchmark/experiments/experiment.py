@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.experiments import choices
@@ -251,8 +251,9 @@ class _Loading:
         algorithm = load_algorithm(variant.algorithm)
         first, *others = self.declared.conditions.values()
         marks = [{key: value} for key, axis in variant.search.items() for value in axis.marks]
-        cases: list[tuple[Condition, Mapping[str, Any]]] = [(first, {}), *((first, mark) for mark in marks)]
-        cases += [(condition, {}) for condition in others]
+        nothing: dict[str, object] = {}
+        cases = [(first, nothing), *((first, mark) for mark in marks)]
+        cases += [(condition, nothing) for condition in others]
         learners, families = [], set[str]()
         for observation in variant.observations:
             chosen = None
@@ -343,7 +344,7 @@ class _Loading:
         return self.scenarios[key]
 
     def _settings(
-        self, learner: Learner, condition: Condition, mark: Mapping[str, Any] | None = None
+        self, learner: Learner, condition: Condition, mark: Mapping[str, object] | None = None
     ) -> LearnerSettings:
         """Returns a learner's settings under a condition, and with more changes, checked."""
         changed = condition.settings_changes(learner.variant) | dict(mark or {})

@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import pandas as pd
 
 from benchmark.analysis.frames import Group, tables
-from benchmark.analysis.records import Records, load_records
+from benchmark.analysis.records import Provenance, Records, load_records
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population, RunSpecification
@@ -34,7 +34,7 @@ class Data:
         return runs_of(self.groups)
 
     @cached_property
-    def provenance(self) -> list[Mapping[str, Any]]:
+    def provenance(self) -> list[Provenance]:
         """Where and when each of them ran."""
         digests = [run.digest for run in self.specifications]
         return [record.provenance for record in self.store.get(digests, arrays=False)]

@@ -9,7 +9,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import pandas as pd
 from matplotlib import pyplot as plt
@@ -85,7 +85,7 @@ def draw(
     return Made(is_new=True, certificate=compared)
 
 
-def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, Any]) -> None:
+def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, object]) -> None:
     """Writes manifest, tables, figures and other files into an empty folder, and README, made of these."""
     frames = tables_of(items, data)
     (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")

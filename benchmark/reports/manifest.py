@@ -5,13 +5,13 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
+from benchmark.analysis.records import Provenance
 from benchmark.experiments import RunSpecification
 from benchmark.reports.data import Data
 
 
-def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[str, Any]:
+def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[str, object]:
     """Returns the manifest; drawing again gives the same.
 
     Args:
@@ -55,21 +55,23 @@ def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[s
 
 def _variants(
     data: Data, first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, dict[str, object]]:
     """Returns what is said of each variant, with the settings of its learners by form of observation."""
-    variants: dict[str, dict[str, Any]] = {}
+    variants: dict[str, dict[str, object]] = {}
+    settings: dict[str, dict[str, object]] = {}
     for (_, name), run in first.items():
         learner = data.experiment.learners[name]
         keys = {"algorithm", "title", "reference_for", "policy", "tuned_by"}
         about = learner.declared.model_dump(include=keys)
         about |= {"family": learner.family, "packages": learner.algorithm.packages}
         about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario
-        variant = variants.setdefault(learner.variant, about | {"settings": {}})
-        variant["settings"][learner.observation] = run.settings.model_dump(mode="json")
+        of_forms = settings.setdefault(learner.variant, {})
+        of_forms[learner.observation] = run.settings.model_dump(mode="json")
+        variants.setdefault(learner.variant, about | {"settings": of_forms})
     return variants
 
 
-def _made_by(provenance: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
     """Returns what made the runs, and when."""
     keys = {"commits": "commit", "machines": "machine", "processors": "processor", "versions": "versions"}
     # Records that were made before the processor was noted do not have it.
@@ -84,7 +86,7 @@ def _made_by(provenance: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _looks(path: Path, manifest: Mapping[str, Any]) -> list[int]:
+def _looks(path: Path, manifest: Mapping[str, object]) -> list[int]:
     """Returns how many seeds earlier reports in this folder had, if fewer of the same than there are now."""
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
