@@ -47,7 +47,7 @@ kind = "comparison"
 omit = ["agents", "learning", "wrong_pings"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
-effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT]]
+effects = [["mood-1", "S1", EFFECT]]
 """
 
 
