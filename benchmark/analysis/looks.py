@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
 from benchmark.execution import driver
-from benchmark.execution.solving import solved
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, RunSpecification, specifications
+from benchmark.analysis.frames import Group
+from benchmark.experiments import Experiment, Population, RunSpecification
 
 NEITHER: Final = "neither"  # most runs of neither learner solve the scenario, whatever their budgets
 TOO_SHORT: Final = "too short"  # nor within the smaller budget; within its own, most runs of one do
@@ -74,174 +74,37 @@ def decide(
     return Decision(n, verdict, Estimate(mean, low, high))
 
 
-class Cell(NamedTuple):
-    """A population: a point of a grid in a scenario, and a learner."""
-
-    condition: str
-    scenario: str
-    variant: str
-    observation: str
-
-    @property
-    def learner(self) -> str:
-        """The learner's name."""
-        return f"{self.variant}, {self.observation}"
-
-    @property
-    def place(self) -> tuple[str, str]:
-        """Condition and scenario."""
-        return self[:2]
-
-
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """The curves of N runs of a population, of successive seeds, over T evaluations."""
-
-    success: NDArray[np.float64]  # (N, T)
-    spent: NDArray[np.float64]  # (3, N, T) steps, disagreements of the issuer, and CPU seconds until then
-    unseen: NDArray[np.float64]  # (N,) success in unseen places at the end; NaN without any
-    enough: float  # the success that counts as solved
-
-    @property
-    def n(self) -> int:
-        """How many runs there are."""
-        return len(self.success)
-
-    @property
-    def budget(self) -> int:
-        """Steps that a run may train."""
-        return int(self.spent[0, 0, -1])
-
-    def first(self, n: int) -> "Ends":
-        """Returns the same of the first n runs."""
-        return Ends(self.success[:n], self.spent[:, :n], self.unseen[:n], self.enough)
-
-    def took(self, budget: float = math.inf) -> NDArray[np.float64]:
-        """Returns what runs took until they had solved, (3, N), with this budget; infinite if never."""
-        steps = self.spent[0, 0][self.spent[0, 0] <= budget]
-        never = np.full(3, np.inf)
-        found = []
-        for run, curve in enumerate(self.success[:, : len(steps)].tolist()):
-            place = solved(curve, steps, self.enough).place
-            found.append(self.spent[:, run, place] if place < len(steps) else never)
-        return np.array(found).T
-
-    def spent_within(self, budget: float) -> NDArray[np.float64]:
-        """Returns what runs that do not solve have spent of a budget, (3, N)."""
-        return self.spent[:, :, int((self.spent[0, 0] <= budget).sum()) - 1]
-
-
-def cells(experiment: Experiment) -> list[Cell]:
-    """Lists the populations of all grids."""
-    return [
-        Cell(condition, *population)
-        for condition in experiment.conditions
-        for population in experiment.populations_of(condition)
-    ]
-
-
-def pairs(experiment: Experiment) -> list[tuple[Cell, Cell]]:
-    """Lists the cells of every contrast: a contrast of learners at each point where there are both."""
+def pairs(experiment: Experiment) -> list[tuple[Population, Population]]:
+    """Lists the populations of every contrast: a contrast of learners at each point where there are both."""
     assert experiment.report is not None
-    grids = experiment.grids
+    grids = experiment.declared.grids
     found = {
-        (each.place, each.learner): each
-        for each in cells(experiment)
-        if grids[each.condition.split("/")[1]].is_compared
+        (each.condition.name, each.scenario.name, each.learner.name): each
+        for each in experiment.populations
+        if grids[each.condition.axes["grid"]].is_compared
     }
     return [
-        (found[place, x], found[place, y])
-        for place in dict.fromkeys(place for place, _ in found)
+        (found[*place, x], found[*place, y])
+        for place in dict.fromkeys(names[:2] for names in found)
         for x, y in experiment.report.contrasts
-        if (place, x) in found and (place, y) in found
+        if (*place, x) in found and (*place, y) in found
     ]
 
 
-def runs_of(experiment: Experiment, cell: Cell, seeds: range) -> Runs:
-    """Lists a cell's runs, of seeds that count from its first one."""
-    first = specifications(experiment, *cell)[0]
-    return [first.with_seed(first.seed + seed) for seed in seeds]
-
-
-def read(experiment: Experiment, store: Store, most: int | None = None) -> dict[Cell, Ends]:
-    """Reads the stored runs of every cell, up to the first missing one, at most so many of compared cells."""
-    ended = store.ended()
-    compared = {cell for pair in pairs(experiment) for cell in pair}
-    found = {}
-    for cell in cells(experiment):
-        n_runs = experiment.algorithms[cell.variant].seeds
-        if cell in compared:
-            n_runs = most or max(_looks(experiment))
-        runs = [*takewhile(lambda run: run.digest in ended, runs_of(experiment, cell, range(n_runs)))]
-        if runs:
-            found[cell] = _ends(runs, store)
+def groups(experiment: Experiment, store: Store, most: int | None = None) -> list[Group]:
+    """Lists the stored runs of every population, up to the first missing one."""
+    assert experiment.report is not None
+    ended, looks = store.ended(), experiment.report.looks
+    compared = {id(population) for pair in pairs(experiment) for population in pair}
+    found = []
+    for population in experiment.populations:
+        n_runs = (most or max(looks)) if id(population) in compared else len(population.seeds)
+        seeds = range(population.seeds.start, population.seeds.start + n_runs)
+        runs = [*takewhile(lambda run: run.digest in ended, population.runs(seeds))]
+        found.append(Group(population, runs))
     return found
 
 
-def _ends(runs: Runs, store: Store) -> Ends:
-    assert runs[0].solved is not None
-    steps = runs[0].schedule.evaluation_steps
-    records = store.get([run.digest for run in runs])
-    spent = [[steps, record.arrays["disagreements"], record.provenance["cpu_time_s"]] for record in records]
-    return Ends(
-        success=np.array([record.arrays["success"] for record in records]),
-        spent=np.array(spent, dtype=np.float64).swapaxes(0, 1),
-        unseen=np.array([[*record.arrays["unseen_success"], math.nan][0] for record in records]),
-        enough=runs[0].solved["success"],
-    )
-
-
-def _looks(experiment: Experiment) -> tuple[int, ...]:
-    assert experiment.report is not None
-    return experiment.report.looks
-
-
-def identities(experiment: Experiment) -> dict[tuple[Cell, Cell], tuple[str, ...]]:
-    """Returns what makes each contrast: the first runs of its sides; those of two grids may be the same."""
-    return {
-        pair: tuple(runs_of(experiment, cell, range(1))[0].digest for cell in pair)
-        for pair in pairs(experiment)
-    }
-
-
-def decisions(experiment: Experiment, ends: Mapping[Cell, Ends]) -> dict[tuple[Cell, Cell], Decision]:
-    """Returns for every contrast the first look that decides it, or the last one that its runs allow.
-
-    Both sides have the smaller budget of the two. A contrast without enough runs for a look is left out.
-    """
-    assert experiment.report is not None
-    known, looks = identities(experiment), _looks(experiment)
-    tail = tail_of(len({*known.values()}), len(looks))
-    found = {}
-    for x, y in known:
-        if x in ends and y in ends:
-            budget = min(ends[x].budget, ends[y].budget)
-            both, within_own = (
-                [ends[cell].took(limit)[0] for cell in (x, y)] for limit in (budget, math.inf)
-            )
-            for n in (n for n in looks if min(map(len, both)) >= n):
-                one_learns = any(np.isfinite(steps[:n]).mean() > 0.5 for steps in within_own)
-                found[x, y] = decide(
-                    both[0][:n],
-                    both[1][:n],
-                    experiment.report.margins.faster,
-                    tail,
-                    one_learns=one_learns,
-                )
-                if found[x, y].verdict != UNDECIDED:
-                    break
-    return found
-
-
-def later_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
+def further_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
     """Yields the further runs of every look, as long as those before are stored: of undecided contrasts."""
-    for before, n in pairwise(_looks(experiment)):
-        decided = decisions(experiment, read(experiment, store, before))
-        undecided = [pair for pair, each in decided.items() if each.verdict == UNDECIDED]
-        more = dict.fromkeys(cell for pair in undecided for cell in pair)
-        runs = {run.digest: run for cell in more for run in runs_of(experiment, cell, range(before, n))}
-        if not runs:
-            return
-        yield [*runs.values()]
-        if driver.pending([*runs.values()], store):
-            return
+    raise NotImplementedError

@@ -1,37 +1,37 @@
-"""Experiments: declared sets of runs, read from TOML and enumerated."""
+"""Experiments: declared sets of runs, read from TOML and resolved."""
 
+from benchmark.experiments.experiment import (
+    Experiment,
+    Learner,
+    Population,
+    all_specifications,
+    check_size,
+    load_experiment,
+    title_of,
+)
+from benchmark.experiments.run import RunSpecification, evaluation_steps, population_of
 from benchmark.experiments.schema import (
     DEFAULT_CONDITION,
     EXPERIMENT_DIRECTORY,
-    Experiment,
+    Condition,
     Reporting,
     experiment_names,
-)
-from benchmark.experiments.specification import (
-    RunSpecification,
-    all_specifications,
-    changed_settings,
-    check_size,
-    evaluation_steps,
-    family_of,
-    load_experiment,
-    population_of,
-    specifications,
 )
 
 __all__ = [
     "DEFAULT_CONDITION",
     "EXPERIMENT_DIRECTORY",
+    "Condition",
     "Experiment",
+    "Learner",
+    "Population",
     "Reporting",
     "RunSpecification",
     "all_specifications",
-    "changed_settings",
     "check_size",
     "evaluation_steps",
     "experiment_names",
-    "family_of",
     "load_experiment",
     "population_of",
-    "specifications",
+    "title_of",
 ]

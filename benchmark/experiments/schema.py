@@ -8,7 +8,8 @@ The readings of the paper are conditions. A sweep adds axes, and each point of t
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
 from itertools import product
@@ -85,7 +86,7 @@ class Variant(Table):
     """`EXPERIMENT:VARIANT`: learners take what that search has chosen for them, except their own settings."""
 
 
-class Condition(Table):
+class Changes(Table):
     """Changes of scenarios and settings, as dotted keys. All conditions have the same random streams."""
 
     scenario: dict[str, Any] = Field(default_factory=dict)
@@ -95,23 +96,8 @@ class Condition(Table):
     settings: dict[str, Any] = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
 
-    def settings_of(self, variant: str) -> Mapping[str, Any]:  # noqa: ARG002
-        """Returns the settings that it changes of a variant."""
-        return self.settings
 
-
-class Trial(Condition):
-    """A trial of a search, which gives every variant settings of its own."""
-
-    of: dict[str, dict[str, Any]]
-    """Changes of settings, by variant."""
-
-    def settings_of(self, variant: str) -> Mapping[str, Any]:
-        """Returns the settings that the search has drawn for a variant."""
-        return self.of[variant]
-
-
-class Reading(Condition):
+class Reading(Changes):
     """One way to read the paper, or a control."""
 
     question: Annotated[str, Field(min_length=1)]
@@ -258,7 +244,51 @@ class Reporting(Table):
     """Triples of x, y and what differs: x minus y, exploratory, without verdicts."""
 
 
-class Experiment(Table):
+@dataclass(frozen=True)
+class Condition:
+    """A named change of scenarios and settings: a point in the product of all axes."""
+
+    name: str
+    """The reading, followed by /GRID and by /AXIS=VALUE for each axis."""
+    axes: Mapping[str, str]
+    """The value of every axis; the reading is one."""
+    changes: Mapping[str, Changes]
+    """What it changes, in this order, by the tables of the file."""
+    learners: tuple[str, ...] = ()
+    """Names of the learners, or of their variants, that run under it; all if it is empty."""
+    of_variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Further changes of settings, by variant: those of a trial."""
+
+    def under(self, reading: str, changes: Reading) -> Self:
+        """Returns the same point under a reading."""
+        return replace(
+            self,
+            name=f"{reading}/{self.name}".rstrip("/"),
+            axes={"reading": reading, **self.axes},
+            changes={f"readings.{reading}": changes, **self.changes},
+        )
+
+    def has(self, variant: str, observation: str) -> bool:
+        """Returns whether a learner runs under it."""
+        return not self.learners or not {variant, f"{variant}, {observation}"}.isdisjoint(self.learners)
+
+    def scenario_changes(self, scenario: str) -> dict[str, Any]:
+        """Returns what it changes of a scenario, by dotted key."""
+        changed: dict[str, Any] = {}
+        for change in self.changes.values():
+            if change.scenarios is None or scenario in change.scenarios:
+                changed |= change.scenario
+        return changed
+
+    def settings_changes(self, variant: str) -> dict[str, Any]:
+        """Returns what it changes of a variant's settings, by dotted key."""
+        changed: dict[str, Any] = {}
+        for change in self.changes.values():
+            changed |= change.settings
+        return changed | dict(self.of_variants.get(variant, {}))
+
+
+class Declaration(Table):
     """A declared set of runs: every condition, scenario, variant and observation, each with its seeds."""
 
     name: Name
@@ -293,7 +323,7 @@ class Experiment(Table):
         }
     )
     """Readings of the paper and controls, by name; one is called "default"."""
-    sweep: dict[Name, dict[Name, Condition]] = Field(default_factory=dict)
+    sweep: dict[Name, dict[Name, Changes]] = Field(default_factory=dict)
     """Conditions, as `sweep.AXIS.NAME`; their product is run."""
     grids: dict[Name, Grid] = Field(default_factory=dict)
     """Grids of a map, by name, instead of a sweep."""
@@ -361,7 +391,9 @@ class Experiment(Table):
             return
         is_alone = not self.sweep and self.search is None and len(self.readings) == 1
         require(is_alone, "grids", "no sweep, search or further reading in the same experiment")
-        learners = {", ".join(each[1:]): each[1] for each in self.populations}
+        learners = {
+            f"{name}, {each}": name for name in self.algorithms for each in self.algorithms[name].observations
+        }
         known = {*self.algorithms, *learners}
         for name, grid in self.grids.items():
             for learner in grid.learners:
@@ -401,103 +433,64 @@ class Experiment(Table):
         """How the experiment is given on the command line."""
         return self.name if self.name in experiment_names() else f"PATH/{self.name}.toml"
 
-    @property
-    def has_stages(self) -> bool:
-        """Whether its first runs decide which others follow."""
-        return self.search is not None or (self.report is not None and bool(self.report.looks))
-
-    @property
-    def populations(self) -> list[tuple[str, str, str]]:
-        """(scenario, variant, observation) of every population of one condition, as declared."""
-        return [
-            (scenario, name, observation)
-            for scenario in self.scenarios
-            for name, variant in self.algorithms.items()
-            for observation in variant.observations
-        ]
-
-    def populations_of(self, condition: str) -> list[tuple[str, str, str]]:
-        """Returns the populations of a condition: those of a grid may be of some learners only."""
-        chosen = self.grids[condition.split("/")[1]].learners if self.grids else ()
-        return [
-            (scenario, name, observation)
-            for scenario, name, observation in self.populations
-            if not chosen or name in chosen or f"{name}, {observation}" in chosen
-        ]
-
     def schedule(self, variant: str) -> tuple[int, int]:
         """Returns after how many steps a variant is evaluated, and its values are mapped."""
         declared = self.algorithms[variant]
         return declared.evaluation_every or self.evaluation_every, declared.map_every or self.map_every
 
-    def declared_seeds(self, variant: str, condition: str) -> range:
+    def seeds_of(self, variant: str, condition: Condition) -> range:
         """Returns the seeds of a variant's runs under a condition."""
         declared = self.algorithms[variant]
-        reading = self.readings[condition.split("/")[0]]
-        n_seeds = declared.seeds if reading.seeds is None else reading.seeds
+        n_seeds = self.readings[condition.axes["reading"]].seeds or declared.seeds
         return range(declared.first_seed, declared.first_seed + n_seeds)
 
-    def all_seeds(self, variant: str, condition: str) -> range:
-        """Returns the seeds that a variant's runs may have under a condition, those of later looks, too."""
-        seeds = self.declared_seeds(variant, condition)
+    def all_seeds(self, variant: str) -> set[range]:
+        """Returns the seeds that a variant's runs may have, those at further looks, too."""
         looks = () if self.report is None else self.report.looks
-        return range(seeds.start, max([seeds.stop, *(seeds.start + n for n in looks)]))
+        ranges = {self.seeds_of(variant, condition) for condition in self.conditions.values()}
+        return {range(r.start, max([r.stop, *(r.start + n for n in looks)])) for r in ranges}
 
     def seeds_of_search(self, variant: str) -> tuple[range, range]:
-        """Returns the seeds of a variant's trials, and those that the search uses later."""
+        """Returns the seeds of a variant's trials, and those of the further stages of the search."""
         assert self.search is not None
-        seeds = self.declared_seeds(variant, DEFAULT_CONDITION)
-        return seeds, range(self.search.first_seed, self.search.around(len(seeds)).stop)
-
-    @property
-    def seed_ranges(self) -> set[range]:
-        """The seeds of all variants under all conditions."""
-        return {self.declared_seeds(variant, name) for variant in self.algorithms for name in self.conditions}
+        first, n = self.algorithms[variant].first_seed, self.algorithms[variant].seeds
+        return range(first, first + n), range(self.search.first_seed, self.search.around(n).stop)
 
     @cached_property
-    def known_settings(self) -> dict[str, Any]:
-        """The checked settings of learners, by what decides them."""
-        return {}
+    def conditions(self) -> dict[str, Condition]:
+        """All conditions by name: each reading with each point of a sweep, of grids, or of a search."""
+        points = [*self._points()]
+        return {
+            condition.name: condition
+            for reading, changes in self.readings.items()
+            for point in points
+            for condition in [point.under(reading, changes)]
+        }
 
-    @cached_property
-    def conditions(self) -> dict[str, Mapping[str, Condition]]:
-        """The changes of every condition, by its name.
-
-        A condition is a reading together with a point of the sweep. Its name is that of the reading, followed
-        by /AXIS=NAME for each axis; of a grid, /GRID comes before these. Its changes are named by their
-        tables, and made in this order.
-        """
-        if self.grids:
-            ((reading, first),) = self.readings.items()
-            return {
-                f"{reading}/{name}/{point_name(point)}": {
-                    f"readings.{reading}": first,
-                    f"grids.{name}": Condition(scenario=grid.scenario, settings=grid.settings),
-                    **{
-                        f"grids.{name}.axes.{axis}.{value}": Condition(scenario=grid.axes[axis][value])
-                        for axis, value in point.items()
-                    },
+    def _points(self) -> Iterator[Condition]:
+        """Yields the points of a sweep, of grids, or of a search, as conditions without a reading."""
+        for name, grid in self.grids.items():
+            every = Changes(scenario=grid.scenario, settings=grid.settings)
+            for point in grid.points:
+                changes = {
+                    f"grids.{name}.axes.{axis}.{value}": Changes(scenario=grid.axes[axis][value])
+                    for axis, value in point.items()
                 }
-                for name, grid in self.grids.items()
-                for point in grid.points
-            }
-        axes = [
-            [(f"{axis}={name}", f"sweep.{axis}.{name}", change) for name, change in changes.items()]
-            for axis, changes in self.sweep.items()
-        ]
+                axes, learners = {"grid": name, **point}, grid.learners
+                yield Condition(
+                    f"{name}/{point_name(point)}", axes, {f"grids.{name}": every, **changes}, learners
+                )
         if self.search is not None:
             n = self.search.trials
             drawn = {name: trials(name, each.search, n) for name, each in self.algorithms.items()}
-            points = [Trial(of={name: each[t] for name, each in drawn.items()}) for t in range(n + 1)]
-            axes.append([(f"trial={t}", f"search (trial {t})", point) for t, point in enumerate(points)])
-        return {
-            "/".join([name, *(part for part, _, _ in point)]): {
-                f"readings.{name}": reading,
-                **{table: change for _, table, change in point},
-            }
-            for name, reading in self.readings.items()
-            for point in product(*axes)
-        }
+            for t in range(n + 1):
+                of_variants = {name: settings[t] for name, settings in drawn.items()}
+                yield Condition(f"trial={t}", {"trial": str(t)}, {}, of_variants=of_variants)
+        if not self.grids and self.search is None:
+            for names in product(*self.sweep.values()):
+                axes = dict(zip(self.sweep, names, strict=True))
+                changed = {f"sweep.{axis}.{name}": self.sweep[axis][name] for axis, name in axes.items()}
+                yield Condition(point_name(axes), axes, changed)
 
 
 class Extension(Table):
@@ -521,7 +514,7 @@ def experiment_names() -> list[str]:
     return sorted(path.stem for path in EXPERIMENT_DIRECTORY.glob("*.toml"))
 
 
-def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
+def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """Reads an experiment's tables and checks their form, not yet what they name; returns also their file.
 
     Raises:
@@ -533,7 +526,7 @@ def read_experiment(experiment: str | Path) -> tuple[Experiment, Path]:
         raise InputError(
             f"{path}: results are named after the file; accepted: any name but {', '.join(_RESERVED)}."
         )
-    read = parse(Experiment, _with_references(_read(path), str(path)), str(path), name=path.stem)
+    read = parse(Declaration, _with_references(_read(path), str(path)), str(path), name=path.stem)
     if DEFAULT_CONDITION not in read.readings:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     # The path of a scenario is one from the current folder, or else from that of the experiment.

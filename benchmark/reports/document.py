@@ -18,8 +18,8 @@ import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.reports import files, load_items, load_report, prose
-from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import PICTURES, Finding, Item, as_written
+from benchmark.reports.folder import MANIFEST, Folder, with_titles
+from benchmark.reports.item import PICTURES, Item, as_written
 from envs.observations import OBSERVATIONS
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
@@ -44,32 +44,15 @@ class Document:
             self.question = declared["question"] or self.report.question
 
     @cached_property
-    def headline(self) -> Finding | None:
-        """The finding in a few sentences, written by hand or made by the report; None if there is none."""
+    def headline(self) -> str | None:
+        """The finding in Markdown: as it is written by hand, or else the sentence that the report makes.
+
+        Its numbers are links to the rows that they come from, see `tables.link`.
+        """
         try:
-            return self.written or self.report.headline(self.folder)
+            return prose.written(self.folder) or self.report.headline(self.folder)
         except prose.ClaimError:
             return self.report.headline(self.folder)
-
-    @property
-    def written(self) -> Finding | None:
-        """The finding as it is written by hand; None if it is not.
-
-        Raises:
-          ClaimError: The tables do not show what it claims.
-        """
-        path = prose.text_of(self.folder)
-        if path is None:
-            return None
-        with self.folder.reading():
-            text = templates_in(path.parent).get_template(path.name).render(prose.lookups(self.folder))
-        paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
-        return Finding("\n\n".join(filter(None, paragraphs)), "several")
-
-    @cached_property
-    def findings(self) -> list[Finding]:
-        """All other findings, in the order of the items."""
-        return [finding for item in self.items for finding in item.findings(self.folder)]
 
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
@@ -91,7 +74,7 @@ class Document:
 
     def shown(self, item: Item) -> pd.DataFrame:
         """Returns an item's table as readers see it, of Markdown texts."""
-        return item.display(self.folder.names.in_table(self.folder.frame(item.name)))
+        return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
     def render(self, place: Place, template: Path | None = None, **more: object) -> str:
         """Returns the document as Markdown.
@@ -154,10 +137,10 @@ class Document:
             for observation in each["settings"]:
                 if observation in OBSERVATIONS:
                     row = {
-                        "learner": self.folder.names(variant, observation),
+                        "learner": self.folder.title(f"{variant}, {observation}"),
                         "name in CSV files": f"`{variant}, {observation}`",
                         "policy": each["policy"],
-                        "settings": "searched here" if "search" in manifest["facts"] else source,
+                        "settings": "searched here" if manifest.get("search") else source,
                         "runs": each.get("runs") and f"{each['runs']}{plus}",
                     }
                     rows.append({key: value for key, value in row.items() if value is not None})
@@ -173,11 +156,8 @@ class Document:
                 for end in (".csv", *(f".{form}" for form in PICTURES))
                 if f"{item.name}{end}" in self.folder
             ]
-            names = [name for name in item.files if name in self.folder] or [
-                f"{item.name}{', '.join(ends)}"
-            ] * bool(ends)
-            if names:
-                rows.append((", ".join(names), item.description))
+            if item.file in self.folder or ends:
+                rows.append((item.file or f"{item.name}{', '.join(ends)}", item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
@@ -198,9 +178,7 @@ def front(results: Path) -> str:
     """
 
     def headline(name: str, paragraph: int = 0) -> str:
-        document = Document(results / name)
-        found = document.written or document.headline
-        paragraphs = [] if found is None else tables.plain(found.text).split("\n\n")
+        paragraphs = tables.plain(prose.written(Folder(results / name)) or "").split("\n\n")
         return "".join(paragraphs[paragraph : paragraph + 1])
 
     def figure(name: str, item: str) -> str:

@@ -6,7 +6,7 @@ What is up to date is not made again.
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,25 +15,18 @@ from typing import Any, Final, NamedTuple
 import pandas as pd
 from matplotlib import pyplot as plt
 
-from agents import load_algorithm
-from benchmark.analysis.population import check_scores
+from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import known_runs
 from benchmark.drawing import tables
 from benchmark.drawing.style import save_figure
 from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
-from benchmark.experiments import (
-    DEFAULT_CONDITION,
-    Experiment,
-    RunSpecification,
-    changed_settings,
-    family_of,
-    specifications,
-)
+from benchmark.experiments import Experiment, RunSpecification
+from benchmark.experiments.choices import changed_settings
 from benchmark.reports import document, files, load_items, load_report, sameness
-from benchmark.reports.folder import MANIFEST
-from benchmark.reports.item import PICTURES, Data, Frames, Item, Report, as_written
-from benchmark.reports.learners import Names
+from benchmark.reports.data import Data, load
+from benchmark.reports.folder import MANIFEST, with_titles
+from benchmark.reports.item import PICTURES, Frames, Item, Report, as_written, called
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
@@ -72,6 +65,8 @@ def draw(
       InputError: A run or a package is missing, or the folder cannot be written.
     """
     report, items = report_of(experiment)
+    if partial and not report.can_be_partial:
+        raise InputError(f"--partial: {experiment.name}: accepted: only of a comparison or a map.")
     is_as_declared = seeds is None and not partial  # and so comparable with the published results
     measured = measured_files(items)
     every, ended = known_runs(experiment, store, seeds), store.ended()
@@ -84,8 +79,8 @@ def draw(
         return Made(is_new=False, certificate=compared)
     with files.alone(directory.parent), files.replaced(directory, was_made(directory, items)) as aside:
         check_scores(every)
-        data = report.load(experiment, store, seeds, partial)
-        manifest = _manifest(experiment, runs, provenance, seeds, data)
+        data = load(experiment, store, seeds, partial=partial, columns=report.columns)
+        manifest = _manifest(experiment, runs, provenance, seeds, data.note)
         manifest["looks"] = _looks(directory / MANIFEST, manifest)
         publish(items, data, aside, manifest)
         if is_as_declared:
@@ -107,7 +102,7 @@ def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mappin
     for item in items:
         draw_figure(item, frames, data, *(directory / f"{item.name}.{form}" for form in PICTURES))
         if item.write is not None:
-            item.write(data, directory)
+            called(item.write, data, path=directory / item.file)
     document.write(directory)
 
 
@@ -116,15 +111,16 @@ def export(
 ) -> None:
     """Writes an experiment's figures or tables, in one of `FORMATS`, into a folder of their own."""
     report, items = report_of(experiment)
-    data = report.load(experiment, store, seeds, False)
+    data = load(experiment, store, seeds, columns=report.columns)
     frames = tables_of(items, data)
+    titles = {learner.name: learner.title for learner in experiment.learners.values()}
     with files.alone(directory.parent), files.replaced(directory, lambda _: True) as aside:
         for item in items:
             path = aside / f"{item.name}.{form}"
             if form != "tex":
                 draw_figure(item, frames, data, path)
             elif item.name in frames:
-                frame = item.display(Names.of(experiment).in_table(frames[item.name])).map(as_written)
+                frame = item.display(with_titles(frames[item.name], titles)).map(as_written)
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 
@@ -136,8 +132,7 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
       is_drawn: Whether it is drawn now, so that its packages have to be there.
 
     Raises:
-      InputError: It has none, or asks for something else than the experiment has, or a package is missing,
-        or two learners have the same name.
+      InputError: It has none, or asks for something else than the experiment has, or a package is missing.
     """
     declared = experiment.report
     if declared is None:
@@ -147,16 +142,16 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
     for package in report.packages:
         if is_drawn and find_spec(package) is None:
             raise missing_package(f"{experiment.name}: its report", package)
-    for key, is_there in (
-        ("solved", experiment.solved),
-        ("grids", experiment.grids),
-        ("looks", declared.looks),
-    ):
-        if is_there and not report.reads_curves:
+    of_maps = {
+        "solved": experiment.declared.solved,
+        "grids": experiment.declared.grids,
+        "looks": declared.looks,
+    }
+    for key, value in of_maps.items():
+        if value and not report.reads_curves:
             where = f"{experiment.argument}: {key} with report.kind = {declared.kind}"
             raise InputError(f"{where}: accepted: report.kind = map.")
     report.check(experiment)
-    Names.of(experiment)  # which have to differ
     return report, items
 
 
@@ -186,9 +181,9 @@ def draw_figure(item: Item, frames: Frames, data: Data, *paths: Path) -> None:
 
     Of several files, in different forms, the smallest one stays.
     """
-    figure = None if item.draw is None else item.draw(frames, data)
+    figure = item.picture(data, frames)
     if figure is not None:
-        if data.is_incomplete:
+        if data.is_partial:
             figure.suptitle("PARTIAL: runs are missing", color="firebrick")
         for path in paths:
             save_figure(figure, path)
@@ -209,12 +204,12 @@ def _inputs(
     partial: bool,
 ) -> str:
     """Returns the digest of what a folder of results depends on: what is declared, and the records."""
-    assert experiment.report is not None
     measured = [json.dumps(dict(each), sort_keys=True) for each in provenance]
-    algorithms = [declared.algorithm for declared in experiment.algorithms.values()]
-    names = [experiment.report.kind, *experiment.report.items, *algorithms]
-    sources = [digest_of_source(name.partition(":")[0]) for name in names if ":" in name]
-    declared = experiment.model_dump_json(), str(seeds), str(partial)
+    named = [variant.algorithm for variant in experiment.declared.algorithms.values()]
+    if experiment.report is not None:
+        named += [experiment.report.kind, *experiment.report.items]
+    sources = [digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
+    declared = experiment.declared.model_dump_json(), str(seeds), str(partial)
     return sameness.digest_of_inputs(*declared, *(run.digest for run in runs), *measured, *sources)
 
 
@@ -234,73 +229,82 @@ def _manifest(
     runs: Sequence[RunSpecification],
     provenance: Sequence[Mapping[str, Any]],
     seeds: Sequence[int] | None,
-    data: Data,
+    note: str,
 ) -> dict[str, Any]:
     """Returns what was run, and from the records what ran it: drawing again gives the same."""
-    done, sizes = {run.digest for run in runs}, Counter(run.population for run in runs)
+    declared = experiment.declared
+    sizes = Counter(run.population for run in runs)
     largest = max(sizes, key=lambda each: sizes[each])
-    conditions = sorted(experiment.conditions, key=lambda name: name != DEFAULT_CONDITION)
-    populations = (
-        (population, specifications(experiment, condition, *population, seeds))
-        for condition in conditions
-        for population in experiment.populations_of(condition)
-    )
     # One run of each learner in each scenario, under the first condition that has it.
-    first: dict[tuple[str, str, str], RunSpecification] = {}
-    for population, each in populations:
-        if population not in first and (there := next((run for run in each if run.digest in done), None)):
-            first[population] = there
-    default = [first[population] for population in experiment.populations if population in first]
-    chosen = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
-
-    def every(key: str) -> list[object]:
-        # Records that were made before the processor was noted do not have it.
-        texts = {json.dumps(p[key], sort_keys=True) for p in provenance if key in p}
-        return [json.loads(text) for text in sorted(texts)]
-
+    first: dict[tuple[str, str], RunSpecification] = {}
+    for population in experiment.populations:
+        if population.first.population in sizes:
+            first.setdefault((population.scenario.name, population.learner.name), population.first)
+    variants: dict[str, dict[str, Any]] = {}
+    for learner in experiment.learners.values():
+        shown = [run for (_, name), run in first.items() if name == learner.name]
+        if not shown:
+            continue
+        variant = variants.setdefault(
+            learner.variant,
+            {
+                "algorithm": learner.declared.algorithm,
+                "title": learner.declared.title,
+                "family": learner.family,
+                "packages": learner.algorithm.packages,
+                "reference_for": learner.declared.reference_for,
+                "policy": learner.declared.policy,
+                "tuned_by": learner.declared.tuned_by,
+                "changed": changed_settings(declared, learner.variant),
+                "runs": sizes[shown[-1].population],  # in a scenario
+                "settings": {},
+            },
+        )
+        variant["settings"][learner.observation] = shown[-1].settings.model_dump(mode="json")
     return {
         "experiment": experiment.name,
         "description": experiment.description,
-        "command": f"python -m benchmark run {experiment.argument}{chosen} --report",
-        "partial": data.note,
+        "command": f"python -m benchmark run {experiment.argument}{_option(seeds)} --report",
+        "partial": note,
         "argument": experiment.argument,
-        "report": experiment.report and experiment.report.model_dump(mode="json"),
-        "facts": data.facts,
-        "horizon": experiment.horizon,
-        "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in default},
-        "algorithms": {
-            run.variant: {
-                "algorithm": run.algorithm,
-                "title": experiment.algorithms[run.variant].title,
-                "family": family_of(experiment, run.variant),
-                "packages": load_algorithm(run.algorithm).packages,
-                "reference_for": experiment.algorithms[run.variant].reference_for,
-                "policy": experiment.algorithms[run.variant].policy,
-                "tuned_by": experiment.algorithms[run.variant].tuned_by,
-                "changed": changed_settings(experiment, run.variant),
-                "runs": sizes[run.population],  # in a scenario
-                "settings": {
-                    each.observation: each.settings.model_dump(mode="json")
-                    for each in default
-                    if each.variant == run.variant
-                },
-            }
-            for run in default
-        },
-        "note": experiment.note.strip(),
+        "report": declared.report and declared.report.model_dump(mode="json"),
+        "solved": declared.solved and declared.solved.model_dump(mode="json"),
+        "search": declared.search and declared.search.model_dump(mode="json"),
+        "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
+        "horizon": declared.horizon,
+        "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in first.values()},
+        "algorithms": variants,
+        "note": declared.note.strip(),
         "readings": {
             name: {"question": reading.question, "answer": reading.answer}
-            for name, reading in experiment.readings.items()
+            for name, reading in declared.readings.items()
         },
         "runs": len(runs),
         "seeds": sizes[largest],
         "first_seed": min(run.seed for run in runs if run.population == largest),
         "digest": hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest(),
+        **_made_by(provenance),
+    }
+
+
+def _option(seeds: Sequence[int] | None) -> str:
+    return "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
+
+
+def _made_by(provenance: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Returns what made the runs, and when."""
+
+    def every(key: str) -> list[object]:
+        # Records that were made before the processor was noted do not have it.
+        texts = {json.dumps(run[key], sort_keys=True) for run in provenance if key in run}
+        return [json.loads(text) for text in sorted(texts)]
+
+    return {
         "commits": every("commit"),
         "machines": every("machine"),
         "processors": every("processor"),
         "versions": every("versions"),
-        "first_started_at": min(p["started_at"] for p in provenance),
-        "last_started_at": max(p["started_at"] for p in provenance),
-        "busy_time_s": round(sum(p["wall_time_s"] for p in provenance), 3),
+        "first_started_at": min(run["started_at"] for run in provenance),
+        "last_started_at": max(run["started_at"] for run in provenance),
+        "busy_time_s": round(sum(run["wall_time_s"] for run in provenance), 3),
     }

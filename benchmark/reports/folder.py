@@ -1,6 +1,7 @@
 """A folder of published results, as its files have it: the source of all sentences, README and page."""
 
 import json
+import re
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ import jinja2
 import pandas as pd
 
 from benchmark.drawing.tables import read_csv
-from benchmark.reports.learners import Names
+from benchmark.experiments import title_of
 from envs import InputError
 
 MANIFEST: Final = "manifest.json"
@@ -49,9 +50,22 @@ class Folder:
         return dict(found)
 
     @cached_property
-    def names(self) -> Names:
-        """What readers call the learners."""
-        return Names.from_manifest(self.manifest)
+    def titles(self) -> dict[str, str]:
+        """What readers call the learners, by their names in files."""
+        return {
+            f"{name}, {form}": title_of(variant.get("title") or name, form, variant.get("family", ""))
+            for name, variant in self.manifest.get("algorithms", {}).items()
+            for form in variant["settings"]
+        }
+
+    def title(self, side: str) -> str:
+        """Returns what readers call a learner, or a side of a contrast, see `titled`."""
+        return titled(side, self.titles)
+
+    def told(self, side: str) -> str:
+        """Returns the same for a sentence, in which a table has an article."""
+        title = self.title(side)
+        return f"the {title}" if re.search(r"\btable\b", title) else title
 
     def __contains__(self, file: str) -> bool:
         """Returns whether there is a file of this name, or one that matches this pattern."""
@@ -88,3 +102,23 @@ class Folder:
                 f"{self.path}: damaged, or made by another version of this project ({fault}); make these "
                 f"results again: {again}"
             ) from error
+
+
+def titled(side: str, titles: Mapping[str, str]) -> str:
+    """Returns a side of a contrast with the titles of learners.
+
+    >>> titled("q, offset @ S1", {"q, offset": "table of offsets"})
+    'table of offsets @ S1'
+    """
+    return " @ ".join(titles.get(part, part) for part in side.split(" @ "))
+
+
+def with_titles(frame: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
+    """Returns a table with a column of learners, and with the titles of learners."""
+    frame = frame.copy()
+    if {"algorithm", "observation"} <= {*frame} and "learner" not in frame:
+        learners = frame["algorithm"] + ", " + frame["observation"]
+        frame.insert([*frame].index("algorithm"), "learner", learners)
+    for column in {"learner", "x", "y"} & {*frame}:
+        frame[column] = frame[column].map(lambda side: titled(side, titles), na_action="ignore")
+    return frame

@@ -1,114 +1,101 @@
-"""What a report is made of: items, each with its table, its figure and its sentences in one place.
+"""What a report is made of: items, each with its table, its figure and what its columns mean in one place.
 
-    @item("steps", "how many steps an episode takes after training", {"n": "runs", "steps": ""})
+    @item("steps", "how many steps an episode takes after training", {"n": "runs", "steps": ""},
+          meanings={"steps": "expected steps of an episode after training"})
     def steps(runs):
-        for cell in runs:
-            yield cell.row(n=cell.n, steps=cell.final("steps").mean())
+        for keys, rows in by_population(runs):
+            yield keys | {"n": len(rows), "steps": rows["steps"].mean()}
 
     @steps.figure("Steps of an episode.")
-    def _(tables, data): ...  # all tables of the report, and what they were computed from
+    def _(table, experiment): ...
 
-    @steps.sentence
-    def _(table, folder): ...
-
-The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
+The function of a table, and that of a figure, take those of the arguments that they name: `runs` and `curves`
+(see `benchmark.analysis.frames`), `experiment`, and `records`, which returns the `Records` of a population; a
+figure also `table` (its own) and `tables` (all, by name). The folder of results, its README, the page and the
+certificate iterate over items; nothing else lists them.
 """
 
 import html
+import inspect
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import Any, Final, TypeVar
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from benchmark.analysis.intervals import Estimate as Estimate
 from benchmark.drawing.tables import decimals_of, inert, link, plain, show
+from benchmark.experiments import Experiment
+from benchmark.reports.data import Data
+from benchmark.reports.folder import Folder
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from benchmark.execution.store import Store
-    from benchmark.experiments import Experiment
-    from benchmark.reports.folder import Folder
-
-Rows = Iterable[Mapping[str, Any]] | pd.DataFrame | None
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
+Function = TypeVar("Function", bound=Callable[..., Any])
 PICTURES: Final = ("svg", "png")  # forms of a figure, of which a folder has the smaller one
 _NO_NUMBER: Final = "-"
-_PLACES: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A sentence in Markdown. Its numbers are links to the rows that they come from, see `tables.link`.
-
-    Words that judge are verdicts, and used for nothing else.
-    """
-
-    text: str
-    verdict: str = ""  # "" if it only describes, "several" if there are
+_KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
 @dataclass(eq=False)
 class Item:
-    """A table, a figure, or both, with its sentences; or files of another form. Made by `item`."""
+    """A table, a figure, or both; or files of another form. Made by `item`, `drawing` or `writing`."""
 
-    compute: Callable[[Any], Rows] | None
     name: str
     description: str
+    compute: Callable[..., Any] | None = None
     columns: Mapping[str, str] | None = None  # that readers see; by default all
+    meanings: Mapping[str, str] = field(default_factory=dict)
     where: Callable[[pd.DataFrame], pd.DataFrame] | None = None
     is_measured: bool = False
-    best: str = ""  # the column by which readers see rows sorted within a place; "-": the smallest first
-    files: tuple[str, ...] = ()  # of another form
-    write: Callable[[Any, Path], None] | None = None
+    best: str = ""  # the column by which readers see rows sorted; "-": the smallest first
+    file: str = ""  # of another form
+    write: Callable[..., Any] | None = None
     caption: str = ""  # of the figure
-    draw: "Callable[[Frames, Any], Figure | None] | None" = None
+    draw: Callable[..., Figure | None] | None = None
 
     def __post_init__(self) -> None:
         self.display: Callable[[pd.DataFrame], pd.DataFrame] = self._chosen
-        self._tell: list[Callable[[pd.DataFrame, Folder], Any]] = []
 
-    def figure(self, caption: str) -> Callable[[Any], Any]:
-        """Decorates what draws the figure: a function of all tables and the data; it may return None."""
+    def figure(self, caption: str) -> Callable[[Function], Function]:
+        """Decorates what draws the figure; it may return None."""
 
-        def register(function: Any) -> Any:
+        def register(function: Function) -> Function:
             self.caption, self.draw = caption, function
             return function
 
         return register
 
-    def sentence(self, function: Any) -> Any:
-        """Decorates what tells a finding, several, or None: a function of the published table and folder."""
-        self._tell.append(function)
-        return function
-
-    def shown(self, function: Any) -> Any:
+    def shown(self, function: Function) -> Function:
         """Decorates what readers see of the table: a function that returns a data frame of Markdown texts."""
         self.display = function
         return function
 
-    def table(self, data: Any) -> pd.DataFrame | None:
+    def table(self, data: Data) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
-        rows = None if self.compute is None else self.compute(data)
+        rows = None if self.compute is None else called(self.compute, data)
         if rows is None or isinstance(rows, pd.DataFrame):
             return rows
         flat = [expanded(row) for row in rows]
         return pd.DataFrame(flat) if flat else None
 
-    def findings(self, folder: "Folder") -> Iterator[Finding]:
-        """Yields what there is to tell, from published files alone."""
-        if self._tell and f"{self.name}.csv" in folder:
-            for function in self._tell:
-                told = function(folder.frame(self.name), folder)
-                for each in [told] if isinstance(told, str | Finding) else told or ():
-                    yield each if isinstance(each, Finding) else Finding(each)
+    def picture(self, data: Data, tables: Frames) -> Figure | None:
+        """Draws the figure; None if there is nothing to draw."""
+        if self.draw is None or (self.compute is not None and self.name not in tables):
+            return None
+        figure: Figure | None = called(self.draw, data, tables=tables, table=tables.get(self.name))
+        return figure
 
     def patterns(self) -> tuple[str, ...]:
         """Lists the names that its files can have, as patterns."""
-        return self.files or tuple(f"{self.name}.{end}" for end in ("csv", "tex", *PICTURES, "pdf"))
+        return (self.file,) if self.file else tuple(f"{self.name}.{end}" for end in ("csv", *PICTURES))
+
+    def meaning(self, column: str) -> str | None:
+        """Returns what a column of its table means; None if nothing says so."""
+        return _meaning(column, _SHARED | dict(self.meanings))
 
     def _chosen(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Shows the chosen columns of a table: numbers with their intervals, and with links to their rows."""
@@ -130,14 +117,21 @@ class Item:
         return pd.DataFrame(shown)
 
     def _sorted(self, frame: pd.DataFrame) -> pd.DataFrame:
-        """Returns the rows with the best first; those of a place stay together."""
+        """Returns the rows with the best first; those of a scenario and condition stay together."""
         by = self.best.removeprefix("-")
         if by not in frame or frame.empty:
             return frame
         is_ascending = by != self.best
-        places = [key for key in _PLACES if key in frame]
-        parts = frame.groupby(places, sort=False, dropna=False) if places else [("", frame)]
+        keys = [key for key in _KEYS if key in frame]
+        parts = frame.groupby(keys, sort=False, dropna=False) if keys else [("", frame)]
         return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
+
+
+def called(function: Callable[..., Any], data: Data, **more: object) -> Any:
+    """Calls a function with those arguments that it names, see the module's docstring."""
+    given = {"runs": data.runs, "curves": data.curves, "experiment": data.experiment}
+    known = {**given, "records": data.records, **more}
+    return function(**{name: known[name] for name in inspect.signature(function).parameters})
 
 
 def item(
@@ -145,25 +139,28 @@ def item(
     description: str,
     columns: Mapping[str, str] | None = None,
     *,
+    meanings: Mapping[str, str] | None = None,
     where: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
     is_measured: bool = False,
     best: str = "",
-) -> Callable[[Callable[[Any], Rows]], Item]:
-    """Makes an item of the function that computes its table.
+) -> Callable[[Callable[..., Any]], Item]:
+    """Makes an item of the function that computes its table, see the module's docstring.
 
-    The function takes the report's data and yields rows, whose values may be `Estimate`s, or returns a data
-    frame, or None.
+    The function yields rows, whose values may be `Estimate`s, or returns a data frame, or None.
 
     Args:
       name: The stem of its files.
       description: What its files hold.
       columns: Those that readers see, with their labels ("": the name); by default all.
+      meanings: What columns mean, but for those that mean the same everywhere.
       where: Chooses the rows that readers see.
       is_measured: Whether it holds measured times or memory, which differ every time.
-      best: The column by which readers see the rows of a place sorted, the largest first; with "-" before it,
-        the smallest. The CSV file has them in the order in which they are yielded.
+      best: The column by which readers see the rows of a scenario and condition sorted, the largest first;
+        with "-" before it, the smallest. The CSV file has them in the order in which they are yielded.
     """
-    return lambda function: Item(function, name, description, columns, where, is_measured, best)
+    return lambda function: Item(
+        name, description, function, columns, meanings or {}, where, is_measured, best
+    )
 
 
 def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
@@ -171,14 +168,14 @@ def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.iloc[:0]
 
 
-def drawing(name: str, description: str, caption: str) -> Callable[[Any], Item]:
+def drawing(name: str, description: str, caption: str) -> Callable[[Callable[..., Figure | None]], Item]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
-    return lambda function: Item(None, name, description, caption=caption, draw=function)
+    return lambda function: Item(name, description, caption=caption, draw=function)
 
 
-def writing(name: str, description: str, *files: str) -> Callable[[Callable[[Any, Path], None]], Item]:
-    """Makes an item of a function that writes files of another form: of the data and a folder."""
-    return lambda function: Item(None, name, description, files=files, write=function)
+def writing(name: str, description: str, file: str) -> Callable[[Callable[..., None]], Item]:
+    """Makes an item of a function that writes a file of another form, whose argument `path` is its path."""
+    return lambda function: Item(name, description, file=file, write=function)
 
 
 def expanded(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -232,37 +229,76 @@ def number(value: Any, decimals: int | None = None) -> str:
     return f"{value:,}" if isinstance(value, int) else show(value, decimals)
 
 
-class Data(Protocol):
-    """What a report computes its items from: the records of an experiment, as populations."""
+# What columns of any table mean.
+_SHARED: Final[dict[str, str]] = {
+    "algorithm": "variant: an algorithm with settings, as the experiment names it",
+    "budget": "environment steps of training",
+    "condition": "named changes of scenario and settings",
+    "learner": "variant and form of observation",
+    "n": "runs",
+    "observation": "form of observation",
+    "scenario": "scenario",
+    "success": "probability that an episode ends with a PING in the target region",
+    "score": "return, with 0 for the random and 1 for the optimal policy, clipped to [0, 1]",
+    "step": "environment steps of training so far",
+    "unbounded_score": "score that may lie outside [0, 1]: the return, with 0 for the random and 1 for the "
+    "optimal policy",
+    "x": "the learner, scenario or condition that is compared",
+    "y": "what it is compared with",
+}
+# What a name is made of besides that of another column, `{name}`, which means `{base}`; and what it means.
+_AFFIXES: Final[Mapping[str, str]] = {
+    "(.+)_low": "lower end of the 95 % interval of `{name}`",
+    "(.+)_high": "upper end of the 95 % interval of `{name}`",
+    "(.+)_low_90": "lower end of the 90 % interval of `{name}`",
+    "(.+)_high_90": "upper end of the 90 % interval of `{name}`",
+    "every_cell_(.+)": "{base}, of episodes that start in any cell",
+    "(.+)_x|x_(.+)": "{base}, of x",
+    "(.+)_y|y_(.+)": "{base}, of y",
+    "(.+)_difference": "`{name}` of x minus that of y",
+    "(.+)_p_different": "p-value of no difference in `{name}`, adjusted as declared",
+    "(.+)_p_equivalent": "p-value of a difference in `{name}` of at least the margin, adjusted as declared",
+    "(.+)_verdict": "verdict on x, by `{name}`",
+    "(.+)_margin": "difference in `{name}` that is too small to matter",
+    "(.+)_largest": "largest difference in `{name}` in a scenario, x minus y",
+    "(.+)_except": "scenarios that contradict the verdict by `{name}`, or for which it is not shown "
+    "separately",
+    "(.+)_random": "{base}, by the random policy",
+    "(.+)_optimal": "{base}, by the optimal policy",
+    "(.+)_learned": "{base}, by the greedy policy after training, mean over agents",
+    "(.+)_regret": "`{name}_optimal` minus `{name}_learned`",
+}
 
-    @property
-    def note(self) -> str:
-        """What readers must know of missing runs or seeds, as a sentence; empty if nothing."""
 
-    @property
-    def is_incomplete(self) -> bool:
-        """Whether runs are missing: tables and figures are then marked as partial."""
+def _meaning(column: str, known: Mapping[str, str]) -> str | None:
+    """Returns what a column means; `*` is any other column.
 
-    @property
-    def facts(self) -> Mapping[str, object]:
-        """What README and page need in addition to the tables, for the manifest; numbers and texts only."""
+    >>> _meaning("every_cell_success_low", _SHARED)
+    'lower end of the 95 % interval of `every_cell_success`'
+    """
+    if column in known:
+        return known[column]
+    for pattern, text in _AFFIXES.items():
+        if found := re.fullmatch(pattern, column):
+            name = next(filter(None, found.groups()))
+            if base := _meaning(name, {key: each for key, each in known.items() if key != "*"}):
+                return text.format(name=name, base=base)
+    return known.get("*")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Report:
-    """A kind of report: what it demands of an experiment, how it loads it, and what it shows."""
+    """A kind of report: what it demands of an experiment, and what it shows."""
 
     name: str
     question: str  # the page's heading
-    check: Callable[["Experiment"], None]  # raises InputError if it cannot report on the experiment
-    # Of an experiment, its store, other seeds than declared and whether runs may be missing, returns a `Data`
-    load: Callable[["Experiment", "Store", Sequence[int] | None, bool], Any]
+    check: Callable[[Experiment], None]  # raises InputError if it cannot report on the experiment
     items: tuple[Item, ...]
     document: Path  # a template of Markdown with places for the items, see `benchmark.reports.document`
-    headline: Callable[["Folder"], Finding | None] = lambda _: None
-    forecast: Callable[["Experiment"], str] = lambda _: ""  # what its runs cannot show; or empty
+    headline: Callable[[Folder], str | None] = lambda _: None  # one sentence in Markdown, from tables alone
+    forecast: Callable[[Experiment], str] = lambda _: ""  # what its runs cannot show; or empty
     lead: str = ""  # the item whose figure stands above the headline on the page
-    packages: tuple[str, ...] = ()  # that it needs beyond the basic ones
-    reads_curves: bool = (
-        False  # whether curves alone are enough, see `Solved` in `benchmark.experiments.schema`
-    )
+    packages: Sequence[str] = ()  # that it needs beyond the basic ones
+    reads_curves: bool = False  # whether curves alone are enough, see `Solved` in the experiments' schema
+    can_be_partial: bool = False  # whether it can be drawn if runs are missing
+    columns: Sequence[str] = ()  # results that it needs of runs; by default all

@@ -1,6 +1,5 @@
-"""A population: the records of runs that differ by their seed alone, with exact anchors of their scores."""
+"""The records of a population: what is stored of runs that differ by their seed alone."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -9,13 +8,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import Algorithm, LearnerSettings, load_algorithm
 from agents.dynamic_programming import evaluate, every_cell, from_starts, solve
 from agents.policy import uniform_policy
 from benchmark.analysis.intervals import resample
 from benchmark.execution.store import Store, evaluated
-from benchmark.experiments import RunSpecification, evaluation_steps
-from envs import ZONES, InputError, Model, Scenario, compile_scenario
+from benchmark.experiments import RunSpecification
+from envs import ZONES, InputError, Model, compile_scenario
 from envs.model import PING
 from envs.observations import compile_seen
 
@@ -23,14 +21,14 @@ OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distanc
 
 
 @dataclass(frozen=True, eq=False)
-class Population:
-    """All runs of one scenario, condition and learner, in the order of their seeds.
+class Records:
+    """The records of N runs of one population, in the order of their seeds.
 
-    N agents, T evaluation steps, V map steps, O observations, F fresh states (see `Model.fresh_state`; in S1
-    to S3 both are the cells), A actions, R records of max Q.
+    T evaluation steps, V map steps, O observations, F fresh states (see `Model.fresh_state`; in S1 to S3 both
+    are the cells), A actions.
     """
 
-    specification: Mapping[str, Any]  # of the first run, as recorded
+    run: RunSpecification  # the first of them
     agents: Sequence[Mapping[str, NDArray[Any]]]  # (N,) arrays, see `benchmark.execution.store.Record`
     seeds: Sequence[int]  # (N,)
     provenance: Sequence[Mapping[str, Any]]  # (N,) see `benchmark.execution.store.Record`
@@ -42,48 +40,33 @@ class Population:
 
     @cached_property
     def model(self) -> Model:
-        """The scenario as recorded, compiled for the learner's form of observation."""
-        scenario = Scenario.model_validate_json(json.dumps(self.specification["scenario"]))
-        return compile_seen(scenario, self.specification["observation"])
+        """The scenario, compiled for the learner's form of observation."""
+        return compile_seen(self.run.scenario, self.run.observation)
 
     @property
     def scenario(self) -> str:
         """The scenario's name."""
-        return str(self.specification["scenario"]["name"])
+        return self.run.scenario.name
 
     @property
     def horizon(self) -> int:
         """Steps after which an evaluated episode is truncated."""
-        return int(self.specification["horizon"])
+        return self.run.horizon
 
     @cached_property
-    def evaluation_steps(self) -> list[int]:
+    def evaluation_steps(self) -> tuple[int, ...]:
         """(T,) in units of the learner's budget."""
-        return evaluation_steps(
-            self.specification["settings"]["budget"], self.specification["evaluation_every"]
-        )
-
-    @cached_property
-    def algorithm(self) -> Algorithm:
-        """The algorithm that trained the agents."""
-        return load_algorithm(self.specification["algorithm"])
-
-    @cached_property
-    def settings(self) -> LearnerSettings:
-        """The learner's settings, as recorded."""
-        return self.algorithm.settings.model_validate_json(json.dumps(self.specification["settings"]))
+        return self.run.schedule.evaluation_steps
 
     @property
     def discount(self) -> float:
         """The discount of the learner's values."""
-        return self.settings.discount_factor
+        return self.run.settings.discount_factor
 
     @cached_property
     def map_indices(self) -> NDArray[np.int_]:
         """(V,) indices of the map steps among the evaluation steps."""
-        every = self.specification["map_every"] // self.specification["evaluation_every"]
-        last = len(self.evaluation_steps) - 1
-        return np.array([*range(0, last, every), last])
+        return np.flatnonzero(self.run.schedule.is_mapped)
 
     @property
     def weights(self) -> NDArray[np.float64]:
@@ -95,12 +78,12 @@ class Population:
         """Exact returns from the start, see `anchors`."""
         return anchors(self.model, self.horizon, "start")
 
-    @cached_property
-    def unbounded_scores(self) -> NDArray[np.float64]:
-        """(N, T) scores of the greedy policy from the start, see `unbounded_scores_of`."""
-        return self.unbounded_scores_of("greedy", "start")
+    @property
+    def random_success(self) -> float:
+        """How often the random policy succeeds, exactly."""
+        return _random_success(self.model, self.horizon)
 
-    def unbounded_scores_of(self, policy: str, start: str) -> NDArray[np.float64]:
+    def unbounded_scores(self, policy: str = "greedy", start: str = "start") -> NDArray[np.float64]:
         """Returns scores, (N, T): grid returns scaled so that 0 is the random policy and 1 the optimal one.
 
         Args:
@@ -112,10 +95,10 @@ class Population:
         returns = self.arrays[evaluated("grid_return", policy, start)]
         return np.asarray((returns - random) / (optimal - random))
 
-    def subset(self, start: int, stop: int) -> "Population":
-        """Returns the population of some of the agents, from place `start` to before `stop`."""
+    def subset(self, start: int, stop: int) -> "Records":
+        """Returns the records of some of the runs, from index `start` to before `stop`."""
         some = slice(start, stop)
-        return Population(self.specification, self.agents[some], self.seeds[some], self.provenance[some])
+        return Records(self.run, self.agents[some], self.seeds[some], self.provenance[some])
 
     @cached_property
     def in_target(self) -> NDArray[np.bool_]:
@@ -138,7 +121,7 @@ class Population:
         if stochastic.shape[1]:
             valued = stochastic[:, -1].argmax(axis=-1) == PING
         else:
-            initial = self.specification["settings"].get("initial_value", 0)
+            initial = getattr(self.run.settings, "initial_value", 0)
             valued = (q[:, :, PING] > 0) & (q[:, :, PING] != initial)
         return np.asarray(valued[:, self.model.observation[self.model.fresh_state]])
 
@@ -160,6 +143,32 @@ class _Stacked(Mapping[str, NDArray[Any]]):
 
     def __len__(self) -> int:
         return len(self.agents[0])
+
+
+def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
+    """Reads the records of runs that differ by their seed alone.
+
+    Raises:
+      InputError: Some are missing or failed.
+    """
+    ended = store.ended()
+    if missing := [run.seed for run in runs if run.digest not in ended]:
+        raise InputError(
+            f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name} are "
+            f"missing or failed (the first is seed {missing[0]}): run the experiment first."
+        )
+    records = store.get([run.digest for run in runs])
+    return Records(
+        runs[0],
+        [record.arrays for record in records],
+        [run.seed for run in runs],
+        [record.provenance for record in records],
+    )
+
+
+@lru_cache(maxsize=128)
+def _random_success(model: Model, horizon: int) -> float:
+    return float(evaluate(model, uniform_policy(model), horizon).success)
 
 
 @lru_cache(maxsize=128)
@@ -210,40 +219,8 @@ def overlap(cells: NDArray[np.bool_], in_target: NDArray[np.bool_]) -> NDArray[n
     return np.asarray((cells & in_target).sum(axis=-1) / (cells | in_target).sum(axis=-1))
 
 
-def load_population(runs: Sequence[RunSpecification], store: Store, *, fewest: int = 2) -> Population:
-    """Reads the records of a population.
-
-    Args:
-      runs: All its runs; they differ by their seed alone.
-      store: Where their records are.
-      fewest: The least number of runs accepted; a single run has no intervals.
-
-    Raises:
-      InputError: There are fewer runs, or some are missing or failed.
-    """
-    if len(runs) < fewest:
-        raise InputError(
-            f"runs per scenario and learner = {len(runs)}: accepted: at least {fewest}, "
-            "since a single run has no interval."
-        )
-    ended = store.ended()
-    missing = [run.seed for run in runs if run.digest not in ended]
-    if missing:
-        raise InputError(
-            f"{len(missing)} of {len(runs)} runs of {runs[0].variant} in {runs[0].scenario.name} are "
-            f"missing or failed (the first is seed {missing[0]}): run the experiment first."
-        )
-    records = store.get([run.digest for run in runs])
-    return Population(
-        specification=json.loads(records[0].specification),
-        agents=[record.arrays for record in records],
-        seeds=[run.seed for run in runs],
-        provenance=[record.provenance for record in records],
-    )
-
-
-def optimal_values(population: Population) -> NDArray[np.float64]:
+def optimal_values(records: Records) -> NDArray[np.float64]:
     """Returns Q* of every fresh state, (F, A); undiscounted, up to the horizon."""
-    model = population.model
-    horizon = None if population.discount < 1 else population.horizon
-    return solve(model, population.discount, horizon).q[model.fresh_state]
+    model = records.model
+    horizon = None if records.discount < 1 else records.horizon
+    return solve(model, records.discount, horizon).q[model.fresh_state]

@@ -1,0 +1,200 @@
+"""What is stored of runs as two tidy tables: `runs`, a row a run, and `curves`, a row a run and evaluation.
+
+All published tables and figures are computed from these two, but for maps of what agents value.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmark.analysis.records import Records, load_records
+from benchmark.execution.solving import solved
+from benchmark.execution.store import Store, evaluated
+from benchmark.experiments import Population, RunSpecification
+from envs import ZONES, InputError
+
+Array = NDArray[Any]
+Floats = NDArray[np.float64]
+
+KEYS: Final = ("scenario", "condition", "algorithm", "observation", "learner")  # of a population
+ENDPOINTS: Final = ("success", "score", "unbounded_score", "steps", "wrong_pings", "uncomfortable_steps")
+_DIGITS: Final = 9  # of scores, so that the last digit of two optima does not decide which of them is better
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Runs that become rows of the tables: all of a population, or some."""
+
+    population: Population
+    runs: Sequence[RunSpecification]
+    more: Mapping[str, str] = field(default_factory=dict)  # columns besides those that name the population
+
+
+def keys_of(population: Population) -> dict[str, str]:
+    """Returns the columns that name a population, with one for each axis of its condition."""
+    learner, condition = population.learner, population.condition
+    names = population.scenario.name, condition.name, learner.variant, learner.observation, learner.name
+    keys = dict(zip(KEYS, names, strict=True))
+    taken = {*KEYS, *_RUN_COLUMNS, *_CURVE_COLUMNS, *ENDPOINTS, "seed", "step", "budget", "policy"}
+    return keys | {f"axis_{axis}" if axis in taken else axis: name for axis, name in condition.axes.items()}
+
+
+def tables(
+    groups: Iterable[Group], store: Store, columns: Sequence[str] = ()
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Returns the tables `runs` and `curves`, in the order of the groups and their runs.
+
+    Args:
+      groups: What to read.
+      store: Where all of these runs are stored.
+      columns: Results; by default all that are recorded.
+
+    Raises:
+      InputError: A record is missing or damaged, or a learner does not learn the policy that counts.
+    """
+    runs, curves = [], []
+    for group in groups:
+        records, policy = load_records(group.runs, store), group.population.learner.declared.policy
+        if records.run.solved is None and not records.arrays[evaluated("success", policy, "start")].shape[1]:
+            variant = f"algorithms.{group.population.learner.variant}"
+            reason = f"{variant}.policy = {policy}: its training returns no such policy; accepted: greedy"
+            raise InputError(f"{group.population.first.stream}: {reason}.")
+        keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
+        of_runs, of_curves = _results(records, policy, columns)
+        about = {"seed": records.seeds, "policy": policy, "budget": steps[-1]}
+        runs.append(pd.DataFrame(keys | about | of_runs, index=range(len(records.seeds))))
+        if of_curves:
+            about = {"seed": np.repeat(records.seeds, len(steps)), "step": np.tile(steps, len(records.seeds))}
+            flat = {name: values.ravel() for name, values in of_curves.items()}
+            curves.append(pd.DataFrame(keys | about | flat))
+    return _joined(runs), _joined(curves)
+
+
+def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Returns one table; an axis that a population does not have is empty."""
+    joined = pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
+    texts = [name for name in joined if not pd.api.types.is_numeric_dtype(joined[name])]
+    return joined.assign(**{str(name): joined[name].fillna("") for name in texts})
+
+
+def _results(
+    records: Records, policy: str, wanted: Sequence[str]
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Returns the results of N runs: at the end, (N,) each, and over training, (N, T) each."""
+    is_known = _MAPPED.__contains__ if records.run.solved is not None else _is_of(records.run)
+    ends, curves = (
+        {name: make(records, policy) for name, make in makers.items() if is_known(name)}
+        if not wanted
+        else {name: makers[name](records, policy) for name in wanted if name in makers}
+        for makers in (_RUN_COLUMNS, _CURVE_COLUMNS)
+    )
+    return ends, curves
+
+
+def _is_of(run: RunSpecification) -> Callable[[str], bool]:
+    """Returns whether a column is one of a run that is not of a map."""
+    is_everywhere = "every_cell" in run.evaluated_from
+    return lambda name: name != "unseen_success" and (is_everywhere or not name.startswith("every_cell_"))
+
+
+def _over_training(name: str, start: str, records: Records, policy: str) -> Floats:
+    """Returns what the policy that counts is evaluated as, (N, T)."""
+    if name in ("score", "unbounded_score"):
+        scores = np.round(records.unbounded_scores(policy, start), _DIGITS)
+        return scores if name == "unbounded_score" else np.clip(scores, 0.0, 1.0)
+    if name == "uncomfortable_steps":
+        steps = records.arrays[evaluated("zone_steps", policy, start)]
+        return np.asarray(steps[..., ZONES.index("uncomfortable")])
+    if records.run.solved is not None:
+        return np.asarray(records.arrays[name])
+    return np.asarray(records.arrays[evaluated(name, policy, start)])
+
+
+def _final(name: str, start: str, records: Records, policy: str) -> Floats:
+    return _over_training(name, start, records, policy)[:, -1]
+
+
+def _unseen_success(records: Records, _: str) -> Floats:
+    """Returns the success in unseen places, (N,); NaN without any."""
+    return np.array([[*agent["unseen_success"], math.nan][0] for agent in records.agents])
+
+
+def _peak_memory_mb(records: Records, _: str) -> Floats:
+    return np.array([run["peak_memory_mb"] or math.nan for run in records.provenance])
+
+
+def _diverged_at(records: Records, _: str) -> Floats:
+    """Returns the first evaluation step whose policy was not finite, (N,); infinite if all were."""
+    step = records.arrays["diverged_at"]
+    return np.where(step < 0, np.inf, step)
+
+
+def area(success: Floats, steps: Sequence[int]) -> Floats:
+    """Returns the area under curves of success, (..., T), relative to that of a success of 1 from the start.
+
+    >>> float(area(np.array([0.0, 1.0, 1.0]), [0, 10, 20]))
+    0.75
+    """
+    return np.asarray(np.trapezoid(success, steps) / (steps[-1] - steps[0]))
+
+
+_RUN_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
+    **{name: partial(_final, name, "start") for name in ENDPOINTS},
+    **{f"every_cell_{name}": partial(_final, name, "every_cell") for name in ENDPOINTS},
+    "greedy_success": lambda records, _: records.arrays["success"][:, -1],
+    "random_success": lambda records, _: np.full(len(records.seeds), records.random_success),
+    "unseen_success": _unseen_success,
+    "area": lambda records, policy: area(
+        _over_training("success", "start", records, policy), records.evaluation_steps
+    ),
+    "target_cells_marked": lambda records, _: (records.values_ping & records.in_target).sum(axis=1),
+    "cells_marked": lambda records, _: records.values_ping.sum(axis=1),
+    "region_overlap": lambda records, _: records.region_overlap,
+    "training_wrong_pings": lambda records, _: records.arrays["disagreements"][:, -1],
+    "diverged_at": _diverged_at,
+    "updates": lambda records, _: records.arrays["updates"],
+    "parameters": lambda records, _: records.arrays["parameters"],
+    "cpu_time_s": lambda records, _: np.array([run["cpu_time_s"][-1] for run in records.provenance]),
+    "peak_memory_mb": _peak_memory_mb,
+}
+_CURVE_COLUMNS: Final[Mapping[str, Callable[[Records, str], Array]]] = {
+    **{name: partial(_over_training, name, "start") for name in ("success", "score", "unbounded_score")},
+    "training_wrong_pings": lambda records, _: records.arrays["disagreements"],
+    "cpu_time_s": lambda records, _: np.array([run["cpu_time_s"] for run in records.provenance]),
+}
+# Of runs that end when they have learned; they record nothing else.
+_MAPPED: Final = {
+    "success", "unseen_success", "training_wrong_pings", "diverged_at", "updates", "parameters", "cpu_time_s",
+    "peak_memory_mb",
+}  # fmt: skip
+
+
+def by_population(frame: pd.DataFrame, *without: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
+    """Yields the rows of every population, or of populations that differ by these columns alone, with keys."""
+    names = [name for name in KEYS if name not in without]
+    for values, rows in frame.groupby(names, sort=False):
+        yield dict(zip(names, values, strict=True)), rows
+
+
+def by_step(curves: pd.DataFrame, column: str) -> Floats:
+    """Returns a column of the curves of one population by run and evaluation, (N, T)."""
+    return curves[column].to_numpy().reshape(-1, curves["step"].nunique())
+
+
+def learned(success: Floats, steps: Sequence[int], level: float, until: float = math.inf) -> NDArray[np.int_]:
+    """Returns from which evaluation on each run has learned, (N,): its index, or T if it never has.
+
+    It has learned once success stays at or above a level until so many times as many steps, or to the end.
+
+    >>> curves = np.array([[0.0, 1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 0.0, 0.0]])
+    >>> steps = [0, 100, 200, 300, 400]
+    >>> learned(curves, steps, 0.9).tolist(), learned(curves, steps, 0.9, until=2).tolist()
+    ([3, 5], [3, 1])
+    """
+    return np.array([solved(curve, steps, level, until)[0] for curve in success.tolist()], dtype=np.int_)

@@ -1,0 +1,120 @@
+"""What an experiment takes from a search: chosen settings, but none of its scenarios and seeds."""
+
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+from agents import dynamic_programming, load_algorithm
+from benchmark.experiments.schema import Declaration, overlap, read_experiment
+from benchmark.experiments.search import Chosen, read_chosen
+from envs import InputError, Scenario, load_scenario
+from envs.inputs import unknown_name
+
+# What two scenarios that are alike have in common, and what is compared in no time.
+_CHEAP: Final = ("ping_limit", "rewards", "observe", "first_phase", "draw")
+
+
+def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen | None:
+    """Returns the settings that a search has chosen for a learner, and their effort; None without a search.
+
+    Raises:
+      InputError: Nothing has been chosen for this learner, or not by the search as it is declared now.
+    """
+    name, searched = source_of(declared, variant)
+    if not name:
+        return None
+    source = f"{declared.argument}: algorithms.{variant}.tuned_by = {name}:{searched}"
+    path = _read_search(name)[1]
+    made, learner = read_chosen(path, source), f"{searched}, {observation}"
+    if made.search != _digest_of_search(name):
+        raise InputError(
+            f"{source}: {path} was made by another version of the search; run it again, with --report."
+        )
+    if learner not in made.learners:
+        unknown_name(source, "learner of the search", learner, made.learners)
+    return made.learners[learner]
+
+
+def source_of(declared: Declaration, variant: str) -> tuple[str, str]:
+    """Returns the search that has chosen a variant's settings, and the variant there; empty if none has."""
+    name, _, searched = declared.algorithms[variant].tuned_by.rpartition(":")
+    return name, searched
+
+
+def changed_settings(declared: Declaration, variant: str) -> list[str]:
+    """Lists the settings that a search has chosen for a variant and that the experiment changes."""
+    name, searched = source_of(declared, variant)
+    varied = _read_search(name)[0].algorithms[searched].search if name else {}
+    return [key for key in varied if key in declared.algorithms[variant].settings]
+
+
+def digest_of_search(search: Declaration) -> str:
+    """Returns a digest of what a search depends on: what its file declares but texts, scenarios, versions."""
+    content = search.model_dump(mode="json", exclude={"description", "note", "report", "grids", "solved"})
+    for variant in content["algorithms"].values():
+        del variant["title"]
+        for axis in variant["search"].values():
+            del axis["why"]
+    content["scenarios"] = [load_scenario(name).model_dump(mode="json") for name in search.scenarios]
+    algorithms = [load_algorithm(variant.algorithm).version for variant in search.algorithms.values()]
+    content["versions"] = [*algorithms, dynamic_programming.VERSION]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def check_source(declared: Declaration, variant: str, path: Path) -> None:
+    """Refuses, by an InputError, what does not name a variant of a search."""
+    if not (tuned_by := declared.algorithms[variant].tuned_by):
+        return
+    where, (name, searched) = (
+        f"{path}: algorithms.{variant}.tuned_by = {tuned_by}",
+        source_of(declared, variant),
+    )
+    if not name:
+        raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
+    search, _ = _read_search(name)
+    if search.search is None:
+        raise InputError(f"{where}: {name} has no table [search]; accepted: an experiment with one.")
+    if searched not in search.algorithms:
+        unknown_name(where, f"variant of {name}", searched, search.algorithms)
+    if (declared.stream or declared.name) == (search.stream or search.name):
+        raise InputError(f"{where}: its stream is that of the search; accepted: another stream.")
+
+
+def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
+    """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
+    name, searched = source_of(declared, variant)
+    taken = _read_search(name)[0].seeds_of_search(searched) if name else ()
+    for own in declared.all_seeds(variant):
+        if any(overlap(own, seeds) for seeds in taken):
+            used = " and ".join(f"{seeds.start} to {seeds.stop - 1}" for seeds in taken)
+            raise InputError(
+                f"{path}: algorithms.{variant}.tuned_by = {name}:{searched}: the search has used the seeds "
+                f"{used}; accepted: seeds other than {own.start} to {own.stop - 1}."
+            )
+
+
+def check_unseen(scenario: Scenario, search: str) -> None:
+    """Refuses, by an InputError, a scenario of a search, in whatever reflection."""
+    for other in _scenarios_of_search(search):
+        is_alike = scenario.grid.size == other.grid.size and len(scenario.places) == len(other.places)
+        is_alike = is_alike and all(getattr(scenario, key) == getattr(other, key) for key in _CHEAP)
+        if is_alike and scenario.essence == other.essence:
+            reason = f"{scenario.name} is {other.name}, a scenario of the search, or its reflection"
+            raise InputError(f"{reason}; accepted: other scenarios.")
+
+
+@lru_cache(maxsize=8)
+def _read_search(name: str) -> tuple[Declaration, Path]:
+    return read_experiment(name)
+
+
+@lru_cache(maxsize=8)
+def _scenarios_of_search(name: str) -> list[Scenario]:
+    return [load_scenario(scenario) for scenario in _read_search(name)[0].scenarios]
+
+
+@lru_cache(maxsize=8)
+def _digest_of_search(name: str) -> str:
+    return digest_of_search(_read_search(name)[0])

@@ -1,0 +1,482 @@
+"""Experiments, resolved: what a file declares, with every name looked up and every run known.
+
+Nothing after `load_experiment` looks up a name again, or asks in which way a condition was declared.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import chain, zip_longest
+from pathlib import Path
+from typing import Any, Final
+
+from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
+from benchmark.experiments import choices
+from benchmark.experiments.run import RunSpecification
+from benchmark.experiments.schema import (
+    DEFAULT_CONDITION,
+    Condition,
+    Declaration,
+    Reporting,
+    Variant,
+    read_experiment,
+)
+from benchmark.experiments.search import Chosen
+from envs import InputError, Scenario, load_scenario, model
+from envs.inputs import check_all, in_either_case, override, parse, unknown_name
+from envs.observations import ENCODINGS, check_one_hot, seen_as
+
+MOST_RUNS: Final = 500_000  # of an experiment
+MOST_EVALUATIONS: Final = 100_000  # of a run
+LARGEST_RECORD: Final = 100_000_000  # bytes, before compression
+LARGEST_AGENT: Final = 2_000_000_000  # bytes that one setting may take
+
+
+@dataclass(frozen=True)
+class Learner:
+    """A variant with one form of observation."""
+
+    variant: str
+    observation: str
+    declared: Variant
+    algorithm: Algorithm
+    family: str
+    """What its variant counts as: tabular, deep or planner, see `_Loading.learners`."""
+    chosen: Chosen | None
+    """What a search has chosen for it."""
+
+    @property
+    def name(self) -> str:
+        """Its name in files."""
+        return f"{self.variant}, {self.observation}"
+
+    @property
+    def title(self) -> str:
+        """What readers call it, see `title_of`."""
+        return title_of(self.declared.title or self.variant, self.observation, self.family)
+
+    @property
+    def reference_for(self) -> str:
+        """The name of the learner that it is the reference implementation of; empty if it is none."""
+        of = self.declared.reference_for
+        return f"{of}, {self.observation}" if of else ""
+
+
+_OBSERVED: Final = {
+    "index": " on the cells' index",
+    "one_hot": " on one-hot cells",
+    "coordinates": " on coordinates",
+    "offset": " on the offset's index",
+    "offset_one_hot": " on one-hot offsets",
+    "offset_coordinates": " on offset coordinates",
+}
+# A table has a row for each observation, in whatever form it is given; so has a planner.
+_ROWS: Final = {"index": "", "one_hot": "", "offset": " of offsets", "offset_one_hot": " of offsets"}
+
+
+def title_of(variant: str, observation: str, family: str) -> str:
+    """Returns what readers call a learner.
+
+    >>> title_of("Q-learning table", "offset", "tabular"), title_of("DQN", "coordinates", "deep")
+    ('Q-learning table of offsets', 'DQN on coordinates')
+    """
+    phrases = _OBSERVED if family == "deep" else _OBSERVED | _ROWS
+    return variant + phrases.get(observation, f" on {observation}")
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """The runs of a learner in a scenario under a condition, which differ by their seed alone."""
+
+    condition: Condition
+    scenario: Scenario  # as it is under the condition
+    learner: Learner
+    first: RunSpecification
+    seeds: range  # as declared
+
+    def runs(self, seeds: Iterable[int] | None = None) -> list[RunSpecification]:
+        """Lists its runs, with the declared seeds or others."""
+        return [self.first.with_seed(seed) for seed in (self.seeds if seeds is None else seeds)]
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A declared set of runs: populations of every condition, scenario and learner, each with its seeds."""
+
+    declared: Declaration
+    path: Path
+    learners: Mapping[str, Learner]  # by name
+    scenarios: Mapping[str, Scenario]  # by name, without any change
+    populations: Sequence[Population]  # by condition, scenario and learner, in the order declared
+
+    @property
+    def name(self) -> str:
+        """The stem of its file."""
+        return self.declared.name
+
+    @property
+    def argument(self) -> str:
+        """How it is given on the command line."""
+        return self.declared.argument
+
+    @property
+    def description(self) -> str:
+        """What it is about, for readers."""
+        return self.declared.description
+
+    @property
+    def report(self) -> Reporting | None:
+        """What is drawn of it."""
+        return self.declared.report
+
+    @property
+    def has_stages(self) -> bool:
+        """Whether its first runs decide which others follow."""
+        return self.declared.search is not None or bool(self.report and self.report.looks)
+
+    @property
+    def conditions(self) -> Mapping[str, Condition]:
+        """All conditions, by name."""
+        return self.declared.conditions
+
+    @cached_property
+    def axes(self) -> dict[str, list[str]]:
+        """The axes of all conditions, with their values."""
+        points = [condition.axes for condition in self.conditions.values()]
+        names = dict.fromkeys(axis for point in points for axis in point)
+        return {name: [*dict.fromkeys(point[name] for point in points if name in point)] for name in names}
+
+    @property
+    def seed_ranges(self) -> set[range]:
+        """The declared seeds of all populations."""
+        return {population.seeds for population in self.populations}
+
+    def population(self, condition: str, scenario: str, learner: str) -> Population:
+        """Returns a population by its names; the scenario may be any other one, by name or path.
+
+        Raises:
+          InputError: There is no such scenario, or its runs would be too large.
+        """
+        alike = [each for each in self.populations if each.condition.name == condition]
+        alike = [each for each in alike if each.learner.name == learner]
+        name = Path(scenario).stem
+        if name in self.scenarios:
+            return next(each for each in alike if each.scenario.name == name)
+        other = load_scenario(scenario, alike[0].condition.scenario_changes(name))
+        first = replace(alike[0].first, scenario=other)
+        check_size(first)  # as if it were declared
+        return replace(alike[0], scenario=other, first=first)
+
+
+def load_experiment(experiment: str | Path) -> Experiment:
+    """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
+
+    The demands of its report are checked by the report.
+
+    Args:
+      experiment: The name of a shipped experiment, or the path of a TOML file.
+
+    Raises:
+      InputError: A sentence for each mistake, which names file, key, value and what is accepted.
+    """
+    return _Loading(*read_experiment(experiment)).experiment()
+
+
+class _Loading:
+    """Resolves what a file declares, and collects its mistakes."""
+
+    def __init__(self, declared: Declaration, path: Path) -> None:
+        self.declared, self.path = declared, path
+        self.known: dict[str, LearnerSettings] = {}  # checked settings, by what decides them
+        self.scenarios: dict[str, Scenario] = {}  # changed scenarios, by what decides them
+        self.mistakes: dict[tuple[str, str], str] = {}  # by variant, if it is that of one, and reason
+
+    def experiment(self) -> Experiment:
+        """Returns the experiment; raises an InputError with all mistakes at once."""
+        declared, variants = self.declared, self.declared.algorithms
+        check_all(  # what all else depends on
+            *(partial(_check_observations, declared, name, self.path) for name in variants),
+            *(partial(choices.check_source, declared, name, self.path) for name in variants),
+            partial(_check_scenarios, declared, self.path),
+        )
+        learners = {learner.name: learner for name in variants for learner in self.learners(name)}
+        populations = [
+            population
+            for condition in declared.conditions.values()
+            for population in self.populations(condition, learners.values())
+        ]
+        for name in variants:
+            with self.noted():
+                choices.check_seeds(declared, name, self.path)
+        if self.mistakes:
+            raise InputError(*self.mistakes.values())
+        _check_titles(learners.values(), declared.argument)
+        scenarios = {Path(name).stem: load_scenario(name) for name in declared.scenarios}
+        return Experiment(declared, self.path, learners, scenarios, populations)
+
+    @contextmanager
+    def noted(self, prefix: str = "", common: str = "", variant: str = "") -> Iterator[None]:
+        """Notes what is refused, after a prefix; what several conditions or variants share, once.
+
+        Args:
+          prefix: What is put in front of every line.
+          common: The beginning of lines that does not tell mistakes apart.
+          variant: Whose mistake it is, if it is about a key that this variant has itself.
+        """
+        own: set[str] = set()
+        if variant:
+            declared = self.declared.algorithms[variant]
+            own = {*declared.settings, *(declared.model_fields_set & {"evaluation_every", "map_every"})}
+        try:
+            yield
+        except InputError as error:
+            for line in error.args:
+                reason = line.removeprefix(common)
+                about = variant if any(key in reason.partition(" = ")[0] for key in own) else ""
+                if variant and self.declared.search is not None:  # all of its trials may be refused alike
+                    about, reason = variant, ""
+                self.mistakes.setdefault((about, reason), prefix + line)
+
+    def learners(self, name: str) -> Iterator[Learner]:
+        """Yields the learners of a variant, whose settings are then known under all conditions.
+
+        A variant counts as what its algorithm is, but a net that has no hidden layers and learns from one-hot
+        observations alone is a table: it has a row of weights for each observation.
+        """
+        variant = self.declared.algorithms[name]
+        algorithm = load_algorithm(variant.algorithm)
+        first, *others = self.declared.conditions.values()
+        marks = [{key: value} for key, axis in variant.search.items() for value in axis.marks]
+        cases: list[tuple[Condition, Mapping[str, Any]]] = [(first, {}), *((first, mark) for mark in marks)]
+        cases += [(condition, {}) for condition in others]
+        learners, families = [], set[str]()
+        for observation in variant.observations:
+            chosen = None
+            with self.noted():
+                chosen = choices.chosen_for(self.declared, name, observation)
+            learner = Learner(name, observation, variant, algorithm, algorithm.family, chosen)
+            learners.append(learner)
+            under: dict[str, str] = {}  # a condition for each family
+            for condition, mark in cases:
+                with self.noted(common=f"{self._where(learner, condition)}: ", variant=name):
+                    settings = self._settings(learner, condition, mark)
+                    if not mark:
+                        under.setdefault(_family(learner, settings), condition.name)
+            families |= {*under}
+            if len(under) > 1:
+                named = " and ".join(f"{family} under {where}" for family, where in under.items())
+                self.mistakes[name, observation] = (
+                    f"{self.path}: algorithms.{name}: on {observation}, it is {named}, as a net without "
+                    "hidden layers is a table there; accepted: the same under all conditions."
+                )
+        family = families.pop() if len(families) == 1 else "deep" if families else algorithm.family
+        yield from (replace(learner, family=family) for learner in learners)
+
+    def populations(self, condition: Condition, learners: Iterable[Learner]) -> Iterator[Population]:
+        """Yields the populations of a condition whose scenario, settings and sizes are accepted."""
+        declared, names = self.declared, [Path(scenario).stem for scenario in self.declared.scenarios]
+        for table, change in condition.changes.items():
+            for name in {*(change.scenarios or ())}.difference(names):
+                with self.noted():
+                    unknown_name(f"{self.path}: {table}.scenarios", "scenario", name, names)
+        tables = [f"{table}.scenario" for table, change in condition.changes.items() if change.scenario]
+        for path in declared.scenarios:
+            scenario = None
+            with self.noted(f"{self.path}: {' with '.join(tables)}: ", f"{Path(path).stem}: "):
+                scenario = self._scenario(path, condition)
+            if scenario is None:
+                continue
+            for learner in learners:
+                if condition.has(learner.variant, learner.observation):
+                    with suppress(InputError):  # of settings, which is noted
+                        settings = self._settings(learner, condition)
+                        yield self._population(condition, scenario, learner, settings)
+
+    def _population(
+        self, condition: Condition, scenario: Scenario, learner: Learner, settings: LearnerSettings
+    ) -> Population:
+        """Returns a population; its size, and whether its scenario is one of a search, is checked."""
+        declared, variant = self.declared, learner.declared
+        seeds = declared.seeds_of(learner.variant, condition)
+        evaluation_every, map_every = declared.schedule(learner.variant)
+        solved = None if declared.solved is None else declared.solved.model_dump(mode="json")
+        run = RunSpecification(
+            stream=declared.stream or declared.name,
+            condition=condition.name,
+            scenario=scenario,
+            variant=learner.variant,
+            algorithm=variant.algorithm,
+            versions={
+                "algorithm": learner.algorithm.version,
+                "evaluation": dynamic_programming.VERSION,
+                "model": model.VERSION,
+            },
+            observation=learner.observation,
+            settings=settings,
+            horizon=declared.horizon,
+            evaluation_every=evaluation_every,
+            map_every=map_every,
+            evaluated_from=declared.evaluated_from,
+            seed=seeds[0],
+            solved=None if solved is None else {**solved, "policy": variant.policy},
+        )
+        where = f"{self.path}: algorithms.{learner.variant}"
+        with self.noted(f"{where}: ", variant=learner.variant):
+            check_size(run)
+        if variant.tuned_by:
+            search, _ = choices.source_of(declared, learner.variant)
+            with self.noted(f"{where}.tuned_by = {variant.tuned_by}: "):
+                choices.check_unseen(scenario, search)
+        return Population(condition, scenario, learner, run, seeds)
+
+    def _scenario(self, path: str, condition: Condition) -> Scenario:
+        """Returns a scenario under a condition."""
+        changes = condition.scenario_changes(Path(path).stem)
+        key = json.dumps([path, changes], default=str)
+        if key not in self.scenarios:
+            self.scenarios[key] = load_scenario(path, changes)
+        return self.scenarios[key]
+
+    def _settings(
+        self, learner: Learner, condition: Condition, mark: Mapping[str, Any] | None = None
+    ) -> LearnerSettings:
+        """Returns a learner's settings under a condition, and with more changes, checked."""
+        changed = condition.settings_changes(learner.variant) | dict(mark or {})
+        key = json.dumps([learner.name, changed], default=str)
+        if key not in self.known:
+            shared, cls = self.declared.settings, learner.algorithm.settings
+            for name in shared:
+                if name not in cls.model_fields:
+                    where = f"{self.path}: [settings], which {learner.variant} shares"
+                    unknown_name(where, "key", name, cls.model_fields)
+            where = self._where(learner, condition)
+            own = {
+                f"{name}.{inner}" if inner else name: value
+                for name, table in learner.declared.settings.items()
+                for inner, value in (table.items() if isinstance(table, dict) else [("", table)])
+            }
+            chosen = {} if learner.chosen is None else learner.chosen.settings
+            self.known[key] = parse(cls, override(shared | chosen, own | changed, where), where)
+        return self.known[key]
+
+    def _where(self, learner: Learner, condition: Condition) -> str:
+        """Returns the tables that a learner's settings come from, for messages."""
+        tables = [table for table, change in condition.changes.items() if change.settings]
+        return " with ".join(
+            [
+                f"{self.path}: algorithms.{learner.variant}.settings",
+                *["[settings]"] * bool(self.declared.settings),
+                *[f"tuned_by = {learner.declared.tuned_by}"] * (learner.chosen is not None),
+                *(f"{table}.settings" for table in tables),
+                *[f"search ({condition.name.rpartition('/')[2]})"] * bool(condition.of_variants),
+            ]
+        )
+
+
+def _check_observations(declared: Declaration, name: str, path: Path) -> None:
+    """Checks that a variant's algorithm has its observations, and the variant that it is a reference for."""
+    variant, where = declared.algorithms[name], f"{path}: algorithms.{name}"
+    accepted = load_algorithm(variant.algorithm, where).observations
+    of = variant.reference_for
+    of_variant = declared.algorithms[of].observations if of else accepted
+    for observation in variant.observations:
+        if observation not in accepted:
+            unknown_name(where, f"observation for {variant.algorithm}", observation, accepted)
+        if observation not in of_variant:
+            reason = f"{of} does not learn from {observation}; accepted: {', '.join(of_variant)}"
+            raise InputError(f"{where}.observations: {reason}.")
+
+
+def _check_scenarios(declared: Declaration, path: Path) -> None:
+    """Checks that all scenarios can be loaded and differ, in their names too."""
+    try:
+        check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
+    except InputError as error:
+        raise InputError(*(f"{path}: scenarios: {line}" for line in error.args)) from error
+    scenarios = [load_scenario(scenario) for scenario in declared.scenarios]
+    names, where = [scenario.name for scenario in scenarios], f"{path}: scenarios"
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{where}: {repeated[0]} is named twice.")
+    if pair := in_either_case(names):
+        raise InputError(f"{where}: {' and '.join(pair)}: accepted: names that differ in more than case.")
+    first: dict[str, str] = {}
+    for scenario in scenarios:
+        other = first.setdefault(scenario.model_dump_json(exclude={"name", "description"}), scenario.name)
+        if other != scenario.name:
+            reason = "are the same scenario; accepted: different ones"
+            raise InputError(f"{where}: {other} and {scenario.name} {reason}.")
+
+
+def _check_titles(learners: Iterable[Learner], where: str) -> None:
+    """Checks that readers can tell all learners apart."""
+    first: dict[str, str] = {}
+    for learner in learners:
+        other = first.setdefault(learner.title, learner.name)
+        if other != learner.name:
+            raise InputError(
+                f'{where}: algorithms: "{learner.title}" is the name of {other} and of {learner.name}; '
+                "accepted: titles that differ."
+            )
+
+
+def _family(learner: Learner, settings: LearnerSettings) -> str:
+    """Returns what a learner counts as with these settings, see `_Loading.learners`."""
+    layers = dict(getattr(settings, "policy_kwargs", None) or {}).get("net_arch")
+    if isinstance(layers, dict):  # of actor and critic
+        layers = [widths for widths in layers.values() if widths]
+    is_linear = layers is not None and len(layers) == 0
+    is_table = is_linear and ENCODINGS[learner.observation] == "one_hot"
+    return "tabular" if is_table else learner.algorithm.family
+
+
+def check_size(run: RunSpecification) -> None:
+    """Checks that observations, the agent, and what is recorded of a run, fit into memory.
+
+    Raises:
+      InputError: They do not.
+    """
+    scenario = seen_as(run.scenario, run.observation)
+    every, n_inputs = f"evaluation_every = {run.evaluation_every}", 2 * len(scenario.observe)
+    if ENCODINGS[run.observation] == "one_hot":
+        check_one_hot(scenario.n_observations, scenario.n_features)
+        n_inputs = scenario.n_features
+    for setting, size in load_algorithm(run.algorithm).memory(run.settings, n_inputs).items():
+        if size > LARGEST_AGENT:
+            accepted = f"at most {LARGEST_AGENT / 1e9:.0f} GB"
+            raise InputError(f"{setting}: {size / 1e9:,.0f} GB of memory; accepted: {accepted}.")
+    n_evaluations = -(-run.settings.budget // run.evaluation_every) + 1 if run.solved is None else 0
+    if n_evaluations > MOST_EVALUATIONS:
+        raise InputError(
+            f"{every} with budget = {run.settings.budget}: {n_evaluations:,} evaluations; "
+            f"accepted: at most {MOST_EVALUATIONS:,}."
+        )
+    if run.record_size > LARGEST_RECORD:
+        raise InputError(
+            f"{every} and map_every = {run.map_every} with budget = {run.settings.budget} and "
+            f"{scenario.n_observations:,} observations in {scenario.name}: records of "
+            f"{run.record_size / 1e6:,.0f} MB; accepted: at most {LARGEST_RECORD / 1e6:,.0f} MB."
+        )
+
+
+def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
+    """Lists every run of an experiment once: first seeds of all populations, then second seeds, and so on.
+
+    An interrupted experiment therefore has runs of every population. Conditions of the default reading come
+    first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
+
+    Raises:
+      InputError: There are too many.
+    """
+    populations = sorted(
+        experiment.populations, key=lambda each: each.condition.axes["reading"] != DEFAULT_CONDITION
+    )
+    n_runs = sum(len(population.seeds if seeds is None else seeds) for population in populations)
+    if n_runs > MOST_RUNS:
+        raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
+    runs: dict[str, RunSpecification] = {}
+    for run in chain.from_iterable(zip_longest(*(population.runs(seeds) for population in populations))):
+        if run is not None:
+            runs.setdefault(run.digest, run)
+    return [*runs.values()]

@@ -1,0 +1,141 @@
+"""A run: everything that its result depends on, and when it is evaluated."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from agents import LearnerSettings, Schedule
+from benchmark.experiments.schema import DEFAULT_CONDITION
+from envs import ACTIONS, Scenario
+from envs.observations import seen_as
+
+
+@dataclass(frozen=True, eq=False)
+class RunSpecification:
+    """One run, fully resolved: everything its result depends on."""
+
+    stream: str
+    condition: str  # what its experiment calls the condition; the identity has what the condition changes
+    scenario: Scenario
+    variant: str
+    algorithm: str
+    versions: Mapping[str, int]  # of the algorithm, the model and the evaluation
+    observation: str
+    settings: LearnerSettings
+    horizon: int
+    evaluation_every: int
+    map_every: int
+    evaluated_from: tuple[str, ...]
+    seed: int
+    # Of a run that is measured until it has solved its scenario: `Solved`, and the policy that counts.
+    solved: Mapping[str, Any] | None = None
+
+    @cached_property
+    def population(self) -> str:
+        """The specification without its seed, as canonical JSON: runs that share it train together."""
+        content = {
+            # The key has its name from when the stream always was the experiment's name: another name would
+            # change the digests of all runs.
+            "experiment": self.stream,
+            "scenario": self.scenario.model_dump(mode="json"),
+            "arm": self.variant,  # the key has its name from before, as digests depend on it
+            "algorithm": self.algorithm,
+            "versions": dict(self.versions),
+            "observation": self.observation,
+            "settings": self.settings.model_dump(mode="json"),
+            "horizon": self.horizon,
+            "evaluation_every": self.evaluation_every,
+            "map_every": self.map_every,
+            "evaluated_from": list(self.evaluated_from),
+            **({} if self.solved is None else {"solved": dict(self.solved)}),
+        }
+        return json.dumps(content, sort_keys=True, separators=(",", ":"))
+
+    def with_seed(self, seed: int) -> "RunSpecification":
+        """Returns another run of the same population."""
+        run = object.__new__(RunSpecification)  # nothing is checked again: there may be 100,000 runs
+        run.__dict__.update(self.__dict__, seed=seed, population=self.population)
+        run.__dict__.pop("digest", None)
+        return run
+
+    @property
+    def content(self) -> str:
+        """The whole specification as canonical JSON."""
+        return f'{self.population[:-1]},"seed":{self.seed}}}'
+
+    @cached_property
+    def digest(self) -> str:
+        """The run's identity: SHA-256 of its content."""
+        return hashlib.sha256(self.content.encode()).hexdigest()
+
+    @property
+    def folder(self) -> str:
+        """A readable path for files about this run alone; it names any condition but the default one."""
+        learner = f"{self.stream}/{self.scenario.name}/{self.variant}_{self.observation}"
+        condition = "" if self.condition == DEFAULT_CONDITION else f"{self.condition}/"
+        return f"{learner}/{condition}seed_{self.seed}"
+
+    @property
+    def record_size(self) -> int:
+        """About how many bytes are recorded before compression: greedy actions, and values of all actions."""
+        budget = self.settings.budget
+        if self.solved is not None:
+            return 24 * len(self.schedule.evaluation_steps)
+        n_evaluations, n_maps = (-(-budget // every) + 1 for every in (self.evaluation_every, self.map_every))
+        seen = seen_as(self.scenario, self.observation)
+        return seen.n_observations * (n_evaluations + 4 * len(ACTIONS) * n_maps)
+
+    @property
+    def schedule(self) -> Schedule:
+        """When the learner's policy and values are kept."""
+        budget = self.settings.budget
+        if self.solved is not None:
+            steps = evaluation_steps(budget, self.evaluation_every, self.solved["growth"])
+            return Schedule(budget, tuple(steps))
+        steps, map_steps = (
+            evaluation_steps(budget, every) for every in (self.evaluation_every, self.map_every)
+        )
+        return Schedule(budget, tuple(steps), tuple(map_steps))
+
+    @property
+    def drawn_scenario(self) -> Scenario:
+        """The scenario of this run alone: what a scenario draws is drawn anew for every seed."""
+        return self.scenario.drawn(self.seed) if self.scenario.draws else self.scenario
+
+    @property
+    def seed_sequence(self) -> np.random.SeedSequence:
+        """The run's random stream, derived from names and never from a place in a list.
+
+        Conditions share their streams: the scenario enters by its name alone, settings not at all.
+        """
+        names = [self.stream, self.scenario.name, self.variant, self.observation, self.seed]
+        entropy = hashlib.sha256(json.dumps(names).encode()).digest()
+        return np.random.SeedSequence(int.from_bytes(entropy))
+
+
+def population_of(content: str) -> str:
+    """Returns the population of a run, by its content, see `RunSpecification`."""
+    return content[: content.rindex(',"seed":')] + "}"
+
+
+def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
+    """Lists when policies are evaluated: from 0 to the budget, the end always included.
+
+    All others are multiples of `every`. With a growth, each is about so many times as late as the one before.
+
+    >>> evaluation_steps(600, 250), evaluation_steps(1600, 100, 1.5)
+    ([0, 250, 500, 600], [0, 100, 200, 300, 500, 800, 1200, 1600])
+    """
+    if growth == 1:
+        return [*range(0, budget, every), budget]
+    steps = [0]
+    while steps[-1] < budget:
+        later = max(steps[-1] + every, math.ceil(steps[-1] * growth / every) * every)
+        steps.append(min(later, budget))
+    return steps
