@@ -36,21 +36,19 @@ def classes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
     Where the issuer is not seen, both forms of observation are the same, and only that of cells has a row.
     """
-    cells = [
-        (experiment.learners[rows["learner"].iloc[0]], names, rows)
-        for names, rows in populations(runs, experiment)
-    ]
-    best: dict[tuple[str, str, str], Learner] = {}
-    for learner, _, _ in cells:
+    cells = [*populations(runs, experiment)]
+    classes: dict[tuple[str, str, str], list[Learner]] = {}
+    for _, learner, _ in cells:
         if learner.chosen is not None and not learner.reference_for:
-            key = _class_of(learner)
-            other = best.get(key, learner).chosen
-            assert other is not None
-            if key not in best or learner.chosen.score > other.score:
-                best[key] = learner
-    if {policy for _, policy, _ in best} != {*_POLICIES} or "offset" not in {seen for *_, seen in best}:
+            classes.setdefault(_class_of(learner), []).append(learner)
+    if {policy for _, policy, _ in classes} != {*_POLICIES} or "offset" not in {sees for *_, sees in classes}:
         return
-    ...
+    best = {key: max(learners, key=_area) for key, learners in classes.items()}
+    rows_of = {(rows["scenario"].iloc[0], rows["condition"].iloc[0], learner.name): (names, rows) for names, learner, rows in cells}
+    for scenario, condition in dict.fromkeys(place[:2] for place in rows_of):
+        for kind, policy, sees in product(_KINDS.values(), _POLICIES, _SEEN):
+            learner = best.get((kind, policy, sees))
+            seen = experiment.population(condition, scenario, ...)
 
 
 def _class_of(learner: Learner) -> tuple[str, str, str]:

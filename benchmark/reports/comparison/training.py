@@ -1,0 +1,357 @@
+"""Items of a comparison: how learners learn, after how many steps, at whose expense, and at what cost."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from benchmark.analysis.frames import RecordsOf, by_population, by_step, learned
+from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
+from benchmark.drawing import film
+from benchmark.experiments import Experiment, Learner, Population
+from benchmark.reports.comparison import figures
+from benchmark.reports.comparison.cells import (
+    CELL,
+    EFFORT,
+    EFFORT_MEANINGS,
+    PAIR,
+    effort,
+    matched,
+    names_of,
+    own_rows,
+    populations,
+)
+from benchmark.reports.comparison.declared import compared_learners, contrasts_of, decisive_learners, reporting_of
+from benchmark.reports.comparison.verdicts import Row
+from benchmark.reports.explorer import FILE, Shown, compressed, packed, typical_agent
+from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
+
+ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
+
+
+@item(
+    "curves",
+    "success, score and wrong PINGs over training, against environment steps",
+    meanings={"wrong_pings": "wrong PINGs per 1,000 steps of training since the evaluation before"},
+    where=no_rows,
+)
+def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
+    """Of the wrong PINGs, the interval is Student's."""
+    frames = []
+    for names, _, rows in populations(curves, experiment):
+        steps = rows["step"].unique()
+        columns: Row = {**names, "step": steps}
+        columns |= {name: proportion(by_step(rows, name)) for name in ("success", "score")}
+        rate = np.diff(by_step(rows, "training_wrong_pings"), axis=1) / np.diff(steps) * 1000
+        wrong = student(np.column_stack([np.full(len(rate), np.nan), rate]))  # nothing before the first step
+        columns["wrong_pings"] = wrong._replace(low=np.maximum(wrong.low, 0.0))
+        frames.append(pd.DataFrame(expanded(columns)))
+    return pd.concat(frames, ignore_index=True)
+
+
+@curves.figure("How often each learner succeeds while it learns.")
+def _(table: pd.DataFrame, tables: Frames, experiment: Experiment) -> Figure:
+    frame = figures.labelled(table)
+    drawn = figures.drawn_in(frame, experiment)
+    if frame["scenario"].nunique() <= figures.FEW:
+        panels = _panels(drawn, experiment)
+    else:
+        compared = [name for name in compared_learners(experiment) if name in drawn]
+        panels = {"": {name: drawn[name] for name in compared or drawn}}
+    note = f"; dotted: {ENOUGH:g}{figures.reference_note(drawn, tables, experiment)}"
+    with figures.curve_panels(frame, panels, experiment, "success", "success", note) as (figure, axes):
+        for axis in axes:
+            axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
+            axis.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
+    return figure
+
+
+def _panels(drawn: figures.Drawn, experiment: Experiment) -> dict[str, figures.Drawn]:
+    """Returns the learners of each declared group, by its title; those of no group are in every panel."""
+    groups = {name: experiment.learners[name].declared.group for name in drawn}
+    panels = {
+        title: {name: drawn[name] for name in drawn if groups[name] in ("", title)}
+        for title in dict.fromkeys(groups.values())
+        if title
+    }
+    return {**panels} or {"": drawn}
+
+
+@drawing(
+    "wrong_pings",
+    "wrong PINGs per 1,000 steps while agents learn",
+    "How often a person is disturbed while agents learn: wrong PINGs per 1,000 steps.",
+)
+def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
+    """Draws how often the issuer disagreed while agents learned, without reference implementations."""
+    if "curves" not in tables:
+        return None
+    frame = figures.labelled(tables["curves"])
+    own = figures.drawn_in(frame, experiment)
+    compared = [name for name in compared_learners(experiment) if name in own]
+    drawn = dict.fromkeys(compared or own, ())
+    shown, label = figures.rows_of(frame, drawn), "wrong PINGs\nper 1,000 steps"
+    with figures.curve_panels(frame, {"": drawn}, experiment, "wrong_pings", label) as (figure, axes):
+        for axis in axes:
+            axis.set(ylim=(0, float(shown["wrong_pings"].max()) * 1.05))
+    return figure
+
+
+@item(
+    "steps",
+    f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
+    {
+        **CELL,
+        "n": "runs",
+        "budget": "steps of training",
+        "share": "share of runs",
+        "median_step": "median step of runs",
+        "step": "step of the mean over runs",
+        "final_success": "final mean",
+    },
+    meanings={
+        "share": f"share of runs whose success stays at or above {ENOUGH:g}",
+        "median_step": f"median over runs of the evaluation step from which success stays at or above "
+        f"{ENOUGH:g}; inf if most never reach it",
+        "step": f"evaluation step from which the mean success over runs stays at or above {ENOUGH:g}; inf if "
+        "there is none",
+        "below_at": "last evaluation before `step`; empty if there is none",
+        "final_success": "success after training, mean over runs",
+    },
+    best="-step",
+)
+def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Computes when runs, and the mean over runs, have learned."""
+    for names, _, rows in populations(curves, experiment):
+        success, when = by_step(rows, "success"), np.array([*rows["step"].unique(), np.inf])
+        mean, indices = success.mean(axis=0), _learned(rows)
+        first = int(learned(mean[None], when[:-1].tolist(), ENOUGH)[0])
+        yield {
+            **names,
+            "n": len(success),
+            "budget": rows["step"].max(),
+            "share": proportion(indices < len(mean)),
+            "median_step": float(np.median(when[indices])),
+            "step": float(when[first]),
+            "below_at": float(when[first - 1]) if first > 0 else np.nan,
+            "final_success": float(mean[-1]),
+        }
+
+
+def _learned(curves: pd.DataFrame) -> NDArray[np.int_]:
+    """Returns the index of the evaluation from which each run has learned, (N,); T if it never has."""
+    return learned(by_step(curves, "success"), curves["step"].unique().tolist(), ENOUGH)
+
+
+class _Learning(NamedTuple):
+    """When the runs of a population have learned."""
+
+    learner: Learner
+    first: NDArray[np.int_]  # (N,) index of an evaluation
+    steps: NDArray[np.int_]  # (T,) of evaluations
+
+
+def _medians(runs: _Learning, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns medians over runs of the steps between which a run learns, (RESAMPLES + 1,) each.
+
+    The first is of the runs as they are, the others are resampled. A run that never learns has the budget and
+    infinity.
+    """
+    when, n = np.array([0.0, *runs.steps, np.inf]), len(runs.first)
+    sample = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
+    with np.errstate(invalid="ignore"):
+        before, after = (np.median(when[runs.first + i][sample], axis=1) for i in (0, 1))
+    return before, after
+
+
+def _ratio(x: _Learning, y: _Learning, scenario: str) -> Row:
+    """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
+
+    Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
+    It is empty if neither learns, or if one of them succeeds before the first step.
+    """
+    rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
+    (x_low, x_high), (y_low, y_high) = _medians(x, rng), _medians(y, rng)
+    x_step, y_step = float(x_high[0]), float(y_high[0])
+    if min(x_step, y_step) in (0, math.inf):
+        return {}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lows, highs = y_low / x_high, y_high / x_low
+    low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
+    high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
+    ratio = min(y_step, y.steps[-1]) / min(x_step, x.steps[-1])
+    return {"x_step": x_step, "y_step": y_step, "ratio": Estimate(ratio, float(low), float(high))}
+
+
+@item(
+    "speedups",
+    f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
+    {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
+    meanings={
+        "step": f"median step of runs from which success stays at or above {ENOUGH:g}; inf if most never learn",
+        "ratio": "steps of y divided by those of x; where half of the runs never learn, their budget counts, "
+        "and the ratio is a bound",
+    },
+    where=lambda frame: frame[frame["ratio"] >= 1],
+    best="ratio",
+)
+def speedups(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Compares every deep learner with every table, and every table with every deep learner."""
+    cells = [
+        (
+            {name: value for name, value in names.items() if name in ("scenario", "condition")},
+            _Learning(learner, _learned(rows), rows["step"].unique()),
+        )
+        for names, learner, rows in populations(curves, experiment)
+        if not learner.reference_for
+    ]
+    for where, x in cells:
+        for other, y in cells:
+            if where == other and x.learner.family != y.learner.family:
+                if ratio := _ratio(x, y, where["scenario"]):
+                    yield {**where, "x": x.learner.name, "y": y.learner.name, **ratio}
+
+
+@item(
+    "ahead",
+    "exploratory: at which steps one learner of a contrast succeeds more often than the other",
+    meanings={
+        "n": "runs of x or y, the smaller number",
+        "steps_ahead": "number of evaluation steps at which x is ahead",
+        "first_step": "first evaluation step at which x is ahead, that is, the 95 % interval of the "
+        "difference in mean success, not adjusted, lies above 0; inf if it never is",
+        "last_step": "last evaluation step at which x is ahead; inf if it never is",
+        "largest_difference": "largest difference in mean success, x minus y",
+        "largest_at": "evaluation step of the largest difference in mean success",
+        "largest": "mean success at the step of the largest difference",
+    },
+)
+def ahead(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Compares the two learners of each contrast in both directions, at steps at which both are evaluated."""
+    cells, means = [], []
+    for keys, rows in by_population(own_rows(curves, experiment)):
+        cells.append({**keys, "n": rows["seed"].nunique(), "index": len(means)})
+        means.append(dict(zip(rows["step"].unique(), by_step(rows, "success").mean(axis=0), strict=True)))
+    places = [name for name in names_of(experiment) if name in ("scenario", "condition")]
+    for pair in contrasts_of(experiment):
+        sides = (side.to_dict("records") for side in matched(pd.DataFrame(cells), pair))
+        for x, y in zip(*sides, strict=True):
+            for one, other in ((x, y), (y, x)) if x["learner"] != y["learner"] else ():
+                row: Row = {name: one[name] for name in places}
+                row |= {"x": one["learner"], "y": other["learner"], "n": min(x["n"], y["n"])}
+                yield row | _ahead(
+                    means[one["index"]], means[other["index"]], [one["n"], other["n"]]
+                )
+
+
+def _ahead(x: Mapping[int, float], y: Mapping[int, float], sizes: Sequence[int]) -> Row:
+    """Returns at which steps the mean success of x is above that of y, given the means by step."""
+    common = {step: (x[step], y[step]) for step in x if step in y}
+    found = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
+    most = max(common, key=lambda step: x[step] - y[step])
+    return {
+        "steps_ahead": len(found),
+        "first_step": float(found[0]) if found else np.inf,
+        "last_step": float(found[-1]) if found else np.inf,
+        "largest_difference": x[most] - y[most],
+        "largest_at": most,
+        "largest_x": x[most],
+        "largest_y": y[most],
+    }
+
+
+@item(
+    "cost",
+    "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
+    {
+        **CELL,
+        "cpu_time_s": "CPU time (s)",
+        "steps_per_cpu_s": "steps per CPU second",
+        "updates": "",
+        "parameters": "",
+        "peak_memory_mb": "peak memory (MB)",
+        **EFFORT,
+    },
+    meanings={
+        **EFFORT_MEANINGS,
+        "runs": "runs, over all scenarios",
+        "cpu_time_s": "CPU seconds of training, median over runs",
+        "cpu_time_s_min": "CPU seconds of the fastest run",
+        "cpu_time_s_max": "CPU seconds of the slowest run",
+        "steps_per_cpu_s": "environment steps of training per CPU second",
+        "updates": "updates of a table, or gradient steps of a net, median over runs",
+        "parameters": "learned parameters",
+        "peak_memory_mb": "peak memory of the process in MB, median over runs",
+    },
+    is_measured=True,
+    best="-cpu_time_s",
+)
+def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Computes medians over all scenarios and conditions, and the range of CPU time."""
+    for name, rows in own_rows(runs, experiment).groupby("learner", sort=False):
+        seconds, learner = rows["cpu_time_s"].to_numpy(), experiment.learners[str(name)]
+        yield {
+            "algorithm": learner.variant,
+            "observation": learner.observation,
+            "runs": len(rows),
+            "cpu_time_s": np.median(seconds),
+            "cpu_time_s_min": seconds.min(),
+            "cpu_time_s_max": seconds.max(),
+            "steps_per_cpu_s": rows["budget"].iloc[0] / np.median(seconds),
+            "updates": np.median(rows["updates"].to_numpy()),
+            "parameters": rows["parameters"].iloc[0],
+            "peak_memory_mb": rows["peak_memory_mb"].median(),
+            **effort(learner),
+        }
+
+
+@writing(
+    "learning", "animation of learning: a table and a net, each the agent of the median seed", "learning.webp"
+)
+def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
+    """Writes an animation: typical agents of a table and of a net, in every scenario.
+
+    They are the first baseline and the first net that is compared with it, or else the first of each.
+    """
+    drawn = _drawn(runs, experiment)
+    first = [*reporting_of(experiment).baseline, *decisive_learners(experiment)]
+    learners = [*first, *(population.learner.name for population in drawn)]
+    rows: list[list[film.Film]] = []
+    for family in ("tabular", "deep"):
+        chosen = next((name for name in learners if experiment.learners[name].family == family), None)
+        rows.append([_film(each, records) for each in drawn if each.learner.name == chosen])
+    film.write(film.learning([row for row in rows if row]), path)
+
+
+def _film(population: Population, records: RecordsOf) -> film.Film:
+    """Returns the film of a population's typical agent."""
+    found = records(population)
+    agent = typical_agent(found)
+    title = f"{population.scenario.name}: {population.learner.title}, seed {found.seeds[agent]} (median)"
+    return film.film_of(title, found, agent)
+
+
+@writing(
+    "agents", "what the explorer on the page shows: values, policies and scenarios, as compressed JSON", FILE
+)
+def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
+    """Writes what all learners know, but for reference implementations."""
+    shown = [
+        Shown(each.learner.variant, each.learner.observation, records(each))
+        for each in _drawn(runs, experiment)
+    ]
+    path.write_bytes(compressed(packed(shown)))
+
+
+def _drawn(runs: pd.DataFrame, experiment: Experiment) -> list[Population]:
+    """Lists the populations, but for those of reference implementations."""
+    return [
+        experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
+        for names, learner, rows in populations(runs, experiment)
+        if not learner.reference_for
+    ]
