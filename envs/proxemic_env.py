@@ -93,15 +93,14 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
       id makes an env of any scenario
     - `observation`: see Observation Space
     - `overrides`: new values for keys of the scenario
-    - `render_mode`: `"ansi"` (text), `"rgb_array"` (image) or `"human"` (window)
+    - `render_mode`: `"ansi"` (text) or `"rgb_array"` (image). `gymnasium.make` also takes `"human"`, for a
+      window, which needs pygame
 
     ## References
     Millan-Arias, Fernandes and Cruz (2021), Learning Proxemic Behavior Using Reinforcement Learning
     with Cognitive Agents, arXiv 2108.03730.
     """
 
-    # That of an env has the modes that work. If the class had only these, `gymnasium.make` would wrap an env
-    # that is to be shown in a window, and recommend another package.
     metadata = {"render_modes": list(render.MODES), "render_fps": render.FRAMES_PER_SECOND}  # noqa: RUF012
     spec = JsonSpec()
 
@@ -118,16 +117,15 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
           InputError: The scenario has a mistake, or the observation or render mode is unknown.
         """
         if render_mode is not None and render_mode not in render.MODES:
-            raise InputError(f"render_mode = {render_mode!r}; accepted: {', '.join(render.MODES)}.")
+            accepted = f"{', '.join(render.MODES)}; human with gymnasium.make"
+            raise InputError(f"render_mode = {render_mode!r}; accepted: {accepted}.")
         self.model: Model = compile_seen(load_scenario(scenario, overrides), observation)
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_modes": render.working_modes()}
         table = observation_table(self.model, observation)
         self.observation_space = observation_space(table)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(len(ACTIONS))  # type: ignore[assignment]
         self._observations: list[Observation] = table.tolist() if table.ndim == 1 else list(table)  # (O,)
         self._observed = self.model.observation.tolist()  # (S,)
-        self._window: render.Window | None = None
         self.s = self.model.start  # the hidden state, called `s` as in toy-text; it may be set
         self._event = 0
 
@@ -144,8 +142,6 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         starts = self.model.starts
         self.s = int(starts[int(self.np_random.random() * len(starts)) if len(starts) > 1 else 0])
         self._event = 0
-        if self.render_mode == "human":
-            self.render()
         return self._observe(), _info(self._event, int(self.model.zone[self.s]), 0, 0.0, 0.0)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -168,33 +164,19 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
             outcome = bisect.bisect_right(list(accumulate(t.probability[:-1])), self.np_random.random())
         self.s = t.next_states[outcome]
         self._event = t.event
-        if self.render_mode == "human":
-            self.render()
         zone = int(self.model.zone[self.s])
         info = _info(t.event, zone, t.wrong_pings, t.grid_reward, issuer_reward)
         return self._observe(), t.grid_reward + issuer_reward, t.terminated, False, info
 
     def render(self) -> Any:
-        """Returns the scene as a string (`ansi`) or an (H, W, 3) uint8 image (`rgb_array`), or shows it."""
+        """Returns the scene as a string (`ansi`) or an (H, W, 3) uint8 image (`rgb_array`)."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make takes.")
             return None
         scene, agent = scene_of(self.model, int(self.model.context[self.s])), int(self.model.cell[self.s])
         if self.render_mode == "ansi":
             return render.to_text(scene, agent, EVENTS[self._event])
-        image = render.to_image(scene, agent)
-        if self.render_mode == "rgb_array":
-            return image
-        if self._window is None:
-            self._window = render.Window(image, f"Proxemic {self.model.scenario.name}")
-        self._window.show(image, self.metadata["render_fps"])
-        return None
-
-    def close(self) -> None:
-        """Closes the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        return render.to_image(scene, agent)
 
     def _observe(self) -> Observation:
         """Returns a copy of the agent's observation."""

@@ -1,22 +1,15 @@
-"""Paints a scene as text or as an image, and shows images in a window (which requires pygame-ce)."""
+"""Renders a scene as text or as an image."""
 
-from importlib.util import find_spec
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from envs.inputs import InputError, needed_by
 from envs.scene import COLOURS, NOSE, SYMBOLS, Colour, Scene
 
-MODES: Final = ("ansi", "rgb_array", "human")
+MODES: Final = ("ansi", "rgb_array")
 FRAMES_PER_SECOND: Final = 8
 CELL_PIXELS: Final = 40
-
-
-def working_modes() -> list[str]:
-    """Returns the modes for which all packages are installed; a window needs pygame-ce."""
-    return [mode for mode in MODES if mode != "human" or find_spec("pygame") is not None]
 
 
 def to_text(scene: Scene, agent: int, event: str) -> str:
@@ -60,17 +53,18 @@ def to_image(scene: Scene, agent: int) -> NDArray[np.uint8]:
 
     distance = np.hypot(offset[:, None], offset)
     for glyph in scene.glyphs:
-        if glyph.kind == "issuer":
-            outer, inner = 0.42, 0.30
-            if glyph.heading is not None:
-                outer, inner = 0.36, 0.27  # leaves room for the nose
-                (down, right), (tip, base, half) = glyph.heading, NOSE
-                ahead = offset[:, None] * down + offset * right
-                aside = abs(offset[:, None] * right + offset * down)
-                is_nose = (ahead >= base) & (aside <= half * (tip - ahead) / (tip - base))
-                paint(glyph.cell, is_nose, COLOURS["person"])
-            paint(glyph.cell, distance <= outer, COLOURS["person"])
-            paint(glyph.cell, distance <= inner, COLOURS[scene.zone[glyph.cell]])
+        if glyph.kind != "issuer":
+            continue
+        outer, inner = 0.42, 0.30
+        if glyph.heading is not None:
+            outer, inner = 0.36, 0.27  # leaves room for the nose
+            (down, right), (tip, base, half) = glyph.heading, NOSE
+            ahead = offset[:, None] * down + offset * right
+            aside = abs(offset[:, None] * right + offset * down)
+            is_nose = (ahead >= base) & (aside <= half * (tip - ahead) / (tip - base))
+            paint(glyph.cell, is_nose, COLOURS["person"])
+        paint(glyph.cell, distance <= outer, COLOURS["person"])
+        paint(glyph.cell, distance <= inner, COLOURS[scene.zone[glyph.cell]])
     paint(agent, distance <= 0.26, COLOURS["agent"])
     return image
 
@@ -79,56 +73,3 @@ def _kinds(scene: Scene) -> list[str]:
     """Returns what every cell is, (C,): its zone, or "wall"."""
     walls = scene.is_wall.tolist()
     return ["wall" if is_wall else zone for zone, is_wall in zip(scene.zone, walls, strict=True)]
-
-
-class Window:
-    """A window that shows one image after another."""
-
-    def __init__(self, image: NDArray[np.uint8], title: str) -> None:
-        """Opens a window of the image's size.
-
-        Raises:
-          MissingPackageError: pygame-ce is not installed.
-          InputError: SDL cannot open a window.
-        """
-        with needed_by('render_mode = "human" (unlike "ansi" and "rgb_array")'):
-            import pygame
-        self._pygame: Any = pygame
-        try:
-            pygame.display.init()
-            pygame.display.set_caption(title)
-            self._screen = pygame.display.set_mode((image.shape[1], image.shape[0]))
-        except pygame.error as error:
-            raise InputError(f"no window can be opened: {error}.") from error
-        self._clock = pygame.time.Clock()
-
-    @property
-    def has_screen(self) -> bool:
-        """Whether the window is on a screen. If there is none, SDL paints into memory and nobody sees it."""
-        return bool(self._pygame.display.get_driver() != "offscreen")
-
-    def show(self, image: NDArray[np.uint8], frames_per_second: int) -> None:
-        """Shows an image, (H, W, 3) uint8, and waits as long as the frame rate requires."""
-        surface = self._pygame.surfarray.make_surface(image.swapaxes(0, 1))
-        self._screen.blit(surface, (0, 0))
-        self._pygame.event.pump()
-        self._pygame.display.flip()
-        self._clock.tick(frames_per_second)
-
-    def pressed(self) -> list[str]:
-        """Returns the keys pressed since the last call, by pygame's names: "space", "left", "q".
-
-        Escape and a click on the window's close button count as "q".
-        """
-        names = []
-        for event in self._pygame.event.get():
-            if event.type == self._pygame.QUIT:
-                names.append("q")
-            elif event.type == self._pygame.KEYDOWN:
-                name = self._pygame.key.name(event.key)
-                names.append("q" if name == "escape" else name)
-        return names
-
-    def close(self) -> None:
-        """Closes the window."""
-        self._pygame.display.quit()

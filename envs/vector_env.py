@@ -62,8 +62,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
           overrides: As for `ProxemicEnv`.
           max_episode_steps: Steps until truncation; None or -1 for no limit.
           autoreset_mode: Gymnasium's `"NextStep"`, `"SameStep"` or `"Disabled"`.
-          render_mode: `"rgb_array"` or None. `gymnasium.make_vec` also takes the others of `ProxemicEnv`,
-            with `vectorization_mode="sync"`.
+          render_mode: `"rgb_array"` or None. `gymnasium.make_vec` also takes `"ansi"` and `"human"`, with
+            `vectorization_mode="sync"`.
 
         Raises:
           InputError: An argument is not accepted.
@@ -218,8 +218,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             gymnasium.logger.warn("render() needs a render_mode, which gymnasium.make_vec takes.")
             return None
         context, cell = self.model.context[self._state].tolist(), self.model.cell[self._state].tolist()
-        scenes = (scene_of(self.model, each) for each in context)
-        return tuple(render.to_image(scene, agent) for scene, agent in zip(scenes, cell, strict=True))
+        states = zip(context, cell, strict=True)
+        return tuple(render.to_image(scene_of(self.model, where), agent) for where, agent in states)
 
     def advance(
         self, actions: NDArray[Any], draw: Callable[[], NDArray[np.float64]]

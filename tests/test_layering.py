@@ -57,7 +57,7 @@ def test_only_the_deep_learners_load_torch() -> None:
         if imported(path) & {"torch", "stable_baselines3"}
     }
     sb3 = {f"agents/sb3/{name}.py" for name in ("tables", "training", "vec_env")}
-    assert loading == sb3 | {"benchmark/reports/speed.py"}
+    assert loading == sb3 | {"benchmark/reports/speed_rows.py"}
 
 
 def test_torch_is_loaded_only_when_somebody_trains_a_net() -> None:

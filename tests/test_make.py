@@ -55,7 +55,7 @@ def test_every_other_target(target: str, tmp_path: Path) -> None:
         assert made == {"speed_smoke"}
         table = tmp_path / "speed_smoke" / "speed.csv"
         assert mistyped_columns(table) == []
-        rows = {"q_learning_kernel", "vector_env_1000", "evaluate", "sb3_dqn", "net_ppo_one_hot"}
+        rows = {"q_learning_kernel", "vector_env_1000", "evaluate", "stored_statuses", "net_ppo_one_hot"}
         assert rows <= set(pd.read_csv(table)["name"])
     else:
         assert made == set()

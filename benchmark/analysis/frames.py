@@ -20,6 +20,7 @@ from benchmark.experiments import Population, RunSpecification
 from envs import ZONES, InputError
 
 Array = NDArray[Any]
+RecordsOf = Callable[[Population], Records]  # of all its runs
 Floats = NDArray[np.float64]
 
 KEYS: Final = ("scenario", "condition", "algorithm", "observation", "learner")  # of a population
@@ -70,9 +71,9 @@ def tables(
         about = {"seed": records.seeds, "policy": policy, "budget": steps[-1]}
         runs.append(pd.DataFrame(keys | about | of_runs, index=range(len(records.seeds))))
         if of_curves:
-            about = {"seed": np.repeat(records.seeds, len(steps)), "step": np.tile(steps, len(records.seeds))}
+            at = {"seed": np.repeat(records.seeds, len(steps)), "step": np.tile(steps, len(records.seeds))}
             flat = {name: values.ravel() for name, values in of_curves.items()}
-            curves.append(pd.DataFrame(keys | about | flat))
+            curves.append(pd.DataFrame(keys | at | flat))
     return _joined(runs), _joined(curves)
 
 
@@ -176,7 +177,7 @@ _MAPPED: Final = {
 
 
 def by_population(frame: pd.DataFrame, *without: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
-    """Yields the rows of every population, or of populations that differ by these columns alone, with keys."""
+    """Yields the rows of every population, with its keys; without some of the keys, those of several."""
     names = [name for name in KEYS if name not in without]
     for values, rows in frame.groupby(names, sort=False):
         yield dict(zip(names, values, strict=True)), rows

@@ -11,20 +11,17 @@ verdict, in all contrasts at all looks, is at most 5 % (repeated confidence inte
 not matter why a contrast gets more runs.
 """
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from itertools import pairwise, takewhile
+from collections.abc import Iterator
+from itertools import takewhile
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
-from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
-from benchmark.execution import driver
-from benchmark.execution.store import Store
 from benchmark.analysis.frames import Group
+from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
+from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population, RunSpecification
 
 NEITHER: Final = "neither"  # most runs of neither learner solve the scenario, whatever their budgets

@@ -4,13 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmark.analysis.search import searched
+from benchmark.analysis.search import chosen
 from benchmark.commands import parse_seeds, seeds_text
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, experiment_names, load_experiment
-from benchmark.experiments.schema import read_experiment
+from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
-from benchmark.experiments.specification import digest_of_search
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
@@ -45,8 +44,8 @@ def main(options: argparse.Namespace) -> int:
             print(f"{experiment.name}: written to {directory}.")
             return 0
         made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
-        if experiment.search is not None:
-            _write_chosen(options.experiment, experiment, store)
+        if experiment.declared.search is not None:
+            _write_chosen(experiment, store)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
     print(f"{experiment.name}: the page is {page.update(options.results, directory.name)}.")
     if made.certificate is not None:
@@ -64,14 +63,14 @@ def _write_texts(folder: Path) -> None:
         print(f"{folder}: its texts stay as they are: {error}", file=sys.stderr)
 
 
-def _write_chosen(given: str, experiment: Experiment, store: Store) -> None:
+def _write_chosen(experiment: Experiment, store: Store) -> None:
     """Writes the settings that a search has chosen beside its file, for experiments that name it.
 
     A file that differs in measured times alone stays as it is.
     """
-    path = read_experiment(given)[1]
-    file, learners = chosen_file(path), {each.name: each.result() for each in searched(experiment, store)}
-    found = Choices(search=digest_of_search(experiment), learners=learners)
+    path = experiment.path
+    file, learners = chosen_file(path), chosen(experiment, store)
+    found = Choices(search=digest_of_search(experiment.declared), learners=learners)
     try:
         is_same = _unmeasured(read_chosen(path, "")) == _unmeasured(found)
     except InputError:  # there is none, or it is damaged

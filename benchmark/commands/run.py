@@ -8,8 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents import load_algorithm
-from benchmark.analysis.population import check_scores
+from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
@@ -126,7 +125,7 @@ def connect(address: str, algorithms: Collection[str]) -> "Cluster":
 
 def _check_logs(experiment: Experiment, directory: Path) -> None:
     """Refuses TensorBoard logs that no algorithm writes, or that cannot be written."""
-    if not any(load_algorithm(variant.algorithm).writes_logs for variant in experiment.algorithms.values()):
+    if not any(learner.algorithm.writes_logs for learner in experiment.learners.values()):
         raise InputError(
             f"--tensorboard: no algorithm of {experiment.name} writes logs; accepted: an experiment with "
             "algorithms of Stable-Baselines3."

@@ -1,22 +1,20 @@
 """Shows how an agent learns: in a window, in the terminal, or as a file."""
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Final
 
-import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.backend_bases import Event
 from rich.console import Console
 from rich.live import Live
 
-from benchmark.analysis.population import load_population
+from benchmark.analysis.records import load_records
 from benchmark.commands import MOST_SEEDS
-from benchmark.drawing.film import ANIMATIONS, Film, Moment, end_of, film_of, picture, write
+from benchmark.drawing.film import ANIMATIONS, Film, Moment, Screen, end_of, film_of, learning, write
 from benchmark.drawing.style import check_file
 from benchmark.drawing.text import to_text
 from benchmark.execution.driver import pending, run
@@ -25,18 +23,14 @@ from benchmark.experiments import (
     DEFAULT_CONDITION,
     Experiment,
     RunSpecification,
-    check_size,
     load_experiment,
-    specifications,
 )
-from benchmark.reports.learners import Names
 from envs import InputError
 from envs.inputs import unknown_name, whole_number
-from envs.render import Window
 
 FRAMES_PER_SECOND: Final = 12
+_WINDOWS: Final = ("macosx", "qtagg", "gtk4agg", "gtk3agg", "tkagg", "wxagg")  # backends of matplotlib
 _PAUSE: Final = 6  # frames for which the end of a walk is shown
-_CELL_PIXELS: Final = 40  # in the window
 
 
 def specification(
@@ -49,20 +43,19 @@ def specification(
     Raises:
       InputError: The experiment has no such run, or the scenario is not there or too large.
     """
-    if variant not in experiment.algorithms:
-        unknown_name(experiment.name, "variant", variant, experiment.algorithms)
-    observations = experiment.algorithms[variant].observations
-    observation = observation or observations[0]
-    if observation not in observations:
-        unknown_name(f"{experiment.name}: {variant}", "observation", observation, observations)
-    if DEFAULT_CONDITION not in experiment.conditions or experiment.solved is not None:
+    learners = {
+        learner.observation: learner for learner in experiment.learners.values() if learner.variant == variant
+    }
+    if not learners:
+        unknown_name(experiment.name, "variant", variant, experiment.declared.algorithms)
+    observation = observation or next(iter(learners))
+    if observation not in learners:
+        unknown_name(f"{experiment.name}: {variant}", "observation", observation, learners)
+    if DEFAULT_CONDITION not in experiment.conditions or experiment.declared.solved is not None:
         accepted = "an experiment without sweep, grids, search or solved"
         raise InputError(f"{experiment.name}: its runs cannot be watched; accepted: {accepted}.")
-    paths = {Path(declared).stem: declared for declared in experiment.scenarios}
-    of = DEFAULT_CONDITION, paths.get(scenario, scenario), variant, observation
-    (run,) = specifications(experiment, *of, [seed])
-    check_size(run)  # as if the experiment declared it
-    return run
+    population = experiment.population(DEFAULT_CONDITION, scenario, learners[observation].name)
+    return population.first.with_seed(seed)
 
 
 def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:
@@ -83,59 +76,65 @@ def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Fil
         print(f"training {title} ...", file=sys.stderr)
         if errors := run([watched], store, jobs=1):
             raise InputError(f"{title}: training failed: {errors[0]}")
-    return film_of(title, load_population([watched], store, fewest=1))
+    return film_of(title, load_records([watched], store))
 
 
 def moments(film: Film) -> Iterator[Moment]:
     """Yields what is shown, one moment per frame: for every map the walk, cell by cell, and then its end."""
-    for place in range(len(film.steps)):
-        end = end_of(film, place)
+    for index in range(len(film.steps)):
+        end = end_of(film, index)
         for n_cells in range(1, len(end.cells)):
-            yield Moment(place, end.cells[:n_cells], state=film.walks[place].states[n_cells - 1])
+            yield Moment(index, end.cells[:n_cells], state=film.walks[index].states[n_cells - 1])
         for _ in range(_PAUSE):
             yield end
 
 
 def has_window() -> bool:
-    """Returns whether a window can be shown, which needs pygame-ce and a screen."""
-    screens = "DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"
-    has_screen = sys.platform in ("darwin", "win32") or any(map(os.environ.get, screens))
-    return has_screen and find_spec("pygame") is not None
+    """Returns whether matplotlib can open windows here, and makes it do so."""
+    for backend in _WINDOWS:
+        with suppress(ImportError):  # no screen, or a package is not installed
+            plt.switch_backend(backend)
+            return True
+    return False
 
 
 def in_window(film: Film) -> None:
-    """Plays the film in a window until the reader closes it; the title says which keys do what.
+    """Plays the film in a window until the reader closes it."""
+    screen, shown, frame, is_paused = Screen([[film]]), list(moments(film)), 0, False
+    canvas = screen.figure.canvas
 
-    Raises:
-      InputError: There is no window, or no screen to show it on.
-    """
-    shown, frame, is_paused = list(moments(film)), 0, False
-    title = f"{film.title}   (space: pause, left and right: training, q: quit)"
-    window = Window(np.asarray(picture(film, shown[0], _CELL_PIXELS)), title)
-    try:
-        if not window.has_screen:
-            raise InputError("no window can be opened: there is no screen.")
-        while True:
-            for key in window.pressed():
-                if key == "q":
-                    return
-                if key == "space":
-                    is_paused = not is_paused
-                if key in ("left", "right"):
-                    place = shown[frame].place + (1 if key == "right" else -1)
-                    frame = next((i for i, moment in enumerate(shown) if moment.place == place), frame)
-            window.show(np.asarray(picture(film, shown[frame], _CELL_PIXELS)), FRAMES_PER_SECOND)
-            if not is_paused:
-                frame = min(frame + 1, len(shown) - 1)  # the last frame stays
-    finally:
-        window.close()
+    def go_to(index: int) -> None:
+        nonlocal frame
+        frame = index
+        screen.show([shown[frame]])
+        canvas.draw_idle()
+
+    def play() -> None:
+        if not is_paused and frame < len(shown) - 1:  # the last frame stays
+            go_to(frame + 1)
+
+    def on_key(event: Event) -> None:
+        nonlocal is_paused
+        key = getattr(event, "key", None)
+        if key == " ":
+            is_paused = not is_paused
+        if key in ("left", "right"):
+            index = shown[frame].index + (1 if key == "right" else -1)
+            go_to(next((i for i, moment in enumerate(shown) if moment.index == index), frame))
+
+    go_to(0)
+    print("space: pause, left and right: training, q: quit")
+    canvas.mpl_connect("key_press_event", on_key)
+    timer = canvas.new_timer(round(1000 / FRAMES_PER_SECOND), [(play, (), {})])
+    timer.start()
+    plt.show()
 
 
 def in_terminal(film: Film, console: Console) -> None:
     """Plays the film in the terminal; if the console is no terminal, prints the end of every walk."""
     if not console.is_terminal:
-        for place in range(len(film.steps)):
-            console.print(to_text(film, end_of(film, place)))
+        for index in range(len(film.steps)):
+            console.print(to_text(film, end_of(film, index)))
         return
     console.print("Press Ctrl-C to stop.", style="dim")
     with suppress(KeyboardInterrupt), Live(console=console, auto_refresh=False) as live:
@@ -152,16 +151,15 @@ def main(options: argparse.Namespace) -> int:
         check_file(options.save, *ANIMATIONS)
     watched = specification(experiment, options.scenario, options.algorithm, options.observation, seed)
     with Store(options.results / "runs.db") as store:
-        film = load_film(watched, store, Names.of(experiment)(watched.variant, watched.observation))
+        film = load_film(
+            watched, store, experiment.learners[f"{watched.variant}, {watched.observation}"].title
+        )
     if options.save is not None:
-        write([picture(film, end_of(film, place), 32) for place in range(len(film.steps))], options.save)
+        write(learning([[film]]), options.save)
         print(f"{film.title}: {options.save}")
         return 0
-    if has_window() and not options.terminal:
-        try:
-            in_window(film)
-            return 0
-        except InputError as error:
-            print(f"{error} The terminal is used instead.", file=sys.stderr)
-    in_terminal(film, Console())
+    if not options.terminal and has_window():
+        in_window(film)
+    else:
+        in_terminal(film, Console())
     return 0

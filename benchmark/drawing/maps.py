@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import Normalize, to_hex
+from matplotlib.collections import EllipseCollection, PolyCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon
@@ -28,26 +28,25 @@ from envs.regions import Loop, outlines
 from envs.scenario import FEEDBACK
 from envs.scene import ARROWHEADS, BORDERS, COLOUR_MAP, COLOURS, DIVERGING, TRIANGLES, Scene, scene_of
 
-_RGB: Final = {kind: np.array(colour) / 255 for kind, colour in COLOURS.items()}
+RGB: Final = {kind: "#{:02x}{:02x}{:02x}".format(*colour) for kind, colour in COLOURS.items()}
+Style = dict[str, Any]  # keyword arguments of an artist
+
 _DASHES: Final = (0, (2, 1.5))
 _SOLID: Final = {"dash_offset": 0, "dash_list": None}
-_ON_VALUES: Final[dict[str, Any]] = {  # white on black
+_ON_VALUES: Final[Style] = {  # white on black
     "ec": "white",
     "lw": 1.6,
     "path_effects": [patheffects.withStroke(linewidth=3, foreground="black", dashes=_SOLID)],
 }
-_ON_ZONES: Final[dict[str, Any]] = {"ec": "black", "lw": 0.8}
-_GLYPHS: Final[dict[str, dict[str, Any]]] = {
+_ON_ZONES: Final[Style] = {"ec": "black", "lw": 0.8}
+_GLYPHS: Final[dict[str, Style]] = {
     "issuer": {"ls": "", "marker": "*", "ms": 9, "mfc": "white", "mec": "black", "mew": 0.8},
     "start": {"ls": "", "marker": "s", "ms": 5, "mfc": "white", "mec": "black", "mew": 0.8},
 }
 # Hatched, since the colours of values include greys.
-_WALL: Final[dict[str, Any]] = {"fc": _RGB["wall"], "ec": _RGB["line"], "lw": 0, "hatch": "////"}
-_ONE_OF_MANY: Final[dict[str, Any]] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
-_WAY: Final[dict[str, Any]] = {"color": _RGB["person"], "lw": 0.9, "ls": ":"}
-
-_OVER: Final = to_hex(tuple(_RGB["over"]))  # where there is no value
-_OUTSIDE: Final = to_hex(tuple(_RGB["outside"]))
+_WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
+_ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
+_WAY: Final[Style] = {"color": RGB["person"], "lw": 0.9, "ls": ":"}
 
 # Of the gallery
 _COLUMNS: Final = 6
@@ -59,10 +58,12 @@ _MAP, _GAP, _LINE, _LEGEND = 1.36, 0.07, 0.125, 0.65  # inches: a map, between m
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
     """Draws one value per cell, (O,)."""
     edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
-    axis.set_facecolor(_OVER)
+    axis.set_facecolor(RGB["over"])
     # An edge of the same colour, since the ground would shine through between cells.
-    style: dict[str, Any] = {"cmap": _colour_map(norm), "norm": norm, "edgecolors": "face", "linewidth": 0.2}
-    axis.pcolormesh(*edges, values.reshape(scene.rows, scene.columns), **style)
+    axis.pcolormesh(
+        *edges, values.reshape(scene.rows, scene.columns),
+        cmap=colour_map(norm), norm=norm, edgecolors="face", linewidth=0.2,
+    )  # fmt: skip
     _dress(axis, scene, _ON_VALUES)
 
 
@@ -71,9 +72,25 @@ def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, va
 
     The frame has columns row, column, action (moves alone) and the one that is drawn.
     """
-    style: dict[str, Any] = {"cmap": _colour_map(norm), "norm": norm, "edgecolors": "face", "linewidths": 0.2}
-    axis.add_collection(PolyCollection(_shapes(frame, TRIANGLES), array=frame[value].to_numpy(), **style))
+    axis.add_collection(
+        PolyCollection(
+            _shapes(frame, TRIANGLES), array=frame[value].to_numpy(),
+            cmap=colour_map(norm), norm=norm, edgecolors="face", linewidths=0.2,
+        )
+    )  # fmt: skip
     _dress(axis, scene, _ON_VALUES)
+
+
+def discs(axis: Axes, frame: pd.DataFrame, norm: Normalize, value: str) -> None:
+    """Draws one value per cell as a disc in its middle; columns row, column and the one that is drawn."""
+    axis.add_collection(
+        EllipseCollection(
+            [0.4], [0.4], [0], units="xy",
+            offsets=frame[["column", "row"]].to_numpy(), offset_transform=axis.transData,
+            array=frame[value].to_numpy(), cmap=colour_map(norm), norm=norm,
+            edgecolors=RGB["line"], linewidths=0.4,
+        )
+    )  # fmt: skip
 
 
 def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
@@ -97,8 +114,8 @@ def arrowheads(axis: Axes, moves: pd.DataFrame) -> None:
 
     The frame has columns row, column and action.
     """
-    style: dict[str, Any] = {"facecolors": "white", "edgecolors": "black", "linewidths": 0.4}
-    axis.add_collection(PolyCollection(_shapes(moves, ARROWHEADS), **style))
+    shapes = _shapes(moves, ARROWHEADS)
+    axis.add_collection(PolyCollection(shapes, facecolors="white", edgecolors="black", linewidths=0.4))
 
 
 def dots(axis: Axes, cells: pd.DataFrame) -> None:
@@ -106,7 +123,7 @@ def dots(axis: Axes, cells: pd.DataFrame) -> None:
     axis.plot(cells["column"], cells["row"], "o", ms=3, mfc="black", mec="white", mew=0.5)
 
 
-def _colour_map(norm: Normalize) -> str:
+def colour_map(norm: Normalize) -> str:
     """Returns the colours of a scale: of one with zero in its middle, white is zero."""
     return DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
 
@@ -115,7 +132,7 @@ def colour_bar(
     figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
 ) -> None:
     """Draws the colour scale that a row of maps shares."""
-    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=_colour_map(norm))
+    mappable = mpl.cm.ScalarMappable(norm=norm, cmap=colour_map(norm))
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if 0 < norm(0.0) < 1:
@@ -227,11 +244,11 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     """Draws a map of the regions, with all starts of the agent and the way of an issuer who moves."""
     scene, n_phases = scene_of(model, context), len(model.scenario.stages)
     zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
-    axis.set_facecolor(_OUTSIDE)
+    axis.set_facecolor(RGB["outside"])
     for zone in dict.fromkeys(scene.zone):
         if zone != "outside":
-            _add_path(axis, outlines(zones == zone), {"fc": _RGB[zone], "lw": 0})
-    lines: dict[str, Any] = {"colors": [_RGB["line"]], "lw": 0.25, "zorder": 1.1}
+            add_area(axis, outlines(zones == zone), {"fc": RGB[zone], "lw": 0})
+    lines: Style = {"colors": [RGB["line"]], "lw": 0.25, "zorder": 1.1}
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if model.scenario.moves:
@@ -245,12 +262,12 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="", anchor="NW")
 
 
-def _dress(axis: Axes, scene: Scene, border: dict[str, Any], scale: float = 1.0) -> None:
+def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
     """Draws walls, the regions' borders in a style and the glyphs, scaled, on a map, and labels it."""
-    _add_path(axis, outlines(scene.is_wall.reshape(scene.rows, scene.columns)), _WALL)
+    add_area(axis, outlines(scene.is_wall.reshape(scene.rows, scene.columns)), _WALL)
     for outline in scene.outlines:
-        style: dict[str, Any] = {"fill": False, "ls": _DASHES if outline.is_dashed else "-"} | border
-        _add_path(axis, outline.loops, style)
+        dashes = _DASHES if outline.is_dashed else "-"
+        add_area(axis, outline.loops, {"fill": False, "ls": dashes} | border)
     for glyph in scene.glyphs:
         row, column = scene.position[glyph.cell]
         if glyph.heading is not None:
@@ -270,8 +287,8 @@ def _dress(axis: Axes, scene: Scene, border: dict[str, Any], scale: float = 1.0)
         axis.yaxis.set_major_formatter(lambda y, _: f"{y - row:g}".replace("-", "−"))
 
 
-def _add_path(axis: Axes, loops: Sequence[Loop], style: dict[str, Any]) -> None:
-    """Draws the set of cells that these loops enclose; holes in it stay free."""
+def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> None:
+    """Draws the cells that loops enclose, except those in holes."""
     paths = [Path(np.array([*loop, loop[0]])[:, ::-1] - 0.5, closed=True) for loop in loops]
     if paths:
         axis.add_patch(PathPatch(Path.make_compound_path(*paths), **style))

@@ -2,11 +2,14 @@
 
 from typing import Final
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import Normalize
 from rich.text import Text
 
 from agents.policy import contains
 from benchmark.drawing.film import ENDINGS, Film, Moment
+from benchmark.drawing.maps import RGB, colour_map
 from envs.scene import ARROWS
 
 # Before and after a cell
@@ -20,13 +23,15 @@ _LEGEND: Final = f"""\
 def to_text(film: Film, moment: Moment) -> Text:
     """Returns a moment as text: a cell's greedy actions, on the colour of its best value."""
     film = film.seen(moment)
-    scene, values, place = film.scene, film.values[moment.place], moment.place
-    best = np.where(film.is_unvisited(place), np.nan, values.max(axis=1))  # NaN, too, if the agent diverged
-    greedy, agent = contains(film.greedy[place]), moment.cells[-1]
+    scene, index, agent = film.scene, moment.index, moment.cells[-1]
+    greedy, values = contains(film.greedy[index]), film.values[index]
+    best = np.where(film.is_unknown(index), np.nan, values.max(axis=1))
+    norm = Normalize(*film.limits)
+    colours = mpl.colormaps[colour_map(norm)].with_extremes(bad=RGB["no value"])
     text = Text(f"{film.title}\n")
-    text.append(f"step {film.steps[place]:,}, score {film.scores[place]:.2f}  ")
+    text.append(f"step {film.steps[index]:,}, score {film.scores[index]:.2f}  ")
     text.append(f"{ENDINGS.get(moment.ending, '')}\n")
-    for cell, (red, green, blue) in enumerate(film.colours(best).tolist()):
+    for cell, (red, green, blue, _) in enumerate(colours(norm(best), bytes=True).tolist()):
         if cell == agent:
             sign = "@"
         elif scene.is_over[cell]:

@@ -6,7 +6,7 @@ from typing import Final
 
 import pandas as pd
 
-from benchmark.analysis.frames import Group, RecordsOf, tables
+from benchmark.analysis.frames import RecordsOf, tables
 from benchmark.analysis.records import Records, load_records
 from benchmark.analysis.stages import groups, stages
 from benchmark.execution import driver
@@ -51,7 +51,7 @@ def load(
     """
     if seeds is not None and experiment.has_stages:
         raise InputError(
-            f"{experiment.name}: --seeds: an experiment with stages uses only its declared seeds; remove --seeds."
+            f"{experiment.name}: --seeds: an experiment with stages uses only its declared seeds."
         )
     missing = _missing(experiment, store, seeds)
     if missing and not partial:
@@ -69,7 +69,7 @@ def load(
     if not shown or (few and not partial):
         reason = missing or "a single run has no interval"
         raise InputError(
-            f"{experiment.name}: too few runs ({reason}); accepted: at least two of each learner in every scenario."
+            f"{experiment.name}: too few runs ({reason}); accepted: at least two of every learner."
         )
     runs, curves = tables(shown, store, columns)
     runs_of = {_names(group.population): group.runs for group in shown if not group.more}

@@ -10,16 +10,15 @@ import re
 from collections.abc import Callable
 from functools import cached_property, partial
 from pathlib import Path
-from textwrap import fill
 from typing import Final
 
-import jinja2
 import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.reports import files, load_items, load_report, prose
 from benchmark.reports.folder import MANIFEST, Folder, with_titles
 from benchmark.reports.item import PICTURES, Item, as_written
+from benchmark.reports.templates import templates_in as templates_in
 from envs.observations import OBSERVATIONS
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
@@ -156,7 +155,7 @@ class Document:
                 for end in (".csv", *(f".{form}" for form in PICTURES))
                 if f"{item.name}{end}" in self.folder
             ]
-            if item.file in self.folder or ends:
+            if ends or (item.file and item.file in self.folder):
                 rows.append((item.file or f"{item.name}{', '.join(ends)}", item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
@@ -177,41 +176,19 @@ def front(results: Path) -> str:
       InputError: A folder of results is damaged, or lacks what README cites.
     """
 
-    def headline(name: str, paragraph: int = 0) -> str:
-        paragraphs = tables.plain(prose.written(Folder(results / name)) or "").split("\n\n")
-        return "".join(paragraphs[paragraph : paragraph + 1])
+    def text(name: str, title: str = "") -> str:
+        return prose.titled(Folder(results / name), title)
 
     def figure(name: str, item: str) -> str:
         return f"results/{name}/{_figure(Folder(results / name), item)}"
 
-    functions = [figure, headline]
+    functions = [figure, text]
     with Folder(results / "compare_deep").reading():
         return (
             templates_in(_FRONT.parent)
             .get_template(_FRONT.name)
             .render({each.__name__: each for each in functions})
         )
-
-
-def templates_in(folder: Path, *, is_html: bool = False) -> jinja2.Environment:
-    """Returns the templates in a folder: of HTML, or of Markdown, with filters for texts and numbers."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
-        autoescape=is_html,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"text": tables.paragraph, "number": tables.show, "plain": tables.plain}
-    environment.filters["wrapped"] = _wrapped
-    return environment
-
-
-def _wrapped(text: str, indent: str = "") -> str:
-    """Returns a paragraph in lines, all but the first of which are indented."""
-    filled = fill(text, 118, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-    return f"{filled}\n"
 
 
 def readme(path: Path) -> str:

@@ -1,9 +1,8 @@
-"""The page's explorer: what one agent of every learner knows, and how others end.
+"""The data of the page's explorer, one file of compressed JSON: what agents have learned, and where.
 
-Values over training are those of the first seed's agent, which was chosen before any result was seen. Large
-tables of values are left out. Of the other agents there is the final greedy policy, of as many as fit. The
-compiled scenarios go with them, in which the page looks up what follows a step, and computes the optimum. All
-of it is one file of compressed JSON, which the page holds as it is.
+Values over training are those of the first seed's agent, which was chosen before any result was seen; large
+tables are left out. Of the other agents there is the final greedy policy, of as many as fit. In the compiled
+scenarios, the page looks up what follows a step, and computes the optimum.
 """
 
 import gzip
@@ -11,18 +10,20 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population
+from benchmark.analysis.frames import RecordsOf
+from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records
 from benchmark.execution.store import VALUE_DECIMALS
+from benchmark.experiments import Experiment
 from benchmark.reports.item import Item, writing
 from envs import ACTIONS, EVENTS, ZONES, Model
-from envs import scene as scenes
+from envs import scene as drawn
 from envs.model import MOVES
 from envs.scene import scene_of
 
@@ -39,14 +40,14 @@ class Shown(NamedTuple):
 
     algorithm: str  # the variant's name
     observation: str
-    population: Population
+    records: Records
 
 
-def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
+def explorer_item(lister: Callable[[Experiment, RecordsOf], Iterable[Shown]]) -> Item:
     """Returns the item with the explorer's file.
 
     Args:
-      lister: Returns what is shown of a report's data.
+      lister: Returns what is shown of an experiment.
     """
 
     @writing(
@@ -54,50 +55,49 @@ def explorer_item(lister: Callable[[Any], Iterable[Shown]]) -> Item:
         "what the explorer on the page shows: values, policies and scenarios, as compressed JSON",
         FILE,
     )
-    def agents(data: Any, directory: Path) -> None:
-        if shown := [*lister(data)]:
-            (directory / FILE).write_bytes(compressed(packed(shown)))
+    def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+        if shown := [*lister(experiment, records)]:
+            path.write_bytes(compressed(packed(shown)))
 
     return agents
 
 
 def compressed(data: object) -> bytes:
-    """Returns data as JSON, compressed to less than half."""
+    """Returns data as compressed JSON."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return gzip.compress(text.encode(), mtime=0)
 
 
-def packed(shown: Sequence[Shown]) -> dict[str, Any]:
-    """Returns what the explorer shows. An agent refers to its scene and to what it sees by their places."""
-    models = {each.population.model.scenario: each.population.model for each in shown}
-    made = {scenario: _scene(model) for scenario, model in models.items()}
-    distinct: list[dict[str, Any]] = []  # scenarios that differ in what is observed have the same scene
-    for scene in made.values():
-        distinct.extend([scene] if scene not in distinct else [])
+def packed(shown: Sequence[Shown]) -> dict[str, object]:
+    """Returns what the explorer shows; agents refer to their scene and to what they see by index."""
+    models = {learner.records.model.scenario: learner.records.model for learner in shown}
+    scene_of_scenario = {scenario: _scene(model) for scenario, model in models.items()}
+    scenes: list[dict[str, object]] = []  # shared by scenarios that differ in what is observed
+    for scene in scene_of_scenario.values():
+        if scene not in scenes:
+            scenes.append(scene)
+    agents = []
+    for learner in shown:
+        scenario = learner.records.model.scenario
+        indices = {"scene": scenes.index(scene_of_scenario[scenario]), "sight": [*models].index(scenario)}
+        agents.append(_learner(learner) | indices)
     return {
-        "actions": list(ACTIONS),
-        "events": list(EVENTS),
-        "zones": list(ZONES),
+        "actions": ACTIONS,
+        "events": EVENTS,
+        "zones": ZONES,
         "decimals": VALUE_DECIMALS,
         "no_number": _NO_NUMBER,
         "first_mask": _FIRST_MASK,
         "tolerance": OPTIMUM_TOLERANCE,
-        "colours": _colours(scenes.COLOUR_MAP),
-        "diverging": _colours(scenes.DIVERGING),
-        "palette": {name: "#{:02x}{:02x}{:02x}".format(*scenes.COLOURS[name]) for name in _PALETTE},
-        "clipped_share": scenes.CLIPPED_SHARE,
-        "triangles": scenes.TRIANGLES.tolist(),
+        "colours": _colours(drawn.COLOUR_MAP),
+        "diverging": _colours(drawn.DIVERGING),
+        "palette": {name: "#{:02x}{:02x}{:02x}".format(*drawn.COLOURS[name]) for name in _PALETTE},
+        "clipped_share": drawn.CLIPPED_SHARE,
+        "triangles": drawn.TRIANGLES.tolist(),
         "moves": MOVES.tolist(),
-        "scenes": distinct,
+        "scenes": scenes,
         "sights": [_sight(model) for model in models.values()],
-        "agents": [
-            _learner(each)
-            | {
-                "scene": distinct.index(made[each.population.model.scenario]),
-                "sight": [*models].index(each.population.model.scenario),
-            }
-            for each in shown
-        ],
+        "agents": agents,
     }
 
 
@@ -105,67 +105,66 @@ def _colours(name: str) -> list[str]:
     return [to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 33))]
 
 
-def typical_agent(population: Population) -> int:
+def typical_agent(records: Records) -> int:
     """Returns the index of a typical agent: the one with the median mean score over training.
 
     Scores count as 0 to 1. Of an even number of agents, it is the lower median; of agents with the same mean,
     the one with the lowest seed.
     """
-    means = np.clip(population.unbounded_scores, 0, 1).mean(axis=1).round(9)
+    means = np.clip(records.unbounded_scores(), 0, 1).mean(axis=1).round(9)
     median = np.sort(means)[(len(means) - 1) // 2]
-    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: population.seeds[agent])
+    return min(np.flatnonzero(means == median).tolist(), key=lambda agent: records.seeds[agent])
 
 
-def _learner(shown: Shown) -> dict[str, Any]:
+def _learner(shown: Shown) -> dict[str, object]:
     """Returns a learner's first agent, with its values if there are few, and the final policies of others.
 
     Of maps over training there is every second, and the last. `kind` says what they hold: `q` for action
     values, or `probability` for the action probabilities of a stochastic policy.
     """
-    population = shown.population
-    n_observations = population.model.n_observations
-    last = len(population.map_indices) - 1
+    records = shown.records
+    n_observations = records.model.n_observations
+    last = len(records.map_indices) - 1
     has_values = n_observations <= MOST_VALUED
     chosen = [*(range(0, last, 2) if has_values and last > 1 else []), last]
-    places = population.map_indices[chosen]
-    first = population.agents[0]
-    n_shown = min(len(population.seeds), max(MOST_MASKS // n_observations, 1))
-    others = [agent["greedy"][-1] for agent in population.agents[1:n_shown]]
+    points = records.map_indices[chosen]  # among the evaluation steps
+    first = records.agents[0]
+    n_shown = min(len(records.seeds), max(MOST_MASKS // n_observations, 1))
+    others = [agent["greedy"][-1] for agent in records.agents[1:n_shown]]
     return {
-        "scenario": population.scenario,
+        "scenario": records.scenario,
         "algorithm": shown.algorithm,
         "observation": shown.observation,
-        "horizon": population.horizon,
-        "unit": population.specification["settings"].get("budget_unit", "steps"),
+        "horizon": records.horizon,
+        "unit": getattr(records.run.settings, "budget_unit", "steps"),
         "kind": "probability" if first["stochastic"].shape[0] else "q",
-        "discount": population.discount,
-        "steps": [population.evaluation_steps[place] for place in places],
-        "score": _listed(population.unbounded_scores[0, places]),
-        "success": _listed(first["success"][places]),
+        "discount": records.discount,
+        "steps": [records.evaluation_steps[point] for point in points],
+        "score": _listed(records.unbounded_scores()[0, points]),
+        "success": _listed(first["success"][points]),
         "values": _integers(first["values"][chosen]) if has_values else None,
-        "greedy": _characters(first["greedy"][places]),
-        "seeds": list(population.seeds[:n_shown]),
+        "greedy": _characters(first["greedy"][points]),
+        "seeds": list(records.seeds[:n_shown]),
         "others": {  # after the first
-            "score": _listed(population.unbounded_scores[1:n_shown, -1]),
-            "success": _listed(population.arrays["success"][1:n_shown, -1]),
+            "score": _listed(records.unbounded_scores()[1:n_shown, -1]),
+            "success": _listed(records.arrays["success"][1:n_shown, -1]),
             "greedy": _characters(np.array(others, dtype=np.uint8)),
         },
     }
 
 
-def _scene(model: Model) -> dict[str, Any]:
+def _scene(model: Model) -> dict[str, object]:
     """Returns what a scenario looks like and what follows each action, whatever is observed of it.
 
-    `views` has a map for each place and phase. Few states differ in their rewards and in how much an action
-    changes their number, so each refers to one of some `kinds`. `change` and `probability` of outcomes are
-    flattened (kinds, A, K) lists, the others (kinds, A).
+    `views` has a map for each position of the issuer and phase. Few states differ in their rewards and in how
+    much an action changes their number, so each refers to one of some `kinds`. `change` and `probability` of
+    outcomes are flattened (kinds, A, K) lists, the others (kinds, A).
     """
     scenario = model.scenario
     views = [scene_of(model, context) for context in range(model.n_places * len(scenario.stages))]
     n_states = len(model.observation)
-    change = model.next_state - np.arange(n_states, dtype=np.int32)[:, None, None]
     effects = {
-        "change": change,
+        "change": model.next_state - np.arange(n_states, dtype=np.int32)[:, None, None],
         "probability": model.probability,
         "grid_reward": model.grid_reward,
         "issuer_reward": model.issuer_reward,
@@ -174,6 +173,7 @@ def _scene(model: Model) -> dict[str, Any]:
     }
     columns = np.concatenate([values.reshape(n_states, -1) for values in effects.values()], axis=1)
     _, first, kind = np.unique(columns, axis=0, return_index=True, return_inverse=True)
+    effects["over"] = model.is_over.astype(int)
     return {
         "rows": views[0].rows,
         "columns": views[0].columns,
@@ -185,13 +185,12 @@ def _scene(model: Model) -> dict[str, Any]:
         "phases": [stage.name for stage in scenario.stages],
         "starts": [*model.starts.tolist(), *model.unseen_starts.tolist()],
         "kind": kind.ravel().tolist(),
-        "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()}
-        | {"over": model.is_over[first].astype(int).tolist()},
+        "kinds": {name: values[first].ravel().tolist() for name, values in effects.items()},
         "issuer_noise": float(model.issuer_noise.max()),
     }
 
 
-def _sight(model: Model) -> dict[str, Any]:
+def _sight(model: Model) -> dict[str, object]:
     """Returns which components of a state are observed, and each state's observation less that before it."""
     names = [component.name for component in model.components]
     return {"observed": names, "changes": np.diff(model.observation, prepend=0).tolist()}
@@ -202,7 +201,7 @@ def _listed(values: NDArray[np.float64]) -> list[float | None]:
     return [None if math.isnan(value) else round(value, 6) for value in values.tolist()]
 
 
-def _integers(maps: NDArray[Any]) -> list[int]:
+def _integers(maps: NDArray[np.floating]) -> list[int]:
     """Returns maps, (V, O, A), as integers, each less that of the map before: most are zero, and zip well."""
     scaled = np.rint(maps.astype(np.float64) * 10**VALUE_DECIMALS)
     # Only the values of nets about to diverge exceed two million; their digits are noise.

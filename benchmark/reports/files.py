@@ -1,8 +1,7 @@
 """Writes results so that readers see the old ones or the new ones, and a crash leaves nothing behind.
 
-What is being made lies beside, under a name that begins with a point and ends in `.making`. One process at a
-time writes to a folder of results, so whatever has such a name when a process begins was left by one that was
-killed.
+What is being made has a name that begins with a dot and ends in `.making`. Since one process at a time writes
+to a folder of results, what has such a name when a process begins was left by a killed one.
 """
 
 import ctypes
@@ -79,10 +78,9 @@ def replaced(folder: Path, is_stale: Callable[[str], bool]) -> Iterator[Path]:
     around = folder.parent.resolve()
     folder = folder.resolve()
     made = folder.with_name(f".{folder.name}{_MAKING}")
-    is_elsewhere = folder.parent != around  # where a link leads, nobody is alone yet
+    is_elsewhere = folder.parent != around  # a link leads to a folder that is not locked yet
     with _locked(folder.parent) if is_elsewhere else nullcontext():
-        if is_elsewhere:
-            _remove(made)
+        _remove(made)
         with _input_errors(folder):
             made.mkdir()
         try:
@@ -112,19 +110,17 @@ def write_text(path: Path, text: str) -> None:
 def _take_over(folder: Path, made: Path, is_stale: Callable[[str], bool]) -> None:
     """Gives a new folder the files and folders of the old one that stay."""
     for path in folder.iterdir() if folder.exists() else ():
-        is_folder = path.is_dir() and not path.is_symlink()
-        if is_folder and (made / path.name).exists():
-            raise InputError(f"{path}: cannot be written: it is a folder; move it away.")
-        if (made / path.name).exists() or (not is_folder and is_stale(path.name)):
-            continue
-        if is_folder:
-            shutil.copytree(path, made / path.name, copy_function=_link, symlinks=True)
-        else:
-            _link(path, made / path.name)
+        target = made / path.name
+        if path.is_dir() and not path.is_symlink():
+            if target.exists():
+                raise InputError(f"{path}: cannot be written: it is a folder; move it away.")
+            shutil.copytree(path, target, copy_function=_link, symlinks=True)
+        elif not target.exists() and not is_stale(path.name):
+            _link(path, target)
 
 
 def _link(source: str | Path, target: str | Path) -> None:
-    """Gives a file a second name, or copies it where a file has but one."""
+    """Gives a file a second name, or copies it where the file system has no hard links."""
     try:
         os.link(source, target, follow_symlinks=False)
     except OSError:
@@ -132,12 +128,12 @@ def _link(source: str | Path, target: str | Path) -> None:
 
 
 def _exchange(made: Path, folder: Path) -> None:
-    """Puts a new folder in the place of another, in one step where the system can; removes the old one."""
+    """Puts a new folder in the place of another, in one step where the system can."""
     if not folder.exists():
         made.rename(folder)
         return
     if sys.platform == "linux":
-        rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)  # older C libraries have none
+        rename = getattr(ctypes.CDLL(None), "renameat2", None)  # older C libraries have none
         paths = _AT_FDCWD, os.fsencode(made), _AT_FDCWD, os.fsencode(folder)
         if rename is not None and rename(*paths, _RENAME_EXCHANGE) == 0:
             return

@@ -1,44 +1,100 @@
 """Texts written by hand, whose numbers are looked up in published tables and whose claims are checked.
 
 The finding of a published experiment is a template beside its file: `benchmark/experiments/when.md.jinja`.
-In it, every number is a link to its rows, and `claim` refuses tables for which a sentence would not be true.
-Then, and for other seeds, results have the sentences that their kind of report makes; the README of this
-repository is not made.
+Every number in it is a link to its rows, and every other statement is guarded by a `claim` about the tables.
+Its first paragraph is the answer. A paragraph may start with a title in bold, by which the README of this
+repository includes it and those after it. Results of other seeds, or of some of the runs, have no such text.
 """
 
+import re
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from typing import Final
 
 import pandas as pd
 
 from benchmark.drawing import tables
 from benchmark.experiments import EXPERIMENT_DIRECTORY
 from benchmark.reports.folder import Folder
+from benchmark.reports.templates import templates_in
 from envs import InputError
 from envs.words import listed
+
+_TITLE: Final = re.compile(r"\*\*(.+?)\.\*\* ")
 
 
 class ClaimError(InputError):
     """The tables do not show what a text claims."""
 
 
-def text_of(folder: Folder) -> Path | None:
-    """Returns the text written for a folder of results; None if there is none for these runs."""
-    manifest = folder.manifest
+def written(folder: Folder) -> str | None:
+    """Returns the text written for a folder of results, in Markdown; None if there is none for these runs.
+
+    Raises:
+      ClaimError: The tables do not show what it claims.
+      InputError: They lack what it cites.
+    """
+    text, failed = _rendered(folder)
+    if failed:
+        raise ClaimError(
+            "\n".join(f"{folder.path}: these tables do not show that {each}." for each in failed)
+        )
+    return text
+
+
+def failed_claims(folder: Folder) -> list[str]:
+    """Returns the claims of a folder's text that its tables do not show.
+
+    On another type of processor nets learn differently, so there a claim can fail without any error.
+    """
+    return _rendered(folder)[1]
+
+
+def titled(folder: Folder, title: str = "") -> str:
+    """Returns the paragraphs of a folder's text that belong to a title, as one and without links.
+
+    Args:
+      folder: The folder of results.
+      title: By default those before the first title.
+
+    Raises:
+      InputError: There is no such title, or see `written`.
+    """
+    found, current = [], ""
+    for paragraph in (written(folder) or "").split("\n\n"):
+        start = _TITLE.match(paragraph)
+        current = start[1] if start else current
+        if current == title:
+            found.append(tables.plain(paragraph))
+    if not "".join(found):
+        raise InputError(f"{folder.path}: its text has no paragraph {title or 'without a title'}.")
+    return " ".join(found)
+
+
+def _rendered(folder: Folder) -> tuple[str | None, list[str]]:
+    """Returns the text of a folder of results, and its claims that the tables do not show."""
+    manifest, failed = folder.manifest, list[str]()
     path = EXPERIMENT_DIRECTORY / f"{manifest.get('argument')}.md.jinja"
     is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
-    return path if is_as_declared and path.is_file() else None
+    if not is_as_declared or not path.is_file():
+        return None, failed
+    with folder.reading():
+        template = templates_in(path.parent).get_template(path.name)
+        text = template.render(_lookups(folder, failed))
+    paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
+    return "\n\n".join(filter(None, paragraphs)), failed
 
 
-def lookups(folder: Folder) -> dict[str, Callable[..., Any]]:
-    """Returns the functions that a text has. A learner is given as in `cells.csv`: "ppo, coordinates"."""
+def _lookups(folder: Folder, failed: list[str]) -> dict[str, Callable[..., object]]:
+    """Returns the functions that a text has. A learner is given by its name, as in "ppo, coordinates".
+
+    Claims that fail are added to `failed`.
+    """
 
     def rows(table: str, **where: object) -> pd.DataFrame:
         """Returns the rows of a table with these values; of a list, with any of its values."""
         frame = folder.frame(table)
         if "learner" in where and "learner" not in frame:
-            where["algorithm"], where["observation"] = str(where.pop("learner")).split(", ")
+            frame = frame.assign(learner=frame["algorithm"] + ", " + frame["observation"])
         for key, value in where.items():
             frame = frame[frame[key].isin(value if isinstance(value, list) else [value])]
         return frame
@@ -72,14 +128,13 @@ def lookups(folder: Folder) -> dict[str, Callable[..., Any]]:
         return tables.link(str(found[of].nunique() if of else len(found)), table, found)
 
     def names(table: str, column: str, **where: object) -> str:
-        """Returns the values of a column, as a list in words."""
+        """Returns the different values of a column, as a list in words."""
         found = rows(table, **where)
-        return tables.link(listed(map(str, found[column])), table, found)
+        return tables.link(listed(map(str, found[column].unique())), table, found)
 
     def claim(is_true: bool, sentence: str) -> str:
-        """Refuses tables for which a sentence is not true; returns an empty text."""
-        if not is_true:
-            raise ClaimError(f"{folder.path}: these tables do not show what the text claims: {sentence}")
+        """Checks that a sentence is true of the tables; returns an empty text."""
+        failed.extend([] if is_true else [sentence])
         return ""
 
     return {each.__name__: each for each in (rows, row, number, interval, duration, count, names, claim)}

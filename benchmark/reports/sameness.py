@@ -22,7 +22,6 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Final
 
-import numpy as np
 import pandas as pd
 
 from benchmark.execution.provenance import digest_of_code
@@ -40,11 +39,11 @@ class Certificate:
     """What comparing a folder with the published one gave."""
 
     name: str
-    identical: tuple[str, ...]
-    differing: tuple[str, ...]  # other bytes, missing, or not published
+    compared: tuple[str, ...]
+    differing: tuple[str, ...]  # of these: other bytes, missing, or not published
     measured: tuple[str, ...]  # hold measured times; not compared
-    distance: str = ""  # how far the numbers of the summary are, if it differs
-    other: str = "the published results"  # what was compared with, in words
+    distance: str  # how far the numbers of the summary are, if it differs
+    other: str  # what was compared with, in words
 
     @property
     def is_identical(self) -> bool:
@@ -53,15 +52,13 @@ class Certificate:
 
     def __str__(self) -> str:
         """The certificate in words."""
-        n_differing, n = len(self.differing), len(self.identical) + len(self.differing)
+        n_differing, n = len(self.differing), len(self.compared)
         apart = f"; files with measured times, not compared: {len(self.measured)}" if self.measured else ""
         if self.is_identical:
             return f"{self.name}: identical to {self.other} ({n} of {n} files{apart})."
         more = f" and {n_differing - _LISTED} more" if n_differing > _LISTED else ""
-        text = (
-            f"{self.name}: different from {self.other}: {n_differing} of {n} files: "
-            f"{', '.join(self.differing[:_LISTED])}{more}{apart}."
-        )
+        files = f"{', '.join(self.differing[:_LISTED])}{more}"
+        text = f"{self.name}: different from {self.other}: {n_differing} of {n} files: {files}{apart}."
         return f"{text}\n{self.name}: {self.distance}" if self.distance else text
 
 
@@ -74,34 +71,31 @@ def compare(
       folder: What was made.
       name: The experiment's name.
       measured: Names of files that hold measured times, as patterns.
-      other: The other folder; by default the one that the last commit of this checkout has.
+      other: A folder that was made from the same store, whose manifest is compared, too; other files in it do
+        not count. By default it is the folder that the last commit of this checkout has.
 
     Returns:
       The certificate; None if there is no other folder.
     """
-    made = _ids(folder)
-    published = _published_ids(name) if other is None else _ids(other)
-    if not published:
-        return None
-    if other is not None:  # it may hold files of others, and has a manifest, made from the same store
-        made[MANIFEST], published[MANIFEST] = _id(folder / MANIFEST), _id(other / MANIFEST)
+    made, expected = _ids(folder), _published_ids(name) if other is None else _ids(other)
+    if other is None:
+        for blobs in (made, expected):
+            blobs.pop(MANIFEST, None)  # says who made the files, and when
+    else:
         known = {*made, *stamped(other / STAMP)}
-        published = {file: blob for file, blob in published.items() if file in known}
-    every = sorted(made.keys() | published.keys())
-    apart = tuple(file for file in every if any(fnmatchcase(file, each) for each in measured))
-    differing = tuple(f for f in every if f not in apart and made.get(f) != published.get(f))
+        expected = {file: blob for file, blob in expected.items() if file in known}
+    if not expected:
+        return None
+    files = sorted(made | expected)
+    apart = tuple(file for file in files if any(fnmatchcase(file, pattern) for pattern in measured))
+    compared = tuple(file for file in files if file not in apart)
+    differing = tuple(file for file in compared if made.get(file) != expected.get(file))
     distance = ""
-    if _SUMMARY in differing and _SUMMARY in made and _SUMMARY in published:
+    if _SUMMARY in differing and _SUMMARY in made and _SUMMARY in expected:
         content = (other / _SUMMARY).read_bytes() if other else published_file(name, _SUMMARY)
         distance = _distance(folder / _SUMMARY, content or b"")
-    return Certificate(
-        name=name,
-        identical=tuple(file for file in every if file not in apart + differing),
-        differing=differing,
-        measured=apart,
-        distance=distance,
-        other=f"the files in {other}" if other else "the published results",
-    )
+    where = f"the files in {other}" if other else "the published results"
+    return Certificate(name, compared, differing, apart, distance, where)
 
 
 def published_file(name: str, file: str) -> bytes | None:
@@ -109,18 +103,16 @@ def published_file(name: str, file: str) -> bytes | None:
     return _git("show", f"HEAD:results/{name}/{file}")
 
 
-def ignored(paths: Iterable[Path]) -> set[Path]:
-    """Returns which of these git ignores in this checkout, as it does results of users' experiments."""
-    given = [str(path.absolute()) for path in paths]
-    listing = _git("-c", "core.quotePath=off", "check-ignore", "--", *given) or b""
-    return {Path(line) for line in os.fsdecode(listing).splitlines()}
-
-
 def published_folders(results: Path) -> list[Path]:
     """Lists the folders of complete results, with the declared seeds, that git does not ignore here."""
-    paths = sorted(path for path in results.glob("*") if path.is_dir())
-    left_out = ignored(paths)
-    return [path for path in paths if path.absolute() not in left_out and not any(map(path.match, _APART))]
+    paths = sorted(path for path in results.glob("*") if path.is_dir() and not any(map(path.match, _APART)))
+    listing = _git(
+        "-c", "core.quotePath=off", "check-ignore", "--", *(str(path.absolute()) for path in paths)
+    )
+    ignored = {
+        Path(line) for line in os.fsdecode(listing or b"").splitlines()
+    }  # results of users' experiments
+    return [path for path in paths if path.absolute() not in ignored]
 
 
 def keep_published(folder: Path, name: str) -> None:
@@ -169,7 +161,6 @@ def _ids(folder: Path) -> dict[str, str]:
 
 
 def _published_ids(name: str) -> dict[str, str]:
-    """Returns the ids of the published results' contents by name."""
     listing = _git("ls-tree", f"HEAD:results/{name}") or b""
     entries = (line.split(maxsplit=3) for line in listing.decode().splitlines())
     return {file: blob for _, kind, blob, file in entries if kind == "blob" and _is_result(file)}
@@ -182,17 +173,15 @@ def _id(path: Path) -> str:
 
 
 def _is_result(file: str) -> bool:
-    """Returns whether a file of the folder is a result; the manifest says who made them, and when."""
-    return file not in (MANIFEST, "index.html") and not file.startswith(".")
+    return file != "index.html" and not file.startswith(".")
 
 
 @cache
 def _code() -> str:
     """Returns a digest of this project's sources, and of all installed packages."""
-    digest = hashlib.sha256(f"{platform.python_version()}\0{digest_of_code()}\0".encode())
-    for name, version in sorted({(each.name, each.version) for each in distributions()}):
-        digest.update(f"{name}=={version}\0".encode())
-    return digest.hexdigest()
+    packages = sorted({f"{package.name}=={package.version}" for package in distributions()})
+    text = "\0".join((platform.python_version(), digest_of_code(), *packages))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _distance(path: Path, content: bytes) -> str:
@@ -203,13 +192,14 @@ def _distance(path: Path, content: bytes) -> str:
         return ""
     texts = dict.fromkeys(keys, str)
     merged = published.astype(texts).merge(made.astype(texts), on=keys, suffixes=("", "_made"))
-    counts = np.zeros(3, dtype=int)
+    total = equal = within = 0
     for column in published:
         if {f"{column}_low", f"{column}_high", f"{column}_made"} <= {*merged}:
-            low, high, new = (merged[f"{column}_{end}"] for end in ("low", "high", "made"))
-            is_equal, is_within = new == merged[column], new.between(low, high)
-            counts += [(low.notna() & each).sum() for each in (True, is_equal, ~is_equal & is_within)]
-    total, equal, within = counts
+            rows = merged[merged[f"{column}_low"].notna()]
+            value, low, high, new = (rows[f"{column}{end}"] for end in ("", "_low", "_high", "_made"))
+            total += len(rows)
+            equal += int((new == value).sum())
+            within += int((new.between(low, high) & (new != value)).sum())
     return (
         f"{path.name}: of {total} numbers with a 95 % interval, equal to the published ones: {equal}; "
         f"different, but within the published interval: {within}; outside it: {total - equal - within}; "

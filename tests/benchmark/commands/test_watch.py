@@ -1,23 +1,24 @@
 """The command that shows how an agent learns: the run it shows, and how it is played."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from matplotlib import pyplot as plt
+from matplotlib.backend_bases import FigureCanvasBase, KeyEvent, TimerBase
 from rich.console import Console
 
 from benchmark.__main__ import main
 from benchmark.commands import watch
-from benchmark.drawing.film import Film, Moment, picture
+from benchmark.drawing.film import Film, Moment, Screen
 from benchmark.execution.store import Store
 from benchmark.experiments import all_specifications, load_experiment
 from envs import InputError
-from envs.render import Window
 from envs.scenario import SCENARIO_DIRECTORY
 
 COMPARED = load_experiment("compare_deep")
@@ -55,9 +56,9 @@ def test_any_scenario_can_be_watched(
 
 def test_moments_walk_cell_by_cell_at_every_map(film: Film) -> None:
     shown = list(watch.moments(film))
-    assert [moment.place for moment in shown] == sorted(moment.place for moment in shown)
-    assert {moment.place for moment in shown} == set(range(26))
-    last = [moment for moment in shown if moment.place == 25]
+    assert [moment.index for moment in shown] == sorted(moment.index for moment in shown)
+    assert {moment.index for moment in shown} == set(range(26))
+    last = [moment for moment in shown if moment.index == 25]
     assert [len(moment.cells) for moment in last[:11]] == list(range(1, 12))
     assert all(last[i].cells == last[-1].cells[: i + 1] for i in range(11))
     assert {moment.ending for moment in last[:11]} == {""}
@@ -72,40 +73,50 @@ def test_terminal_plays_every_moment(film: Film, monkeypatch: pytest.MonkeyPatch
     assert len(slept) == len(list(watch.moments(short)))
 
 
-@pytest.fixture
-def keys(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[list[str]]]:
-    """Keys to be pressed: a list before each frame. Then the window is closed."""
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    script: list[list[str]] = []
-    monkeypatch.setattr(Window, "pressed", lambda _: script.pop(0) if script else ["q"])
-    yield script
-    assert script == []
-
-
-def test_window_plays_pauses_and_goes_through_training(
-    film: Film, keys: list[list[str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_window_plays_pauses_and_goes_through_training(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[tuple[int, int]] = []
+    timers: list[TimerBase] = []
 
-    def noting(film: Film, moment: Moment, cell_pixels: int) -> Image.Image:
-        shown.append((moment.place, len(moment.cells)))
-        return picture(film, moment, cell_pixels)
+    def note(_: Screen, moments: Sequence[Moment]) -> None:
+        shown.extend((moment.index, len(moment.cells)) for moment in moments)
 
-    monkeypatch.setattr(watch, "picture", noting)
-    keys += [[], [], ["space"], [], ["right"], [], ["right", "right", "left"], ["space"], []]
+    def new_timer(_: FigureCanvasBase, *arguments: Any) -> TimerBase:
+        timers.append(TimerBase(*arguments))
+        return timers[-1]
+
+    def use() -> None:
+        (timer,), canvas = timers, plt.gcf().canvas
+        ((play, _, _),) = timer.callbacks
+        for key in ("", "", " ", "", "right", "", "right", "right", "left", " ", ""):
+            if key:
+                canvas.callbacks.process("key_press_event", KeyEvent("key_press_event", canvas, key))
+            else:
+                play()
+
+    monkeypatch.setattr(Screen, "show", note)
+    monkeypatch.setattr(FigureCanvasBase, "new_timer", new_timer)
+    monkeypatch.setattr(plt, "show", use)
     watch.in_window(film)
-    assert shown[1:] == [(0, 1), (0, 2), (0, 3), (0, 3), (1, 1), (1, 1), (2, 1), (2, 1), (2, 2)]
+    plt.close("all")
+    assert shown[1:] == [(0, 1), (0, 2), (0, 3), (1, 1), (2, 1), (3, 1), (2, 1), (2, 2)]
 
 
-def test_a_window_needs_a_screen_and_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    assert not watch.has_window()
-    monkeypatch.setenv("DISPLAY", ":0")
+    if sys.platform == "linux":
+        assert not watch.has_window()
+        assert plt.get_backend().lower() == "agg"
+    tried: list[str] = []
+
+    def switch(backend: str) -> None:
+        tried.append(backend)
+        if backend != "tkagg":
+            raise ImportError(backend)
+
+    monkeypatch.setattr(plt, "switch_backend", switch)
     assert watch.has_window()
-    monkeypatch.setattr(watch, "find_spec", lambda _: None)
-    assert not watch.has_window()
+    assert tried[-1] == "tkagg"
 
 
 def test_no_terminal_gets_the_end_of_every_walk(watched: Path, capsys: pytest.CaptureFixture[str]) -> None:

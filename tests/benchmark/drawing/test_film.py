@@ -1,4 +1,4 @@
-"""Images of an agent, pixel by pixel, against the values, the policy and the scene."""
+"""Frames of films, by their pixels and artists, against the values, the policy and the scene."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,23 +7,33 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pytest
-from PIL import Image, ImageDraw
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+from PIL import Image
 
-from benchmark.drawing.film import Film, Moment, end_of, film_of, learning, picture, write
+from benchmark.drawing.film import Film, Moment, Screen, end_of, film_of, learning, write
 from benchmark.drawing.text import to_text
 from envs import ACTIONS, compile_scenario, load_scenario
 from envs.model import PING
-from envs.regions import outlines
-from envs.scene import COLOURS, Outline, scene_of
+from envs.scene import scene_of
 from tests.benchmark.populations import population
 
 RIGHT = ACTIONS.index("RIGHT")
 
 
-def pixel(image: Image.Image, row: int, column: int, down: float, right: float, side: int = 30) -> Any:
-    """Returns the colour beside a cell's centre; offsets are in cells of so many pixels."""
-    y = int(1.5 * side + (row + 0.5 + down) * side)
-    return image.getpixel((int((column + 0.5 + right) * side), y))
+def shown(film: Film, moment: Moment) -> tuple[Axes, Image.Image]:
+    """Shows a moment alone."""
+    screen = Screen([[film]])
+    screen.show([moment])
+    plt.close(screen.figure)
+    return screen.figure.axes[0], screen.image()
+
+
+def pixel(axis: Axes, image: Image.Image, row: float, column: float) -> Any:
+    """Returns the colour at a point of a map."""
+    x, y = axis.transData.transform((column, row))
+    return image.getpixel((int(x), int(image.height - y)))
 
 
 def cividis(value: float, low: float, high: float) -> Any:
@@ -32,138 +42,117 @@ def cividis(value: float, low: float, high: float) -> Any:
     return pytest.approx(np.array(mpl.colormaps["cividis"](share)[:3]) * 255, abs=4)
 
 
+def hatched(axis: Axes, film: Film) -> NDArray[np.bool_]:
+    """Returns in which cells nothing is known."""
+    paths = [patch.get_path() for patch in axis.patches if patch.get_hatch() == "//"]
+    points = film.scene.position[:, ::-1]
+    return np.asarray(np.array([path.contains_points(points) for path in paths]).any(axis=0))
+
+
 def test_values_are_on_the_side_to_which_the_moves_lead(film: Film) -> None:
-    image = picture(film, Moment(25, (0,)), has_marks=False)
+    drawn = shown(film, Moment(25, (0,)))
     low, high = np.percentile(film.values, [1, 99])
-    for action, (down, right) in enumerate([(-0.3, 0.1), (0.3, 0.1), (0.1, -0.3), (0.1, 0.3)]):
-        for row, column in ((2, 3), (3, 8), (7, 2), (9, 6)):
-            value = film.values[25, row * 12 + column, action]
-            assert pixel(image, row, column, down, right) == cividis(value, low, high)
+    sides = {"UP": (-0.25, 0.18), "DOWN": (0.25, 0.18), "LEFT": (0.18, -0.25), "RIGHT": (0.18, 0.25)}
+    for row, column in ((2, 3), (3, 8), (7, 2), (9, 6)):
+        values = film.values[25, row * 12 + column]
+        for name, (down, right) in sides.items():
+            value = values[ACTIONS.index(name)]
+            assert pixel(*drawn, row + down, column + right) == cividis(value, low, high)
 
 
-def test_agent_issuer_and_greedy_pings_are_marked(film: Film) -> None:
+def test_agent_issuer_and_greedy_actions_are_marked(film: Film) -> None:
     cells = (0, 12, 3 * 12 + 4)
-    image = picture(film, Moment(25, cells), has_marks=False)
-    assert pixel(image, 3, 4, 0, 0) == (213, 94, 0)
-    assert pixel(image, 6, 8, 0, 0) == (255, 255, 255)
-    only_ping = np.flatnonzero(film.greedy[25] == 1 << PING)
-    others = np.flatnonzero(film.greedy[25] != 1 << PING)
-    assert len(only_ping) > 2
-    for cell in only_ping:
-        assert min(pixel(image, *divmod(int(cell), 12), 0, 0)) > 230
-    unmarked = [cell for cell in others if cell not in (*cells, 6 * 12 + 8) and film.greedy[25, cell] != 31]
-    assert not any(min(pixel(image, *divmod(int(cell), 12), 0, 0)) > 230 for cell in unmarked)
+    axis, image = shown(film, Moment(25, cells))
+    assert pixel(axis, image, 3, 4) == (213, 94, 0)
+    assert pixel(axis, image, 6, 8) == (255, 255, 255)
+    greedy = film.greedy[25] * (film.greedy[25] != 31) * ~film.scene.is_over
+    greedy[cells[-1]] = 0
+    lines = [np.asarray(line.get_xydata()).astype(int) for line in axis.lines]
+    issuer, start, pings, path, agent = [(points @ [1, 12]).tolist() for points in lines]
+    assert (issuer, start, path, agent) == ([6 * 12 + 8], [0], [*cells], [cells[-1]])
+    assert pings == np.flatnonzero(greedy & 1 << PING).tolist()
+    assert len(pings) > 2
+    *_, discs, heads = axis.collections
+    assert len(heads.get_paths()) == sum(int(mask).bit_count() for mask in greedy & 15)
+    is_known = ~hatched(axis, film) & ~film.scene.is_over
+    assert np.asarray(discs.get_array()).tolist() == film.values[25, is_known, PING].tolist()
 
 
-def test_borders_of_any_shape_lie_on_the_cells_inside(film: Film) -> None:
-    inside = np.random.default_rng(0).random((10, 12)) < 0.6  # with holes, and touching the edges
-    border = Outline("target", "", is_dashed=False, loops=outlines(inside))
-    scene, greedy = replace(film.scene, outlines=(border,)), np.ones_like(film.greedy)  # visited everywhere
-    image = picture(replace(film, scene=scene, greedy=greedy), Moment(25, (0,)), 60)
-    padded = np.pad(inside, 1)
-    for row, column in np.ndindex(inside.shape):
-        for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            is_border = inside[row, column] and not padded[row + 1 + down, column + 1 + right]
-            # Near the cell's edge, but not in its middle, where the arrow is.
-            at = 0.417 * down + 0.2 * right, 0.417 * right + 0.2 * down
-            assert (min(pixel(image, row, column, *at, side=60)) > 220) == is_border
+def test_cells_without_experience_are_hatched(film: Film) -> None:
+    unvisited = film.greedy[25] == 31
+    assert 10 < unvisited.sum() < 110
+    expected = (np.ptp(film.values[25], axis=1) == 0) & unvisited & ~film.scene.is_over
+    axis, _ = shown(film, Moment(25, (0,)))
+    assert hatched(axis, film).tolist() == expected.tolist()
+    values, greedy = film.values.copy(), film.greedy.copy()
+    values[25, 111], greedy[25, 111] = 0.25, 1  # equal but for rounding: a net has been there
+    values[25, 2 * 12 + 3] = np.nan  # an agent that diverged
+    expected[[111, 2 * 12 + 3]] = False, True
+    axis, _ = shown(replace(film, values=values, greedy=greedy), Moment(25, (0,)))
+    assert hatched(axis, film).tolist() == expected.tolist()
+    assert "diverged" in axis.get_title("left")
+
+
+def test_titles_say_step_score_and_ending(film: Film) -> None:
+    axis, _ = shown(replace(film, title="word and $x^2$ " * 9), end_of(film, 25))
+    *title, state, ending = axis.get_title("left").splitlines()
+    assert " ".join(title) == ("word and $x^2$ " * 9).strip()
+    assert (state, ending) == ("step 10,000   score 1.00", "success")
 
 
 def test_large_rooms_get_smaller_cells(film: Film) -> None:
     scene = scene_of(compile_scenario(load_scenario("S1", {"grid.rows": 10, "grid.columns": 900})))
     values, greedy = np.zeros((1, 9000, 5)), np.full((1, 9000), 31, dtype=np.uint8)
     made = Film("", scene, [0], values, greedy, np.zeros(1), film.walks[:1])
-    assert picture(made, Moment(0, (0,)), 30).width == 900 * 8  # at most 8,000 pixels
+    assert 7_900 < learning([[made]])[0].width < 8_200
 
 
 def test_films_side_by_side_show_every_step_of_any(film: Film) -> None:
-    assert [film.place_at(step) for step in (0, 399, 400, 9_999, 10_000, 50_000)] == [0, 0, 1, 24, 25, 25]
+    steps = (0, 399, 400, 9_999, 10_000, 50_000)
+    assert [film.end_at(step).index for step in steps] == [0, 0, 1, 24, 25, 25]
     few = replace(film, steps=[0, 200, 400], values=film.values[:3])
-    frames = learning([[few, replace(few, steps=[0, 100, 400])], [few]], 10)
+    frames = learning([[few, replace(few, steps=[0, 100, 400])], [few]])
     assert len(frames) == 4  # 0, 100, 200 and 400
     assert len({frame.size for frame in frames}) == 1
 
 
 def test_animation_has_as_many_films_as_fit_into_a_file(film: Film, tmp_path: Path) -> None:
     few = replace(film, steps=[0], values=film.values[:1], title="a title of some length " * 4)
-    write(learning([[few] * 60], 10), tmp_path / "learning.webp")
+    write(learning([[few] * 70]), tmp_path / "learning.webp")
     with Image.open(tmp_path / "learning.webp") as image:
-        assert 8_000 < image.width <= 16_383
+        assert 15_000 < image.width <= 16_383
 
 
-def test_cells_without_experience_are_hatched(film: Film) -> None:
-    unvisited = film.greedy[25] == 31
-    assert 10 < unvisited.sum() < 110
-    equal = (np.ptp(film.values[25], axis=1) == 0) & unvisited
-    image = picture(film, Moment(25, (0,)))
-    for cell in range(120):
-        row, column = divmod(cell, 12)
-        if not film.scene.is_over[cell] and (row, column) != (0, 0):
-            centre = pixel(image, row, column, 0, 0)
-            assert (centre == (250, 250, 250)) == equal[cell], cell
-    values, greedy = film.values.copy(), film.greedy.copy()
-    values[25, 111], greedy[25, 111] = 0.25, 1  # equal but for rounding: a net has been there
-    values[25, 2 * 12 + 3] = np.nan  # an agent that diverged
-    image = picture(replace(film, values=values, greedy=greedy), Moment(25, (0,)))
-    assert pixel(image, 9, 3, 0, 0) != (250, 250, 250)
-    assert pixel(image, 2, 3, -0.3, 0.1) == pytest.approx((250, 250, 250), abs=2)
-
-
-def test_films_of_a_row_share_the_colour_scale_below_them(
-    film: Film, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written: list[str] = []
-    write_text = ImageDraw.ImageDraw.text
-
-    def noting(self: ImageDraw.ImageDraw, at: Any, text: str, *rest: Any, **more: Any) -> None:
-        written.append(text)
-        write_text(self, at, text, *rest, **more)
-
-    monkeypatch.setattr(ImageDraw.ImageDraw, "text", noting)
+def test_films_of_a_row_share_a_colour_scale(film: Film) -> None:
     of_last: dict[str, Any] = {
         "greedy": film.greedy[25:],
         "scores": film.scores[25:],
         "walks": film.walks[25:],
     }
     row = [
-        replace(film, title="", steps=[0], values=values.reshape(1, 120, 5), **of_last)
+        replace(film, steps=[0], values=values.reshape(1, 120, 5), **of_last)
         for values in (np.linspace(-1, 0, 600), np.linspace(0, 3, 600))
     ]
+    screen = Screen([row])
+    plt.close(screen.figure)
+    image = screen.image()
     low, high = -0.98, 2.94  # without 12 of 1,200 values at each end
-    (frame,) = learning([row], 40)
-    assert {"value", "≤ −0.98", "0", "≥ 2.9"} < set(written)
-
-    def on_bar(value: float) -> Any:
-        share = (value - low) / (high - low)
-        return frame.getpixel((int(frame.width * (0.25 + share / 2)), frame.height - 65))
-
-    for value in (-0.9, -0.5, 1.0, 2.0, 2.9):
-        assert on_bar(value) == cividis(value, low, high)
-    assert min(on_bar(0)) > 150  # a white line
-    for row_, column in ((2, 3), (7, 2), (9, 6)):
-        value = row[0].values[0, row_ * 12 + column, 0]
-        assert pixel(frame, row_, column, -0.3, 0.1, side=40) == cividis(value, low, high)
+    first, second, bar = screen.figure.axes
+    assert bar.get_ylim() == pytest.approx((low, high), abs=0.01)
+    for axis, shown_film in ((first, row[0]), (second, row[1])):
+        for row_, column in ((2, 3), (7, 2), (9, 6)):
+            value = shown_film.values[0, row_ * 12 + column, 0]
+            assert pixel(axis, image, row_ - 0.3, column + 0.05) == cividis(value, low, high)
 
 
 @pytest.mark.parametrize("name", ["film.webp", "film.GIF"])
-def test_films_are_written_with_a_frame_per_moment(film: Film, tmp_path: Path, name: str) -> None:
-    write([picture(film, end_of(film, place)) for place in (0, 12, 25)], tmp_path / name)
+def test_films_are_written_with_a_frame_per_map(film: Film, tmp_path: Path, name: str) -> None:
+    write(learning([[replace(film, steps=film.steps[:3])]]), tmp_path / name)
     with Image.open(tmp_path / name) as image:
         assert getattr(image, "n_frames", 1) == 3
         image.seek(1)
         image.load()
         assert image.info["duration"] == 350
-
-
-def test_walls_and_noses_are_painted(film: Film) -> None:
-    scene, (issuer, start) = film.scene, film.scene.glyphs
-    is_wall = np.arange(120) == 2 * 12 + 3
-    scene = replace(scene, is_wall=is_wall, glyphs=(replace(issuer, heading=(0, -1)), start))
-    image = picture(replace(film, scene=scene), Moment(25, (0,)), 60, has_marks=False)
-    assert pixel(image, 2, 3, 0.45, 0.45, side=60) == pytest.approx(COLOURS["wall"], abs=2)
-    assert pixel(image, 2, 3, -0.25, -0.25, side=60) == pytest.approx(COLOURS["line"], abs=60)  # a stroke
-    assert min(pixel(image, 6, 8, 0, -0.6, side=60)) > 220  # the nose, left of the star
-    assert max(pixel(image, 6, 8, 0, 0.6, side=60)) < 220
 
 
 def test_text_shows_the_greedy_actions_the_agent_and_walls(film: Film) -> None:
@@ -182,8 +171,8 @@ def test_text_shows_the_greedy_actions_the_agent_and_walls(film: Film) -> None:
         assert rows[cell // 12][cell % 12 * 3 + 1] == (signs | {31: "."}).get(int(film.greedy[-1, cell]), "+")
     walls = scene_of(compile_scenario(load_scenario("Walls")))
     lines = to_text(replace(film, scene=walls), Moment(25, (0,))).plain.splitlines()
-    found = [line[3 * column + 1] == "#" for line in lines[2:12] for column in range(12)]
-    assert found == walls.is_wall.tolist()
+    is_wall = [line[3 * column + 1] == "#" for line in lines[2:12] for column in range(12)]
+    assert is_wall == walls.is_wall.tolist()
     assert lines[-1].endswith("# wall")
 
 
@@ -210,9 +199,9 @@ def test_film_of_an_agent_that_sees_the_offset_is_around_the_issuer() -> None:
     values = np.zeros((1, 4, 19 * 23, 5), dtype=np.float32)
     values[:, :, target, PING] = 1
     film = film_of("", population("Anywhere", 1, observation="offset", greedy=greedy, values=values))
-    shown = film.seen(end_of(film, 0))
+    seen = film.seen(end_of(film, 0))
     # At the first start, the issuer is three columns to the right.
-    assert shown.walks[0].cells == (9 * 23 + 11 - 3, 9 * 23 + 11 - 2, 9 * 23 + 11 - 2)
-    assert np.argwhere(shown.values[0] == 1).tolist() == [[9 * 23 + 11 - 2, PING]]
-    assert np.flatnonzero(shown.greedy[0] == 1 << PING).tolist() == [9 * 23 + 11 - 2]
-    assert shown.scene.cells_of("issuer") == [9 * 23 + 11]
+    assert seen.walks[0].cells == (9 * 23 + 11 - 3, 9 * 23 + 11 - 2, 9 * 23 + 11 - 2)
+    assert np.argwhere(seen.values[0] == 1).tolist() == [[9 * 23 + 11 - 2, PING]]
+    assert np.flatnonzero(seen.greedy[0] == 1 << PING).tolist() == [9 * 23 + 11 - 2]
+    assert seen.scene.cells_of("issuer") == [9 * 23 + 11]

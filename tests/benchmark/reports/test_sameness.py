@@ -40,28 +40,32 @@ def made(tmp_path: Path) -> Path:
 
 
 def certificate(made: Path, other: Path | None = None) -> sameness.Certificate:
-    found = sameness.compare(made, "mine", {"cost.csv"}, other)
-    assert found is not None
-    return found
+    compared = sameness.compare(made, "mine", {"cost.csv"}, other)
+    assert compared is not None
+    return compared
 
 
 def test_same_files_are_identical_to_what_is_committed(repository: Path, made: Path) -> None:
     (repository / "results" / "mine" / "b.csv").write_text("changed since\n")
-    found = certificate(made)
-    assert found.is_identical
-    assert (found.identical, found.measured) == (("b.csv", "summary.csv"), ("cost.csv",))
-    assert "2 of 2 files" in str(found)
+    same = certificate(made)
+    assert (same.is_identical, same.compared, same.measured) == (
+        True,
+        ("b.csv", "summary.csv"),
+        ("cost.csv",),
+    )
+    assert "2 of 2 files" in str(same)
     against = certificate(made, repository / "results" / "mine")  # against a folder instead of the commit
-    assert (against.differing, against.identical) == (("b.csv", "manifest.json"), ("summary.csv",))
+    assert against.differing == ("b.csv", "manifest.json")
+    assert against.compared == ("b.csv", "manifest.json", "summary.csv")
 
 
 @pytest.mark.usefixtures("repository")
 def test_changed_missing_and_new_files_differ(made: Path) -> None:
     (made / "b.csv").unlink()
     (made / "c.csv").write_text("new")
-    found = certificate(made)
-    assert (found.identical, found.differing) == (("summary.csv",), ("b.csv", "c.csv"))
-    assert all(part in str(found) for part in ("2 of 3 files", "b.csv, c.csv"))
+    other = certificate(made)
+    assert (other.compared, other.differing) == (("b.csv", "c.csv", "summary.csv"), ("b.csv", "c.csv"))
+    assert all(part in str(other) for part in ("2 of 3 files", "b.csv, c.csv"))
 
 
 @pytest.mark.usefixtures("repository")

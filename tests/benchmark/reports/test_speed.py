@@ -1,16 +1,15 @@
-"""How speed is measured: what is shown meanwhile, and what an interrupt leaves."""
+"""How speed is measured, and what an interrupt leaves."""
 
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rich.progress import Progress
 
 from benchmark.__main__ import main
 from benchmark.reports import speed
 from benchmark.reports.document import Document
+from benchmark.reports.speed_rows import Row, Work
 from tests.support import ROOT
 
 
@@ -19,36 +18,32 @@ def test_readme_is_made_of_what_is_published_alone() -> None:
     assert Document(folder).readme() == (folder / "README.md").read_text(encoding="utf-8")
 
 
-def test_every_turn_is_shown_with_the_time_that_the_others_take(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first side takes 10 s at first and then 1 s, the second always 200 s; each returns its turn."""
-    now, shown = [0.0], list[tuple[int, str]]()
-    monkeypatch.setattr("benchmark.reports.speed.time.monotonic", lambda: now[0])
+def test_the_best_turn_counts_and_by_cpu_time_all_of_a_few_but_never_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [0.0]
+    for clock in ("perf_counter", "process_time"):
+        monkeypatch.setattr(f"benchmark.reports.speed.time.{clock}", lambda: now[0])
 
-    def update(*_: object, completed: int, description: str) -> None:
-        shown.append((completed, description))
-
-    monkeypatch.setattr(Progress, "update", update)
-
-    def side(*seconds: float) -> Callable[[], float]:
-        turns = iter(enumerate(seconds))
+    def side(*seconds: float) -> Work:
+        turns = iter(seconds)
 
         def work() -> float:
-            turn, takes = next(turns)
-            now[0] += takes
-            return float(turn)
+            now[0] += next(turns)
+            return 12.0
 
         return work
 
-    sides = [side(10, 1, 1), side(200, 200)]
-    turns = speed._take_turns(sides, [lambda: now[0]] * 2, [0, 1, 0, 0, 1])
-    assert turns == [[(1, 1), (2, 1)], [(1, 200)]]
-    assert shown == [
-        (1, "1 of 5 turns"),
-        (2, "2 of 5 turns, about 4 min left"),  # 10 + 10 + 200 s
-        (3, "3 of 5 turns, about 3 min left"),  # 1 + 200 s
-        (4, "4 of 5 turns, about 3 min left"),
-        (5, "5 of 5 turns, about 0 s left"),
+    sides = side(0.1, 4, 2, 3, 6, 12), side(99, 3, 6, 6, 6, 6)
+    rows = [
+        Row("by_turns", "units", sides, "it"),
+        Row("matrix_products", "units", (side(1, 2, 1, 1, 2), side(9, 6, 6, 6, 6)), "it", True, products=2.0),
     ]
+    frame = speed._measured(rows, n_turns=6)
+    assert frame["per_second"].tolist() == [6, 8]
+    assert frame["baseline"].tolist() == [4, 2]
+    assert frame["ratio"].tolist() == [1.5, 4]
+    assert frame["of_limit"].fillna(0).tolist() == [0, 2]
 
 
 def test_an_interrupt_leaves_nothing(
@@ -58,7 +53,7 @@ def test_an_interrupt_leaves_nothing(
         os.kill(os.getpid(), signal.SIGINT)
         return 1.0
 
-    monkeypatch.setattr(speed, "_rows", lambda _: [speed.Row("row", "unit", (lambda: 1.0, interrupt), "it")])
+    monkeypatch.setattr(speed, "all_rows", lambda *_: [Row("row", "unit", (lambda: 1.0, interrupt), "it")])
     results = tmp_path / "results"
     assert main(["speed", "--smoke", "--results", str(results)]) == 130
     *_, said = capsys.readouterr().err.splitlines()
