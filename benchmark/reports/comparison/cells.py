@@ -1,6 +1,6 @@
 """The runs of a comparison, learner after learner, and what each population of them comes to."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -32,9 +32,7 @@ _PLACE: Final = ["scenario", "condition", "learner"]
 def names_of(experiment: Experiment) -> list[str]:
     """Lists the columns that name a population in tables."""
     return [
-        name
-        for name in KEYS
-        if name != "learner" and (name != "condition" or len(experiment.conditions) > 1)
+        name for name in KEYS if name != "learner" and (name != "condition" or len(experiment.conditions) > 1)
     ]
 
 
@@ -57,6 +55,11 @@ def populations(
     names = names_of(experiment)
     for keys, rows in by_population(own_rows(frame, experiment)):
         yield {name: keys[name] for name in names}, experiment.learners[keys["learner"]], rows
+
+
+def place_of(names: Mapping[str, str]) -> dict[str, str]:
+    """Returns the columns that name the scenario and the condition, of those that name a population."""
+    return {axis: names[axis] for axis in ("scenario", "condition") if axis in names}
 
 
 def wrong_pings(runs: pd.DataFrame) -> Estimate:

@@ -10,7 +10,7 @@ from benchmark.analysis.intervals import proportion
 from benchmark.drawing.tables import decimals_of, inert, link
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.comparison import figures
-from benchmark.reports.comparison.cells import POLICY, populations
+from benchmark.reports.comparison.cells import POLICY, place_of, populations
 from benchmark.reports.comparison.verdicts import Row
 from benchmark.reports.item import item, number
 from envs.observations import seen_as
@@ -36,19 +36,38 @@ def classes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
     Where the issuer is not seen, both forms of observation are the same, and only that of cells has a row.
     """
-    cells = [*populations(runs, experiment)]
+    cells = {}
     classes: dict[tuple[str, str, str], list[Learner]] = {}
-    for _, learner, _ in cells:
+    for names, learner, rows in populations(runs, experiment):
+        cells[rows["scenario"].iloc[0], rows["condition"].iloc[0], learner.name] = place_of(names), rows
         if learner.chosen is not None and not learner.reference_for:
             classes.setdefault(_class_of(learner), []).append(learner)
     if {policy for _, policy, _ in classes} != {*_POLICIES} or "offset" not in {sees for *_, sees in classes}:
         return
     best = {key: max(learners, key=_area) for key, learners in classes.items()}
-    rows_of = {(rows["scenario"].iloc[0], rows["condition"].iloc[0], learner.name): (names, rows) for names, learner, rows in cells}
-    for scenario, condition in dict.fromkeys(place[:2] for place in rows_of):
+    for scenario, condition in dict.fromkeys(key[:2] for key in cells):
         for kind, policy, sees in product(_KINDS.values(), _POLICIES, _SEEN):
-            learner = best.get((kind, policy, sees))
-            seen = experiment.population(condition, scenario, ...)
+            if (kind, policy, sees) not in best:
+                continue
+            learner = best[kind, policy, sees]
+            names, rows = cells[scenario, condition, learner.name]
+            population = experiment.population(condition, scenario, learner.name)
+            if sees == "cells" or "offset" in seen_as(population.scenario, learner.observation).observe:
+                yield {
+                    **names,
+                    "kind": kind,
+                    "policy": policy,
+                    "sees": sees,
+                    "learner": learner.name,
+                    "search_area": _area(learner),
+                    "n": len(rows),
+                    "success": proportion(rows["success"].to_numpy()),
+                }
+
+
+def _area(learner: Learner) -> float:
+    assert learner.chosen is not None
+    return learner.chosen.score
 
 
 def _class_of(learner: Learner) -> tuple[str, str, str]:

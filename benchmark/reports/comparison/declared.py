@@ -120,7 +120,9 @@ def check(experiment: Experiment) -> None:
     source, contrasts = experiment.argument, contrasts_of(experiment)
     effects_of(experiment)
     _check_baselines(experiment, contrasts)
-    is_pooled = reporting_of(experiment).pool == "scenarios" and not any("scenario" in x for x, _ in contrasts)
+    is_pooled = reporting_of(experiment).pool == "scenarios" and not any(
+        "scenario" in x for x, _ in contrasts
+    )
     n_scenarios, n_conditions = len(experiment.scenarios), len(experiment.conditions)
     most = min(MOST_PANELS, MOST_ROWS // max(0 if is_pooled else len(contrasts), 1))
     if n_scenarios * n_conditions > most:

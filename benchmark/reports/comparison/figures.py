@@ -7,7 +7,7 @@ figures can be read in grey, too. A reference implementation is drawn hollow, in
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,7 @@ from benchmark.drawing.style import INK, figure_of, learner_style
 from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames
 
+Style = dict[str, Any]  # arguments of matplotlib
 SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
 # What they mean against several baselines, see `verdicts.standings`.
 THAN: Final = {
@@ -28,7 +29,7 @@ THAN: Final = {
     WORSE: " than at least one",
     EQUIVALENT: " to at least one, worse than none",
 }
-_STYLES: Final[dict[str, dict[str, str]]] = {
+_STYLES: Final[dict[str, Style]] = {
     BETTER: {"marker": "^", "color": "black"},
     WORSE: {"marker": "v", "color": "black"},
     EQUIVALENT: {"marker": "o", "color": "black"},
@@ -67,7 +68,7 @@ def rows_of(frame: pd.DataFrame, drawn: Drawn) -> pd.DataFrame:
     return frame[frame["learner"].isin([*drawn, *(each for names in drawn.values() for each in names)])]
 
 
-def style_of(learner: str, experiment: Experiment) -> dict[str, str]:
+def style_of(learner: str, experiment: Experiment) -> Style:
     """Returns a learner's colour, marker and dash."""
     own = [each.variant for each in experiment.learners.values() if not each.reference_for]
     found = experiment.learners[learner]
@@ -110,7 +111,7 @@ def curve_panels(
     column: str,
     label: str,
     note: str = "",
-) -> Iterator[tuple[Figure, Sequence[Axes]]]:
+) -> Iterator[tuple[Figure, Iterable[Axes]]]:
     """Draws a column of `curves` over training: a panel per scenario and group of learners.
 
     Args:
@@ -155,11 +156,13 @@ def curve_panels(
         legend(figure, every, experiment, f"line: mean over runs; shade{bars}: 95 % interval{note}")
 
 
-def legend(figure: Figure, learners: Iterable[str], experiment: Experiment, title: str, **style: str) -> None:
+def legend(
+    figure: Figure, learners: Iterable[str], experiment: Experiment, title: str, **style: object
+) -> None:
     """Names learners below a figure, under a line that says what the signs are."""
     names = {name: experiment.learners[name].title for name in learners}
     handles = [
-        Line2D([], [], label=text, **{"lw": 1.3, "ms": 5, **style_of(name, experiment), **style})
+        Line2D([], [], label=text, lw=1.3, ms=5, **style_of(name, experiment) | style)
         for name, text in names.items()
     ]
     columns = min(max(_CHARACTERS // (max(map(len, names.values())) + 9), 1), 4)
@@ -174,7 +177,7 @@ def _lines(axis: Axes, frame: pd.DataFrame, y: str, drawn: Drawn, experiment: Ex
     for learner in drawn:
         rows, style = frame[frame["learner"] == learner], style_of(learner, experiment)
         every = max(len(rows) // _N_MARKERS, 1)
-        axis.plot(rows["step"], rows[y], **{"lw": 1.3, "ms": 4, "markevery": every, **style})
+        axis.plot(rows["step"], rows[y], lw=1.3, ms=4, markevery=every, **style)
         axis.fill_between(rows["step"], rows[low], rows[high], color=style["color"], alpha=0.12, lw=0)
     references = [(each, learner) for learner, names in drawn.items() for each in names]
     for i, (reference, learner) in enumerate(references, start=1):
@@ -184,19 +187,18 @@ def _lines(axis: Axes, frame: pd.DataFrame, y: str, drawn: Drawn, experiment: Ex
         axis.vlines(
             rows["step"], rows[low], rows[high], color=style["color"], ls=style["ls"], lw=0.8, zorder=3
         )
-        points = {"ls": "", "ms": 5, "mfc": "white", "zorder": 3}
-        axis.plot(rows["step"], rows[y], **{**style, **points})
+        axis.plot(rows["step"], rows[y], **style | {"ls": ""}, ms=5, mfc="white", zorder=3)
 
 
 def dot(
-    axis: Axes, rows: pd.DataFrame, key: str, at: float, style: Mapping[str, str], *, is_hollow: bool = False
+    axis: Axes, rows: pd.DataFrame, key: str, at: float, style: Style, *, is_hollow: bool = False
 ) -> None:
     """Draws the numbers of a learner with their intervals, at a height."""
     for _, row in rows.iterrows():
         ends, width = [row[f"{key}_low"], row[f"{key}_high"]], 1.2 if is_hollow else 2.2
         axis.plot(ends, [at, at], color=style["color"], lw=width, alpha=0.6)
-        fill = {"mfc": "white"} if is_hollow else {"mec": "white", "mew": 0.4}
-        axis.plot(row[key], at, **{"color": style["color"], "marker": style["marker"], "ms": 6, **fill})
+        fill: Style = {"mfc": "white"} if is_hollow else {"mec": "white", "mew": 0.4}
+        axis.plot(row[key], at, color=style["color"], marker=style["marker"], ms=6, **fill)
 
 
 def text_on(axis: Axes, x: float, y: float, text: str, *, is_dark: bool) -> None:

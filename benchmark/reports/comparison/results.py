@@ -10,17 +10,28 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from agents.memoryless import SEARCH
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, VERDICTS, WORSE, Means
+from benchmark.analysis.frames import ENDPOINTS as RESULTS
+from benchmark.analysis.frames import by_population
 from benchmark.analysis.intervals import Estimate, proportion
-from benchmark.analysis.records import anchors
-from benchmark.drawing.maps import gallery, in_words
 from benchmark.drawing.style import figure_of
-from benchmark.drawing.tables import decimals_of, inert, link, write_csv
-from benchmark.experiments import Experiment, title_of
+from benchmark.drawing.tables import link, write_csv
+from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
-from benchmark.reports.comparison.cells import EFFORT, effort, own_rows, populations, wrong_pings
-from benchmark.reports.comparison.declared import compared_learners, decisive_learners, is_own, reporting_of
+from benchmark.reports.comparison.cells import (
+    CELL,
+    EFFORT,
+    EFFORT_MEANINGS,
+    PAIR,
+    POLICY,
+    RANDOM,
+    effort,
+    names_of,
+    own_rows,
+    populations,
+    wrong_pings,
+)
+from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
     Outcome,
@@ -30,14 +41,11 @@ from benchmark.reports.comparison.verdicts import (
     outcome_rows,
     standings,
 )
-from benchmark.reports.folder import SCORES
-from benchmark.reports.item import Frames, item, no_rows, number, writing
-from envs import ZONES
-from envs.observations import compile_seen
+from benchmark.reports.folder import SCORES, Folder, titled
+from benchmark.reports.item import Frames, item, no_rows, writing
+from envs.scene import COLOUR_MAP
 from envs.words import listed
 
-CELL: Final = dict.fromkeys(("scenario", "condition", "learner"), "")  # columns, unlabelled
-PAIR: Final = dict.fromkeys(("scenario", "condition", "x", "y"), "")
 _LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
 _MOST_DRAWN: Final = 12  # contrasts
 _FEWEST_COUNTED: Final = 7  # contrasts
@@ -53,21 +61,15 @@ _GROUPS: Final[Mapping[Outcome, str]] = {
     "neither learned": "neither learned",
     "no verdict": "no verdict",
 }
-_EFFORT_MEANINGS: Final = {
-    "settings_tried": "trials of the search for its settings; 0 without a search",
-    "search_steps": "environment steps of the search for its settings; 0 without a search",
-    "search_cpu_s": "CPU seconds of the search for its settings; 0 without a search",
-}
-_POLICY: Final = {"policy": "the evaluated policy, greedy or stochastic"}
 _WRONG_PINGS: Final = {"wrong_pings": "wrong PINGs per 1,000 steps of the whole training"}
-_RANDOM: Final = {"random_success": "success of the random policy, exact"}
 
 
 def _measured(frame: pd.DataFrame) -> pd.DataFrame:
     """Says of which equivalent learners a difference is shown, too."""
     is_shown = (frame["success_verdict"] == EQUIVALENT) & (frame["success_p_different"] <= 0.05)
     than = np.where(frame["success_difference"] > 0, BETTER, WORSE)
-    texts = [f"within {margin:g}, but measurably {word}" for margin, word in zip(frame["success_margin"], than, strict=True)]
+    pairs = zip(frame["success_margin"], than, strict=True)
+    texts = [f"within {margin:g}, but measurably {word}" for margin, word in pairs]
     return frame.assign(success_verdict=np.where(is_shown, texts, frame["success_verdict"]))
 
 
@@ -87,9 +89,9 @@ def _measured(frame: pd.DataFrame) -> pd.DataFrame:
         "wrong_pings_difference": "difference in wrong PINGs",
     },
     meanings={
-        **_POLICY,
+        **POLICY,
         **_WRONG_PINGS,
-        **_RANDOM,
+        **RANDOM,
         "n": "runs per scenario, the smallest number",
         "p_random": "p-value of not succeeding more often than the random policy, adjusted as declared",
     },
@@ -104,9 +106,9 @@ def contrasts(runs: pd.DataFrame, experiment: Experiment) -> list[Row]:
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     if len(table) > _MOST_DRAWN:
         return None
-    names = []
+    titles, names = {name: learner.title for name, learner in experiment.learners.items()}, []
     for _, row in figures.labelled(table).iterrows():
-        x, y = (title_of(experiment.learners, row[side]) for side in "xy")
+        x, y = (titled(row[side], titles) for side in "xy")
         names.append(", ".join(filter(None, [f"{x}\nagainst {y}", row["scenario"]])))
     return figures.differences(table, names, _LABELS)
 
@@ -152,7 +154,7 @@ def verdicts(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         "wrong_pings_difference": "difference in wrong PINGs",
     },
     meanings={
-        **_POLICY,
+        **POLICY,
         **_WRONG_PINGS,
         "effect": "what differs between x and y",
         "p_random": "p-value of not succeeding more often than the random policy",
@@ -213,9 +215,9 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
         "every_cell_success": "success from any cell",
     },
     meanings={
-        **_POLICY,
-        **_RANDOM,
-        **_EFFORT_MEANINGS,
+        **POLICY,
+        **RANDOM,
+        **EFFORT_MEANINGS,
         "steps": "expected steps of an episode after training",
         "wrong_pings": "expected wrong PINGs of an episode after training",
         "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
@@ -228,17 +230,18 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
 )
 def summary(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Of the wrong PINGs of training, the interval is Student's."""
-    for names, rows in populations(runs, experiment):
-        row: Row = {**names, "policy": rows["policy"].iloc[0], "n": len(rows), "budget": rows["budget"].iloc[0]}
+    for names, learner, rows in populations(runs, experiment):
+        first = rows.iloc[0]
+        row: Row = {**names, "policy": first["policy"], "n": len(rows), "budget": first["budget"]}
         row |= {name: proportion(rows[name].to_numpy()) for name in ENDPOINTS}
         means = ("unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success")
         row |= {name: rows[name].to_numpy().mean() for name in means}
-        row["random_success"] = rows["random_success"].iloc[0]
+        row["random_success"] = first["random_success"]
         if "every_cell_success" in rows:
             row["every_cell_success"] = proportion(rows["every_cell_success"].to_numpy())
         row["diverged"] = int(np.isfinite(rows["diverged_at"]).sum())
         row["training_wrong_pings"] = wrong_pings(rows)
-        yield row | effort(experiment, rows["learner"].iloc[0])
+        yield row | effort(learner)
 
 
 @summary.figure("How often each learner succeeds after training.")
@@ -263,9 +266,7 @@ def _dots(tables: Frames, experiment: Experiment) -> Figure:
                 style = figures.style_of(learner, experiment)
                 for i, name in enumerate([learner, *references]):
                     at = y + 0.4 * (i - len(references) / 2)
-                    figures.dot(
-                        axis, panel[panel["learner"] == name], "success", at, style, is_hollow=i > 0
-                    )
+                    figures.dot(axis, panel[panel["learner"] == name], "success", at, style, is_hollow=i > 0)
             figures.label_rows(axis, figures.titles(learners, experiment), first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
             for at in [learners.index(name) for name in baselines if name in learners]:
@@ -357,8 +358,8 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
         "iqm": "its interquartile mean",
     },
     meanings={
-        **_POLICY,
-        **_EFFORT_MEANINGS,
+        **POLICY,
+        **EFFORT_MEANINGS,
         "runs": "runs, over all scenarios",
         "iqm": "interquartile mean of the unbounded scores of all runs and scenarios (rliable)",
     },
@@ -370,16 +371,17 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
     if reporting_of(experiment).pool != "scenarios":
         return
-    for names, learner in populations(runs, experiment, "scenario"):
-        scenarios = [rows for _, rows in learner.groupby("scenario", sort=False)]
-        row: Row = {**names, "policy": learner["policy"].iloc[0], "runs": len(learner)}
-        row |= effort(experiment, learner["learner"].iloc[0])
+    for keys, rows in by_population(own_rows(runs, experiment), "scenario"):
+        scenarios = [here for _, here in rows.groupby("scenario", sort=False)]
+        row: Row = {name: keys[name] for name in names_of(experiment) if name in keys}
+        row |= {"policy": rows["policy"].iloc[0], "runs": len(rows)}
+        row |= effort(experiment.learners[keys["learner"]])
         for name in (*ENDPOINTS, *(f"every_cell_{each}" for each in ENDPOINTS)):
             if name in runs:
-                values = [rows[name].to_numpy() for rows in scenarios]
+                values = [here[name].to_numpy() for here in scenarios]
                 mean = Means([float(each.mean()) for each in values], [*map(len, values)])
                 row[name] = Estimate(mean.mean, *mean.interval)
-        final = [rows["unbounded_score"].to_numpy() for rows in scenarios]
+        final = [here["unbounded_score"].to_numpy() for here in scenarios]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
         row["iqm"] = metrics.aggregate_iqm(np.concatenate(final)[:, None])
         yield row
@@ -388,8 +390,69 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @writing("scores", "every run at the end of training, compressed", SCORES)
 def scores(runs: pd.DataFrame, experiment: Experiment, path: Path) -> None:
     """Writes `runs`; `every_cell_` marks episodes that start in any cell, `diverged_at` may be infinite."""
-    results = ("success", "score", "unbounded_score", "steps", "wrong_pings", "uncomfortable_steps")
-    names = ["scenario", *(["condition"] if len(experiment.conditions) > 1 else []), "algorithm", "observation"]
-    names += ["policy", "seed", *results, *(f"every_cell_{name}" for name in results), "greedy_success"]
-    names += ["target_cells_marked", "cells_marked", "region_overlap", "training_wrong_pings", "diverged_at"]
+    names = [*names_of(experiment), "policy", "seed", *RESULTS, *(f"every_cell_{name}" for name in RESULTS)]
+    names += [
+        "greedy_success",
+        "target_cells_marked",
+        "cells_marked",
+        "region_overlap",
+        "training_wrong_pings",
+        "diverged_at",
+    ]
     write_csv(own_rows(runs, experiment)[[name for name in names if name in runs]], path)
+
+
+# The answer in a sentence: what is said of scenarios by their outcome, in this order
+_OUTCOMES: Final[Mapping[Outcome, str]] = {
+    "earns": "deep RL earns its keep",
+    "another class": "a net is better, but no table with the same class of policy has learned",
+    "does not earn": "deep RL does not earn its keep",
+    "no table learned": "only nets have learned",
+    "neither learned": "neither a table nor a net compared has learned",
+    "mixed": "results are mixed",
+    "undecided": "it is undecided whether deep RL earns its keep",
+    "unequal budgets": "it is left open whether deep RL earns its keep, as budgets differ",
+    "no verdict": "there is no verdict",
+}
+
+
+def headline(folder: Folder) -> str | None:
+    """Returns in one sentence what was found."""
+    if "contrasts.csv" not in folder:
+        return "There is no verdict on any contrast."
+    contrasts, start = folder.frame("contrasts"), _setting(folder)
+    if "outcomes.csv" not in folder:
+        counts = contrasts["success_verdict"].value_counts()
+        found = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts]
+        n = link(str(len(contrasts)), "contrasts", contrasts)
+        return f"{start}, the verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)} are: {listed(found)}."
+    table = folder.frame("outcomes")
+    names = figures.labelled(table)["scenario"]
+    if not any(names):
+        scenarios = [*folder.manifest["scenarios"]]
+        return f"{start}, {_OUTCOMES[table['outcome'].iloc[0]]} on average over {listed(scenarios)}."
+    parts = []
+    for outcome, text in _OUTCOMES.items():
+        if len(rows := table[table["outcome"] == outcome]):
+            where = f" ({listed(names[rows.index])})" if len(rows) <= figures.FEW else ""
+            parts.append(f"{text} in {link(str(len(rows)), 'outcomes', rows)}{where}")
+    kind = " and ".join(f"{name}s" for name in ("scenario", "condition") if name in table)
+    return f"{start}, of {len(table)} {kind}: {'; '.join(parts)}."
+
+
+def _setting(folder: Folder) -> str:
+    """Returns with what budgets and how many runs the learners of the contrasts were trained."""
+    contrasts = folder.frame("contrasts")
+    if "summary.csv" not in folder:
+        return f"With {_range(contrasts['n'])} runs per learner"
+    table = folder.frame("summary")
+    sides = {part for side in (*contrasts["x"], *contrasts["y"]) for part in side.split(" @ ")}
+    rows = table[figures.labelled(table)["learner"].isin(sides)]
+    rows = rows if len(rows) else table
+    runs = link(_range(rows["n"]), "summary", rows)
+    return f"With {_range(rows['budget'])} steps of training and {runs} runs per learner"
+
+
+def _range(numbers: pd.Series) -> str:
+    low, high = numbers.min(), numbers.max()
+    return f"{low:,}" if low == high else f"{low:,} to {high:,}"

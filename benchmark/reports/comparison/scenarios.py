@@ -38,11 +38,10 @@ from envs.observations import compile_seen
 )
 def region(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares the marked cells with the target region."""
-    for names, rows in populations(runs, experiment):
+    for names, learner, rows in populations(runs, experiment):
         right, marked = rows["target_cells_marked"].to_numpy(), rows["cells_marked"].to_numpy()
-        first = rows.iloc[0]
-        population = experiment.population(first["condition"], first["scenario"], first["learner"])
-        model = compile_seen(population.scenario, population.learner.observation)
+        population = experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
+        model = compile_seen(population.scenario, learner.observation)
         n_target = (model.zone_of_cell == ZONES.index("target")).sum()
         yield {
             **names,
@@ -68,7 +67,7 @@ def region(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         "memoryless_success": "success of that policy",
     },
     meanings={
-        **_RANDOM,
+        **RANDOM,
         "description": "what the scenario is about",
         "cells": "cells of the grid",
         "states": "number of states",
@@ -88,7 +87,9 @@ def scenarios(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) ->
     if len(experiment.scenarios) <= 1 or reporting_of(experiment).pool == "scenarios":
         return
     there = {*runs[["scenario", "condition", "learner"]].itertuples(index=False, name=None)}
-    for name, model in _models(reversed(experiment.populations)).items():
+    models = _models(reversed(experiment.populations))  # as the first learner sees them
+    for name in experiment.scenarios:
+        model = models[name]
         random, optimal = anchors(model, experiment.declared.horizon, "start")["grid_return"]
         row: Row = {
             "scenario": name,
@@ -120,7 +121,9 @@ def scenarios(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf) ->
 
 def _found(search: Records, policy: str) -> NDArray[np.float64]:
     """Returns the return, the success and the score of each policy that the planner has found, (3, N)."""
-    returns, success = (search.arrays[evaluated(name, policy, "start")] for name in ("grid_return", "success"))
+    returns, success = (
+        search.arrays[evaluated(name, policy, "start")] for name in ("grid_return", "success")
+    )
     return np.stack([returns, success, search.unbounded_scores(policy).round(9)])[:, :, -1]
 
 

@@ -24,9 +24,15 @@ from benchmark.reports.comparison.cells import (
     matched,
     names_of,
     own_rows,
+    place_of,
     populations,
 )
-from benchmark.reports.comparison.declared import compared_learners, contrasts_of, decisive_learners, reporting_of
+from benchmark.reports.comparison.declared import (
+    compared_learners,
+    contrasts_of,
+    decisive_learners,
+    reporting_of,
+)
 from benchmark.reports.comparison.verdicts import Row
 from benchmark.reports.explorer import FILE, Shown, compressed, packed, typical_agent
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
@@ -71,15 +77,13 @@ def _(table: pd.DataFrame, tables: Frames, experiment: Experiment) -> Figure:
     return figure
 
 
-def _panels(drawn: figures.Drawn, experiment: Experiment) -> dict[str, figures.Drawn]:
+def _panels(drawn: figures.Drawn, experiment: Experiment) -> Mapping[str, figures.Drawn]:
     """Returns the learners of each declared group, by its title; those of no group are in every panel."""
-    groups = {name: experiment.learners[name].declared.group for name in drawn}
-    panels = {
-        title: {name: drawn[name] for name in drawn if groups[name] in ("", title)}
-        for title in dict.fromkeys(groups.values())
-        if title
-    }
-    return {**panels} or {"": drawn}
+    groups: dict[str, dict[str, Sequence[str]]] = {"": {}}
+    for name, references in drawn.items():
+        groups.setdefault(experiment.learners[name].declared.group, {})[name] = references
+    everywhere = groups.pop("")
+    return {title: everywhere | own for title, own in groups.items()} or {"": everywhere}
 
 
 @drawing(
@@ -203,10 +207,7 @@ def _ratio(x: _Learning, y: _Learning, scenario: str) -> Row:
 def speedups(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares every deep learner with every table, and every table with every deep learner."""
     cells = [
-        (
-            {name: value for name, value in names.items() if name in ("scenario", "condition")},
-            _Learning(learner, _learned(rows), rows["step"].unique()),
-        )
+        (place_of(names), _Learning(learner, _learned(rows), rows["step"].unique()))
         for names, learner, rows in populations(curves, experiment)
         if not learner.reference_for
     ]
@@ -237,16 +238,14 @@ def ahead(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     for keys, rows in by_population(own_rows(curves, experiment)):
         cells.append({**keys, "n": rows["seed"].nunique(), "index": len(means)})
         means.append(dict(zip(rows["step"].unique(), by_step(rows, "success").mean(axis=0), strict=True)))
-    places = [name for name in names_of(experiment) if name in ("scenario", "condition")]
+    axes = [name for name in names_of(experiment) if name in ("scenario", "condition")]
     for pair in contrasts_of(experiment):
         sides = (side.to_dict("records") for side in matched(pd.DataFrame(cells), pair))
         for x, y in zip(*sides, strict=True):
             for one, other in ((x, y), (y, x)) if x["learner"] != y["learner"] else ():
-                row: Row = {name: one[name] for name in places}
+                row: Row = {axis: one[axis] for axis in axes}
                 row |= {"x": one["learner"], "y": other["learner"], "n": min(x["n"], y["n"])}
-                yield row | _ahead(
-                    means[one["index"]], means[other["index"]], [one["n"], other["n"]]
-                )
+                yield row | _ahead(means[one["index"]], means[other["index"]], [one["n"], other["n"]])
 
 
 def _ahead(x: Mapping[int, float], y: Mapping[int, float], sizes: Sequence[int]) -> Row:

@@ -85,7 +85,11 @@ class Case(NamedTuple):
 
 def contrast_rows(runs: pd.DataFrame, experiment: Experiment) -> list[Row]:
     """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
-    reporting, cells, every = reporting_of(experiment), cells_of(runs, experiment), is_complete(runs, experiment)
+    reporting, cells, every = (
+        reporting_of(experiment),
+        cells_of(runs, experiment),
+        is_complete(runs, experiment),
+    )
     is_pooled = reporting.pool == "scenarios"
     cases = [
         case
@@ -244,7 +248,9 @@ def _difference(case: Case) -> Row:
         means, sizes = [*cells["success"]], [*cells["n"]]
         row[f"p_random_{side}"] = p_above([share] * len(cells), means, sizes, random)
         row[f"wrong_pings_{side}"] = float(np.mean(cells["wrong_pings"].to_numpy()))
-    value = float(np.mean(case.x["wrong_pings"].to_numpy())) - float(np.mean(case.y["wrong_pings"].to_numpy()))
+    value = float(np.mean(case.x["wrong_pings"].to_numpy())) - float(
+        np.mean(case.y["wrong_pings"].to_numpy())
+    )
     reaches = [*case.x["wrong_pings_reach"], *case.y["wrong_pings_reach"]]
     reach = share * float(np.linalg.norm(reaches))
     return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
