@@ -31,12 +31,12 @@ with needed_by("benchmark.assessment"):
     from agents.dynamic_programming import Evaluation, evaluate
     from agents.policy import Policy
     from agents.sb3.imported import is_sb3_class
-    from benchmark.analysis.population import anchors, check_anchors, overlap
+    from benchmark.analysis.records import anchors, check_anchors, overlap
     from benchmark.drawing.maps import arrowheads, colour_bar, dots, heat, region_legend
     from benchmark.drawing.style import check_file, figure_of, save_figure
     from benchmark.drawing.tables import read_csv
     from benchmark.experiments import experiment_names
-    from benchmark.reports.folder import SCORES, Folder
+    from benchmark.reports.folder import SCORES, Folder, with_titles
 
 Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
 
@@ -349,7 +349,7 @@ def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
         variant for variant, declared in manifest["algorithms"].items() if declared["reference_for"]
     ]
     frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
-    learner = folder.names.in_table(frame)["learner"]
+    learner = with_titles(frame, folder.titles)["learner"]
     return [frame[_RANKED].assign(experiment=folder.path.name, learner=learner)]
 
 

@@ -104,7 +104,9 @@ class MissingPackageError(ModuleNotFoundError, InputError):
 class Table(BaseModel):
     """A frozen table of named values. It refuses unknown keys, wrong types, NaN and infinity."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     # Keys that a table got later. They are not written while they have their defaults, so that what was
     # written before, and the digests of runs, stay the same.

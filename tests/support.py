@@ -13,9 +13,23 @@ from markdown_it import MarkdownIt
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from benchmark.experiments import Experiment, RunSpecification
+
 ROOT: Final = Path(__file__).parents[1]
 _PYPROJECT: Final = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PROJECT: Final[dict[str, Any]] = tomllib.loads(_PYPROJECT)["project"]
+
+
+def specifications(
+    experiment: Experiment,
+    condition: str,
+    scenario: str,
+    variant: str,
+    observation: str,
+    seeds: Iterable[int] | None = None,
+) -> list[RunSpecification]:
+    """Lists the runs of a population, as the experiment names it."""
+    return experiment.population(condition, scenario, f"{variant}, {observation}").runs(seeds)
 
 
 def git(folder: Path, *arguments: str) -> str:

@@ -22,6 +22,7 @@ class PlainSettings(Settings):
     """The settings of the compiled learner, with a budget in steps and without a record of the maximum."""
 
     budget_unit: Literal["steps"] = "steps"
+    """Unit of the budget."""
 
 
 class PlainQLearning(SequentialAlgorithm):

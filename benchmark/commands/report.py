@@ -47,7 +47,7 @@ def main(options: argparse.Namespace) -> int:
         if experiment.declared.search is not None:
             _write_chosen(experiment, store)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")
-    print(f"{experiment.name}: the page is {page.update(options.results, directory.name)}.")
+    print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
     if made.certificate is not None:
         print(made.certificate)
     return 0

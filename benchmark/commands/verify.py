@@ -98,7 +98,7 @@ def _problems(
             what = "runs are missing" if is_published else "there is no report"
             print(f"{experiment.name}: not drawn again, since {what}.")
         if is_published:
-            pages.add(None if experiment.name in page.PUBLISHED else experiment.name)
+            pages.add(None if experiment.name in page.CHAPTERS else experiment.name)
     yield from rewritten(pages, options.results)
 
 

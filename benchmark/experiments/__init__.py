@@ -1,5 +1,8 @@
 """Experiments: declared sets of runs, read from TOML and resolved."""
 
+from collections.abc import Mapping
+from typing import Final
+
 from benchmark.experiments.experiment import (
     Experiment,
     Learner,
@@ -18,9 +21,22 @@ from benchmark.experiments.schema import (
     experiment_names,
 )
 
+# The experiments whose results are published, the most important first, and whether each has a chapter on the
+# page of all results. The results of other experiments are ignored by git.
+PUBLISHED: Final[Mapping[str, bool]] = {
+    "when": True,
+    "compare_deep": True,
+    "beyond": True,
+    "reproduce": True,
+    "tuning": False,
+    "equivalence": False,
+    "ablation": False,
+}
+
 __all__ = [
     "DEFAULT_CONDITION",
     "EXPERIMENT_DIRECTORY",
+    "PUBLISHED",
     "Condition",
     "Experiment",
     "Learner",

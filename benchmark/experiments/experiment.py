@@ -394,7 +394,7 @@ def _check_scenarios(declared: Declaration, path: Path) -> None:
     try:
         check_all(*(partial(load_scenario, scenario) for scenario in declared.scenarios))
     except InputError as error:
-        raise InputError(*(f"{path}: scenarios: {line}" for line in error.args)) from error
+        raise InputError(*(f"{path}: {line}" for line in error.args)) from error
     scenarios = [load_scenario(scenario) for scenario in declared.scenarios]
     names, where = [scenario.name for scenario in scenarios], f"{path}: scenarios"
     if repeated := [name for name in names if names.count(name) > 1]:

@@ -11,8 +11,8 @@ import io
 import json
 import re
 import tomllib
-import zlib
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -26,8 +26,8 @@ from markupsafe import Markup
 from PIL import Image
 
 from benchmark.drawing.style import in_dark, learner_style
-from benchmark.drawing.tables import inert
-from benchmark.execution.provenance import digest_of_file, digest_of_source
+from benchmark.drawing.tables import inert, paragraph, plain
+from benchmark.experiments import PUBLISHED
 from benchmark.page import episode
 from benchmark.reports import explorer, files, sameness
 from benchmark.reports.document import Document, templates_in
@@ -35,107 +35,81 @@ from benchmark.reports.folder import MANIFEST, Folder
 from benchmark.reports.item import Item
 from envs import InputError, load_scenario
 
-STAMP: Final = ".page-stamp"  # beside the page, see `benchmark.reports.sameness`
-# The experiments that `results/index.html` shows, those of them that are there; the first of them leads it.
-PUBLISHED: Final = ("when", "compare_deep", "beyond", "reproduce")
-SPEED: Final = "speed"  # the folder with measurements of this project, at the end of that page
+CHAPTERS: Final = tuple(name for name, has_chapter in PUBLISHED.items() if has_chapter)
+SPEED: Final = "speed"  # the folder with measurements of this project, at the end of the page of all chapters
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
-_MOST_PIXELS: Final = 16_383  # of a side of a WebP image
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
-_PLACE: Final = "\ue000"  # around the name of an item, for which its HTML is put in at the end
-_PLACED: Final = re.compile(f"(?:<p>)?{_PLACE}([^{_PLACE}]*){_PLACE}(?:</p>)?")
+_MARK: Final = (
+    "\ue000"  # around the name of an item, which its HTML replaces at the end; FOLD: shown on demand
+)
+_MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
 _IMPORT: Final = re.compile(r'^import (?:\{[^}]*\} from )?"\./(\w+\.js)";\n', re.MULTILINE)
 _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
+_TEMPORARY: Final = ("*_smoke", "*_partial", "*_seeds_*")  # folders that the list of results leaves out
 
 
-def published(results: Path) -> list[str]:
-    """Lists the published experiments whose results are there."""
-    return [name for name in PUBLISHED if (results / name / MANIFEST).exists()]
+def chapters(results: Path) -> list[str]:
+    """Lists the folders that the page of all chapters shows; none if no experiment is there."""
+    names = [name for name in CHAPTERS if (results / name / MANIFEST).exists()]
+    return [*names, *([SPEED] if names and (results / SPEED / MANIFEST).exists() else [])]
 
 
-def update(results: Path, experiment: str) -> str:
-    """Writes the page of an experiment, whose results were just made, unless it is up to date; see `write`.
-
-    Returns:
-      The page's path, and whether it was left as it was.
-
-    Raises:
-      InputError: See `write`.
-    """
-    names, target = _subjects(results, experiment)
-    stamp, inputs = target.with_name(STAMP), _inputs(results, names)
-    if sameness.is_up_to_date(stamp, inputs):
-        return f"{target}, up to date"
-    write(results, experiment)
-    sameness.write_stamp(stamp, inputs, [target, results / "README.md"])
-    return str(target)
+def published(results: Path) -> list[Path]:
+    """Lists the folders of published results that are there, in order of importance."""
+    folders = [results / name for name in (*PUBLISHED, SPEED)]
+    return [folder for folder in folders if (folder / MANIFEST).exists()]
 
 
 def write(results: Path, experiment: str | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
+    A folder that is not published gets a `.gitignore`, so that git leaves it alone.
+
     Raises:
       InputError: There is nothing to show, or the page cannot be written.
     """
     with files.alone(results):
-        for path, text in texts(results, experiment):
-            files.write_text(path, text)
-    return _subjects(results, experiment)[1]
+        (page, text), *others = texts(results, experiment)
+        for path, content in ((page, text), *others):
+            files.write_text(path, content)
+        if experiment in PUBLISHED:
+            (results / str(experiment) / ".gitignore").unlink(missing_ok=True)
+        elif experiment is not None:
+            files.write_text(page.with_name(".gitignore"), "*\n")
+    return page
 
 
 def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, str]]:
-    """Yields the page of the published experiments, or of another one, and the list of all results.
+    """Yields the paths and texts of a page and of the list of all results.
 
     Args:
       results: The folder of results.
-      experiment: One that is published, or None: the page shows all of these that are there, and is
+      experiment: One that has a chapter, or None: the page shows all chapters whose results are there, and is
         `index.html` of `results`. Another one: the page shows that alone, and lies in its folder.
-
-    Yields:
-      Where each is, and its text. The list comes last, as it says which pages are there.
 
     Raises:
       InputError: There is nothing to show.
     """
-    names, target = _subjects(results, experiment)
+    if experiment is None or experiment in CHAPTERS:
+        names, prefix, page = chapters(results), "{}/", results / "index.html"
+    else:
+        names, prefix, page = [experiment], "", results / experiment / "index.html"
     if not names:
         others = ", ".join(sorted(path.parent.name for path in results.glob(f"*/{MANIFEST}")))
         hint = f"; the page of {others} is in its folder" if others else ""
         raise InputError(
-            f"{results}: there are no results of {' or '.join(PUBLISHED)} to report; make reproduce and make "
+            f"{results}: there are no results of {' or '.join(CHAPTERS)} to report; make reproduce and make "
             f"compare-deep make them{hint}."
         )
-    parts = [_Part(results / name, "" if target.parent != results else f"{name}/") for name in names]
-    yield target, _render(parts)
+    yield page, _render([_Part(results / name, prefix.format(name)) for name in names])
     yield results / "README.md", _index(results)
-
-
-def _subjects(results: Path, experiment: str | None) -> tuple[list[str], Path]:
-    """Returns the folders that a page shows, and the page."""
-    if experiment is not None and experiment not in PUBLISHED:
-        return [experiment], results / experiment / "index.html"
-    names = published(results)
-    if names and (results / SPEED / MANIFEST).exists():
-        names.append(SPEED)
-    return names, results / "index.html"
-
-
-def _inputs(results: Path, names: Sequence[str]) -> str:
-    """Returns the digest of all files that a page is made of, and of the code that lies elsewhere."""
-    paths = [path for name in names for path in sorted((results / name).glob("[!.]*")) if path.is_file()]
-    parts = [
-        f"{path.relative_to(results)} {digest_of_file(path)}" for path in paths if path.suffix != ".html"
-    ]
-    declared = [Document(results / name).folder.manifest["report"] for name in names]
-    named = [name for each in declared for name in (each["kind"], *each["items"]) if ":" in name]
-    return sameness.digest_of_inputs(*parts, *(digest_of_source(name.partition(":")[0]) for name in named))
 
 
 class _Part:
@@ -156,73 +130,72 @@ class _Part:
         Args:
           templates: Those of the page, with what all of them need among their globals.
         """
-        document, items = self.document, {item.name: item for item in self.document.items}
+        document, manifest = self.document, self.folder.manifest
+        items = {item.name: item for item in document.items}
         lead = items.get(document.report.lead)
-        has_lead = lead is not None and document.has_figure(lead)
-        folded: set[str] = set()
-
-        def place(item: Item, is_folded: bool) -> str:
-            folded.update([item.name] * is_folded)
-            return f"\n\n{_PLACE}{item.name}{_PLACE}\n\n"
+        if lead is not None and not document.has_figure(lead):
+            lead = None
 
         def content(match: "re.Match[str]") -> str:
-            item = items[match[1]]
+            is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
-            is_drawn = document.has_figure(item) and not (has_lead and item is lead)
-            figure = self._figure(item) if is_drawn and not (table and item.name in folded) else None
-            text = templates.get_template("item.html").render(
-                item=item,
-                table=table,
-                figure=figure,
-                is_folded=item.name in folded,
-                most_rows=_MOST_ROWS,
-                source=self.link(f"{item.name}.csv"),
+            has_figure = document.has_figure(item) and item is not lead and not (table and is_folded)
+            return (
+                templates.get_template("item.html")
+                .render(
+                    item=item,
+                    table=table,
+                    figure=self._figure(item) if has_figure else None,
+                    is_folded=is_folded,
+                    most_rows=_MOST_ROWS,
+                    source=self.link(f"{item.name}.csv"),
+                )
+                .strip()
             )
-            return text.strip()
 
-        headline, sections = document.headline, self._sections(document.render(place))
-        description = self.inline(inert(self.folder.manifest["description"]))
+        markdown = document.render(
+            lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
+        )
+        sections = self._sections(markdown)
+        for section in sections:  # their HTML is ours
+            section["body"] = Markup(_MARKED.sub(content, section["body"]))
+        description = self.inline(inert(manifest["description"]))
+        making = templates.get_template("made.html").render(
+            made=manifest, description=description, manifest=self.link(MANIFEST)
+        )
+        headline = (document.headline or "").split("\n\n")
         return {
             "id": self.name,
             "question": document.question,
-            "headline": [self.inline(text) for text in headline.text.split("\n\n")] if headline else [],
+            "headline": [self.inline(text) for text in headline if text],
             "map": self._map(),
-            "lead": self._figure(lead) if lead is not None and has_lead else None,
+            "lead": self._figure(lead) if lead is not None else None,
             "description": description,
-            "note": self.inline(inert(self.folder.manifest.get("note", ""))),
-            "findings": [self.inline(inert(finding.text)) for finding in document.findings],
-            # The HTML is ours.
-            "sections": [each | {"body": Markup(_PLACED.sub(content, each["body"]))} for each in sections],
+            "note": self.inline(inert(manifest.get("note", ""))),
+            "sections": sections,
             "readme": self.link("README.md"),
-            "made": self.folder.manifest,
-            "partial": self.inline(self.folder.manifest.get("partial") or ""),
-            "year": self.folder.manifest.get("last_started_at", "")[:4],
-            "making": Markup(
-                templates.get_template("made.html").render(
-                    made=self.folder.manifest,
-                    description=description,
-                    manifest=self.link(MANIFEST),
-                )
-            ),
+            "made": manifest,
+            "partial": self.inline(manifest.get("partial") or ""),
+            "year": manifest.get("last_started_at", "")[:4],
+            "making": Markup(making),
         }
 
-    def _map(self) -> dict[str, Any] | None:
+    def _map(self) -> dict[str, object] | None:
         """Returns what the page's map needs but for its tables; None if this is no map."""
         if self.folder.manifest["report"]["kind"] != "map":
             return None
-        names, variants = self.folder.names, self.folder.manifest["algorithms"]
+        variants = self.folder.manifest["algorithms"]
         looks = {}
         for variant, declared in variants.items():
             for observation in declared["settings"]:
-                style = learner_style(variant, observation, [*variants])
-                dash = " ".join(f"{4 * part:g}" for part in style["ls"][1]) if style["ls"] != "-" else ""
-                colour = f"light-dark({style['color']}, {in_dark(style['color'])})"
-                name = names(variant, observation)
-                told = names.told(f"{variant}, {observation}")
-                looks[f"{variant}, {observation}"] = {
-                    "name": name, "told": told, "colour": colour, "dash": dash,
-                }  # fmt: skip
+                style, learner = learner_style(variant, observation, [*variants]), f"{variant}, {observation}"
+                looks[learner] = {
+                    "name": self.folder.title(learner),
+                    "told": self.folder.told(learner),
+                    "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
+                    "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
+                }
         return {"folder": self.prefix, "looks": looks}
 
     def link(self, file: str) -> str:
@@ -286,21 +259,17 @@ class _Part:
             "n_keys": n_keys,
         }
 
-    def _figure(self, item: Item) -> dict[str, Any]:
-        """Returns a figure as the page shows it: an SVG as it is, another one as WebP, without any loss."""
+    def _figure(self, item: Item) -> dict[str, object]:
+        """Returns a figure as the page shows it: its file, in base64, and its size in pixels."""
         path = self.folder.path / self.document.figure(item)
         content = path.read_bytes()
         if path.suffix == ".svg":
             form = "image/svg+xml"
-            width, height = (round(float(each) * 4 / 3) for each in _SIZE.findall(content.decode())[:2])
+            width, height = (round(float(length) * 4 / 3) for length in _SIZE.findall(content.decode())[:2])
         else:
-            form, buffer = "image/webp", io.BytesIO()
-            with Image.open(path) as image:
-                small = image.convert("RGB")
-            small.thumbnail((_MOST_PIXELS, _MOST_PIXELS))
-            width, height = small.size
-            small.save(buffer, "WEBP", lossless=True, method=4)
-            content = buffer.getvalue()
+            form = f"image/{path.suffix[1:]}"
+            with Image.open(io.BytesIO(content)) as image:
+                width, height = image.size
         return {
             "caption": self.inline(item.caption),
             "alt": item.caption,
@@ -334,39 +303,39 @@ def _render(parts: Sequence[_Part]) -> str:
         "hosted": about()["repository"] if parts[0].prefix else "",  # which has published folders alone
         **about(),
     }
-    reports, explored, texts, scenarios = [], [], dict[str, str](), dict[str, Markup]()
+    reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
     for part in parts:
         with part.folder.reading():
             reports.append(part.report(templates))
             if explorer.FILE in part.folder:
-                explored.append((part.name, part.prefix, pack(_agents(part.folder))))
+                explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
             for path in sorted(part.folder.path.glob("*.csv")):
-                texts[part.link(path.name)] = path.read_text(encoding="utf-8")
+                tables[part.link(path.name)] = path.read_text(encoding="utf-8")
             for name, declared in part.folder.manifest["scenarios"].items():
                 scenarios[name] = part.inline(inert(declared["description"]))
     scene, steps = episode.episode()
-    manifests = [part.folder.manifest for part in parts]
+    first = parts[0].folder.manifest
+    # The page of a user's experiment does not tell of a scenario that it does not have.
     usual = load_scenario(episode.SCENARIO).model_dump(mode="json")
-    # The page of a user's experiment is not about a scenario that it does not have.
-    own = {} if parts[0].prefix else manifests[0]["scenarios"]
-    is_told = not own or own.get(episode.SCENARIO) == usual
+    has_episode = bool(parts[0].prefix) or first["scenarios"].get(episode.SCENARIO) == usual
+    shown = episode.highlights(steps) if has_episode else []
     with parts[0].folder.reading():
-        content = {
-            "reports": reports,
-            "task": parts[0].inline(_TASK.read_text(encoding="utf-8")),
-            "moving": episode.moving(scene, steps),
-            "steps": [(step, episode.still(scene, steps, step)) for step in episode.told(steps) if is_told],
-            "rate": episode.RATE,
-            "discount": episode.DISCOUNT,
-            "scenarios": scenarios,
-            "horizon": manifests[0].get("horizon"),
-            "agents": explored,
-            "command": "make report" if len(parts) > 1 else manifests[0]["command"],
-            "year": max((each["year"] for each in reports), default=""),
-            "css": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
-            "js": Markup(_script()),
-        }
-        return templates.get_template("page.html").render(**content, data=pack(texts))
+        return templates.get_template("page.html").render(
+            reports=reports,
+            task=parts[0].inline(_TASK.read_text(encoding="utf-8")),
+            moving=episode.moving(scene, steps),
+            steps=[(step, episode.still(scene, steps, step)) for step in shown],
+            rate=episode.RATE,
+            discount=episode.DISCOUNT,
+            scenarios=scenarios,
+            horizon=first.get("horizon"),
+            agents=explored,
+            command="make report" if len(parts) > 1 else first["command"],
+            year=max(report["year"] for report in reports),
+            css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
+            js=Markup(_script()),
+            data=_base64(explorer.compressed(tables)),
+        )
 
 
 @cache
@@ -376,39 +345,22 @@ def about() -> dict[str, str]:
         declared = tomllib.loads((_TEMPLATES.parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
     except OSError:  # an installed package
         return {"version": metadata.version("proxemic-benchmark"), "repository": ""}
-    return {
-        "version": declared["project"]["version"],
-        "repository": declared.get("tool", {})
-        .get("proxemic-benchmark", {})
-        .get("repository", "")
-        .rstrip("/"),
-    }
-
-
-def pack(data: object) -> str:
-    """Returns data as compressed JSON in base64."""
-    return _base64(explorer.compressed(data))
+    repository = declared["tool"]["proxemic-benchmark"]["repository"]
+    return {"version": declared["project"]["version"], "repository": repository.rstrip("/")}
 
 
 def _base64(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
 
 
-def _agents(folder: Folder) -> dict[str, Any]:
-    """Returns what the explorer shows of a folder, with what readers call the learners."""
-    content = (folder.path / explorer.FILE).read_bytes()
-    with folder.reading():
-        names = folder.names
-        try:
-            shown: dict[str, Any] = json.loads(gzip.decompress(content))
-        except (EOFError, zlib.error) as error:
-            raise ValueError(f"{explorer.FILE} cannot be unpacked") from error
-        if "sights" not in shown:  # made by an earlier version
-            raise KeyError("sights")
-        for agent in shown["agents"]:
-            variant = agent["algorithm"]
-            agent |= {"label": names(variant, agent["observation"]), "family": names.families[variant]}
-    return shown
+def _agents(folder: Folder) -> bytes:
+    """Returns what the explorer shows of a folder, with what readers call the learners, compressed."""
+    shown = json.loads(gzip.decompress((folder.path / explorer.FILE).read_bytes()))
+    for agent in shown["agents"]:
+        variant = agent["algorithm"]
+        agent["label"] = folder.title(f"{variant}, {agent['observation']}")
+        agent["family"] = folder.manifest["algorithms"][variant]["family"]
+    return explorer.compressed(shown)
 
 
 def _script() -> str:
@@ -430,17 +382,22 @@ def _script() -> str:
     return "\n".join(texts.values())
 
 
-# The list of all results
-
-
 def _index(results: Path) -> str:
-    """Returns the page that lists all folders of results, among the published ones no others."""
-    folders = {}
-    for path in sameness.published_folders(results):
-        if not (path / "README.md").exists():
-            continue
-        paragraphs = (path / "README.md").read_text(encoding="utf-8").split("\n\n")
-        first = next((paragraph for paragraph in paragraphs if not paragraph.startswith("#")), "")
-        folders[path.name] = first.replace("\n", " ").replace("|", r"\|").strip()
+    """Returns the list of results: the published ones, and outside of the repository all others."""
+    folders = published(results)
+    if results.resolve() != sameness.REPOSITORY / "results":
+        others = sorted(path.parent for path in results.glob(f"[!.]*/{MANIFEST}"))
+        folders += [path for path in others if path not in folders and not any(map(path.match, _TEMPORARY))]
     template = templates_in(_TEMPLATES).get_template("index.md.jinja")
-    return template.render(folders=folders, has_page=bool(published(results)))
+    findings = {folder.name: _finding(folder) for folder in folders}
+    return template.render(findings=findings, has_page=bool(chapters(results)))
+
+
+def _finding(path: Path) -> str:
+    """Returns the first paragraph of what was found, or else the description of the experiment."""
+    folder, text = Folder(path), ""
+    with suppress(InputError), folder.reading():  # a folder of a user may be damaged, or lack its code
+        text = paragraph(folder.manifest["description"])
+        if headline := Document(path).headline:
+            text = plain(headline.partition("\n\n")[0])
+    return text

@@ -68,7 +68,7 @@ def episode() -> tuple[Scene, list[Step]]:
     return scene, steps
 
 
-def told(steps: Sequence[Step]) -> list[Step]:
+def highlights(steps: Sequence[Step]) -> list[Step]:
     """Returns the steps that the page tells: the first of each kind of event and zone."""
     first = {(step.action == "PING", step.event, step.zone): step for step in reversed(steps)}
     return sorted(first.values(), key=lambda step: step.number)

@@ -1,107 +1,101 @@
 """References in Markdown: every key of scenario and experiment files, and every column of published tables.
 
-All of it is generated: keys, accepted values and defaults from the classes that check a file, meanings from
-the docstrings below their fields, columns from the published files, and what they mean from
-`benchmark.reports.columns`.
+All of it is generated: keys, accepted values, defaults and meanings from the JSON schemas of the classes that
+check a file, columns from the published files, and what they mean from the items of reports.
 """
 
-import csv
-import gzip
-import inspect
 import json
 import re
-from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final, TypeAlias
 
-from pdoc.doc_ast import walk_tree
+import pandas as pd
 
 from agents import ALGORITHMS, load_algorithm
-from benchmark.experiments.schema import Experiment, Extension
-from benchmark.reports import REPORTS, load_report, sameness
-from benchmark.reports.columns import meaning
-from benchmark.reports.folder import MANIFEST, Folder
+from benchmark.experiments.schema import Declaration, Extension
+from benchmark.page.build import published
+from benchmark.reports import REPORTS, load_report
+from benchmark.reports.folder import Folder
+from benchmark.reports.item import Item
 from envs import Scenario, load_scenario, scenario_names
 from envs.inputs import Table
 from envs.observations import OBSERVATIONS
 from envs.words import listed
 
-_ENDS: Final = re.compile(r"(.+?)(?:_low|_high)?")  # a column, and those of its interval
+Schema: TypeAlias = dict[str, Any]
+_REFERENCE: Final = re.compile(r'"\$ref": "#/\$defs/(\w+)"')
 
 
-def meanings(table: type[Table]) -> dict[str, str]:
-    """Returns what each key of a table means, from the docstrings of its fields and those it inherits."""
-    found: dict[str, str] = {}
-    for base in table.__mro__[::-1]:
-        if issubclass(base, Table):
-            found |= walk_tree(base).var_docstrings
-    return {key: " ".join(found.get(key, "").split()) for key in table.model_fields}
+def sections(root: type[Table], at: str = "", level: int = 2) -> dict[str, str]:
+    """Returns a section on a table and one on each table inside it, by the names of their classes.
+
+    Args:
+      root: The table.
+      at: The key under which it stands; empty if it is a whole file.
+      level: Of the headings.
+    """
+    schema = root.model_json_schema()
+    tables: dict[str, Schema] = {root.__name__: schema} | schema.get("$defs", {})
+    keys = {root.__name__: [at]}
+    todo = [root.__name__]
+    for name in todo:
+        for key, value in tables[name]["properties"].items():
+            full_key = f"{keys[name][0]}.{key}{_suffix(value)}".removeprefix(".")
+            for inner in dict.fromkeys(_REFERENCE.findall(json.dumps(value))):
+                value.setdefault("description", tables[inner]["description"])  # left out if it is the same
+                if inner not in keys:
+                    todo.append(inner)
+                keys.setdefault(inner, []).append(full_key)
+    return {name: _section(name, tables[name], keys[name], level) for name in todo}
 
 
-def tables_in(root: type[Table], at: str = "") -> dict[type[Table], list[str]]:
-    """Returns a table and all tables inside it, each with the keys under which it stands."""
-    found: dict[type[Table], list[str]] = {root: [at]}
-    todo = [(root, at)]
-    while todo:
-        table, where = todo.pop(0)
-        schemas = table.model_json_schema()["properties"]
-        for key, field in table.model_fields.items():
-            place = f"{where}.{key}{_kind(schemas[key])}".removeprefix(".")
-            for inner in dict.fromkeys(_inside(field.annotation)):
-                if inner not in found:
-                    todo.append((inner, place))
-                found.setdefault(inner, []).append(place)
-    return found
-
-
-def _inside(annotation: Any) -> Iterator[type[Table]]:
-    if isinstance(annotation, type) and issubclass(annotation, Table):
-        yield annotation
-    for each in get_args(annotation):
-        yield from _inside(each)
-
-
-def _kind(schema: Mapping[str, Any]) -> str:
-    """Returns what follows a key if it holds several tables: a name, or a place in a list."""
+def _suffix(schema: Schema) -> str:
+    """Returns what follows a key that holds several tables: `.NAME`, or `[]` for a list."""
     inner = schema.get("additionalProperties")
     if isinstance(inner, dict):
-        return f".NAME{_kind(inner)}"
+        return f".NAME{_suffix(inner)}"
     return "[]" if schema.get("type") == "array" else ""
 
 
-def section(table: type[Table], places: list[str], level: int = 2) -> str:
-    """Returns the section on a table: where it stands, what it is, and its keys."""
-    schemas = table.model_json_schema()["properties"]
-    names = [key for key in table.model_fields if not (key == "name" and places == [""])]
-    kinds = schemas.get("kind", {}).get("enum") or [schemas.get("kind", {}).get("const")]
-    title = ", ".join(f"`{place}`" for place in places if place) or "The file"
-    rows = [
-        [f"`{key}`", _accepted(schemas[key]), _default(table, key), meanings(table)[key]] for key in names
+def _section(name: str, table: Schema, at: list[str], level: int) -> str:
+    fields = {key: field for key, field in table["properties"].items() if key != "name" or at != [""]}
+    kinds = _values(fields.get("kind", {}))
+    title = ", ".join(f"`{key}`" for key in at if key) or "The file"
+    rows = []
+    for key, field in fields.items():
+        default = "required" if key in table.get("required", ()) else _default(field)
+        rows.append([f"`{key}`", _accepted(field), default, " ".join(field["description"].split())])
+    parts = [
+        f'<a id="table-{name.lower()}"></a>',
+        f"{'#' * level} {': '.join(filter(None, [title, ' or '.join(map(str, kinds))]))}",
+        table["description"],
+        grid(["key", "accepted", "default", "meaning"], rows),
     ]
-    heading = f"{'#' * level} {': '.join(filter(None, [title, ' or '.join(filter(None, kinds))]))}"
-    anchor = f'<a id="table-{table.__name__.lower()}"></a>'
-    keys = grid(["key", "accepted", "default", "meaning"], rows)
-    return "\n\n".join([anchor, heading, inspect.cleandoc(str(table.__doc__)), keys])
+    return "\n\n".join(parts)
 
 
-def _accepted(schema: Mapping[str, Any]) -> str:
+def _values(schema: Schema) -> list[object]:
+    return [*schema.get("enum", [schema["const"]] if "const" in schema else [])]
+
+
+def _accepted(schema: Schema) -> str:
     """Returns in words what a JSON schema accepts."""
     if "$ref" in schema:
         return f"[a table](#table-{schema['$ref'].rpartition('/')[2].lower()})"
-    if several := schema.get("anyOf", schema.get("oneOf")):
-        each = (_accepted(one) for one in several if one.get("type") != "null")
-        return " or ".join(dict.fromkeys(each))
-    if values := schema.get("enum", [schema["const"]] if "const" in schema else []):
+    if alternatives := schema.get("anyOf", schema.get("oneOf")):
+        words = (_accepted(schema) for schema in alternatives if schema.get("type") != "null")
+        return " or ".join(dict.fromkeys(words))
+    if values := _values(schema):
         return " or ".join(json.dumps(value) for value in values)
     match schema.get("type"):
         case "array" if "prefixItems" in schema:
-            kinds = [_accepted(each) for each in schema["prefixItems"]]
-            return "[ROW, COLUMN]" if kinds == ["whole number"] * 2 else f"[{', '.join(kinds)}]"
+            items = [_accepted(item) for item in schema["prefixItems"]]
+            return "[ROW, COLUMN]" if items == ["whole number"] * 2 else f"[{', '.join(items)}]"
         case "array":
-            n = _range(schema, "minItems", "maxItems", " item")
-            items = _accepted(schema["items"]).replace("[a table]", "[tables]")
-            return f"list of {items}{n and f' ({n[2:]})'}"
+            number = _range(schema, "minItems", "maxItems", " item").removeprefix(", ")
+            inner = _accepted(schema["items"]).replace("[a table]", "[tables]")
+            return f"list of {inner}{number and f' ({number})'}"
         case "object" if isinstance(schema.get("additionalProperties"), dict):
             return f"{_accepted(schema['additionalProperties'])} for each name"
         case "object":
@@ -116,123 +110,105 @@ def _accepted(schema: Mapping[str, Any]) -> str:
     return "anything"
 
 
-def _range(schema: Mapping[str, Any], least: str, most: str, unit: str = "") -> str:
+def _range(schema: Schema, least: str, most: str, unit: str = "") -> str:
     """Returns the bounds of a number in words, after a comma; empty if there are none."""
-    low, high, above, below = (
-        f"{schema[key]:,.10g}" if key in schema else ""
-        for key in (least, most, "exclusiveMinimum", "exclusiveMaximum")
-    )
-    if low and high:
-        return f", {low} to {high}{unit and f'{unit}s'}"
-    named = {"at least ": low, "above ": above, "at most ": high, "below ": below}
-    parts = [
-        f"{word}{value}{unit}{'s' * (unit != '' != value != '1')}" for word, value in named.items() if value
-    ]
-    return ", ".join(["", *parts])
+    words = {least: "at least", "exclusiveMinimum": "above", most: "at most", "exclusiveMaximum": "below"}
+    bounds = {key: f"{schema[key]:,.10g}" for key in words if key in schema}
+    if {*bounds} >= {least, most}:
+        return f", {bounds[least]} to {bounds[most]}{unit and f'{unit}s'}"
+    units = {key: unit if bound == "1" else unit and f"{unit}s" for key, bound in bounds.items()}
+    return "".join(f", {words[key]} {bound}{units[key]}" for key, bound in bounds.items())
 
 
-def _default(table: type[Table], key: str) -> str:
-    field = table.model_fields[key]
-    if field.is_required():
-        return "required"
-    value = field.get_default(call_default_factory=True)
-    if isinstance(value, Table):
+def _default(schema: Schema) -> str:
+    value = schema.get("default")
+    if isinstance(value, dict) and "$ref" in schema:
         return "its defaults"
-    if value in (None, "", ()) or isinstance(value, dict):
-        return "-"
-    return f"`{json.dumps(value)}`"
+    return "-" if value in (None, "", []) or isinstance(value, dict) else f"`{json.dumps(value)}`"
 
 
 def grid(head: list[str], rows: list[list[str]]) -> str:
     """Returns a table in Markdown."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(each.replace('|', '&#124;') for each in line)} |" for line in lines)
+    return "\n".join(f"| {' | '.join(cell.replace('|', '&#124;') for cell in line)} |" for line in lines)
 
 
 def scenarios() -> str:
     """Returns the reference of scenario files."""
     shipped = [[f"`{name}`", load_scenario(name).description] for name in scenario_names()]
     parts = ["## Shipped scenarios", grid(["scenario", "what it is about"], shipped), "## Every key"]
-    found = tables_in(Scenario)
-    return "\n\n".join([*parts, *(section(table, places, 3) for table, places in found.items())])
+    return "\n\n".join([*parts, *sections(Scenario, level=3).values()])
 
 
 def experiments() -> str:
     """Returns the reference of experiment files, with the settings of every algorithm."""
-    parts = [
-        "# Experiment files",
-        "An experiment is a TOML file, named after it. `python -m benchmark run` takes the name of a shipped "
-        "one, from `benchmark/experiments/`, or a path. It declares which variants learn in which scenarios, "
-        "under which conditions, from how many seeds, and what is reported. A dotted key, such as "
-        '`"issuer.position"`, changes a value inside a table.',
-    ]
-    found = tables_in(Experiment)
-    parts += [section(table, places) for table, places in found.items()]
-    parts += [section(Extension, [""]).replace("## The file", "## A file that extends another")]
-    rows, settings = [], dict[type[Table], list[str]]()
+    extension = sections(Extension)["Extension"].replace("## The file", "## A file that extends another")
+    rows, users = [], dict[type[Table], list[str]]()
     for name in ALGORITHMS:
         algorithm = load_algorithm(name)
         table: type[Table] = algorithm.settings
-        settings.setdefault(table, []).append(name)
+        users.setdefault(table, []).append(f"`{name}`")
         forms = ", ".join(f"`{form}`" for form in OBSERVATIONS if form in algorithm.observations)
         link = f"[{table.__name__}](#table-{table.__name__.lower()})"
         rows.append([f"`{name}`", algorithm.family, forms, link])
-    parts += ["## Algorithms", grid(["algorithm", "family", "observations", "settings"], rows)]
-    done: set[type[Table]] = set()
-    for own, names in settings.items():
-        for each, places in tables_in(own, "settings").items():
-            if each not in done:
-                of = f" of {', '.join(f'`{name}`' for name in names)}" if each is own else ""
-                heading = ", ".join(f"`{place}`" for place in places)
-                parts.append(section(each, places).replace(heading, heading + of, 1))
-                done.add(each)
-    kinds = [[f"`{name}`", load_report(name).question] for name in REPORTS]
-    return "\n\n".join([*parts, "## Kinds of report", grid(["kind", "question"], kinds)])
+    settings: dict[str, str] = {}
+    for table, names in users.items():
+        inner = sections(table, "settings")
+        heading = f"## `settings` of {', '.join(names)}"
+        inner[table.__name__] = inner[table.__name__].replace("## `settings`", heading, 1)
+        settings |= {key: text for key, text in inner.items() if key not in settings}
+    parts = [
+        *sections(Declaration).values(),
+        extension,
+        "## Algorithms",
+        grid(["algorithm", "family", "observations", "settings"], rows),
+        *settings.values(),
+        "## Kinds of report",
+        grid(["kind", "question"], [[f"`{name}`", load_report(name).question] for name in REPORTS]),
+    ]
+    return "\n\n".join(parts)
 
 
 def columns(results: Path) -> str:
     """Returns the reference of all columns of the published tables in a folder of results."""
     tables: dict[tuple[str, str], dict[str, None]] = {}
     folders: dict[str, list[str]] = {}
-    descriptions: dict[tuple[str, str], str] = {}
-    for path in sameness.published_folders(results):
-        if not (path / MANIFEST).exists():
-            continue
+    items: dict[tuple[str, str], Item] = {}
+    for path in published(results):
         report = load_report(Folder(path).manifest["report"]["kind"])
         folders.setdefault(report.name, []).append(f"`{path.name}`")
-        for file in sorted(path.glob("*.csv*")):
-            key = report.name, file.name
-            tables.setdefault(key, {}).update(dict.fromkeys(header(file)))
-            for item in report.items:
-                if item.name == file.name.partition(".")[0] or file.name in item.files:
-                    descriptions[key] = item.description
+        for item in report.items:
+            file = path / (item.file or f"{item.name}.csv")
+            if ".csv" in file.name and file.exists():
+                key = report.name, file.name
+                items[key] = item
+                tables.setdefault(key, {}).update(dict.fromkeys(header(file)))
     parts = [
         "# Columns of the tables",
         "Tables of results are CSV files with six significant digits. `NAME_low` and `NAME_high` are the "
         "ends of the 95 % interval of `NAME`. An empty field means that there is no number, and inf that it "
         "never happens.",
     ]
-    for report_name, keys in groupby(sorted(tables), key=lambda key: key[0]):
-        parts += [f"## {report_name.capitalize()}", f"In {listed(folders[report_name])}."]
+    for name, keys in groupby(sorted(tables), key=lambda key: key[0]):
+        parts += [f"## {name.capitalize()}", f"In {listed(folders[name])}."]
         for key in keys:
-            table = key[1].partition(".")[0]
-            rows: dict[str, list[str]] = {}
-            for column in tables[key]:
-                base = str(_ENDS.fullmatch(column)[1])  # type: ignore[index]
-                base = base if base in tables[key] else column
-                if base in rows:
-                    rows[base][0] += f", `{column}`"
-                else:
-                    rows[base] = [f"`{column}`", meaning(report_name, table, column) or ""]
-            parts += [
-                f"### `{key[1]}`",
-                descriptions.get(key, ""),
-                grid(["column", "meaning"], [*rows.values()]),
-            ]
+            rows = _described(items[key], [*tables[key]])
+            parts += [f"### `{key[1]}`", items[key].description, grid(["column", "meaning"], rows)]
     return "\n\n".join(parts)
+
+
+def _described(item: Item, names: list[str]) -> list[list[str]]:
+    """Returns the columns of a table, each together with those of its interval, and what they mean."""
+    rows: dict[str, list[str]] = {}
+    for column in names:
+        base = re.sub("_(low|high)$", "", column)
+        if base in rows:
+            rows[base][0] += f", `{column}`"
+        else:
+            rows[column] = [f"`{column}`", item.meaning(column) or ""]
+    return [*rows.values()]
 
 
 def header(file: Path) -> list[str]:
     """Returns the names of the columns of a CSV file, which may be compressed."""
-    data = gzip.decompress(file.read_bytes()) if file.suffix == ".gz" else file.read_bytes()
-    return next(csv.reader(data.decode().splitlines()[:1]))
+    return [*pd.read_csv(file, nrows=0)]

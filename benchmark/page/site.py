@@ -10,27 +10,46 @@ import re
 import shutil
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 from types import ModuleType
-from typing import Final
+from typing import Final, NamedTuple
 
 from pdoc import doc, render
 
 from benchmark.page import build, reference
-from benchmark.reports import sameness
-from benchmark.reports.folder import MANIFEST
 from envs import InputError
 
 ROOT: Final = Path(__file__).parents[2]
 PACKAGES: Final = ("envs", "agents", "benchmark")
 TOUR: Final = ROOT / "benchmark" / "tour.ipynb"
+# The project's own documents: name on the site, title in the navigation, file.
+_DOCUMENTS: Final = (
+    ("index", "Overview", "README.md"),
+    ("tour", "Tour in ten cells", "benchmark/tour.ipynb"),
+    ("commands", "Running experiments", "benchmark/commands/README.md"),
+    ("scenarios", "Scenario files", "envs/scenarios/README.md"),
+    ("experiments", "Experiment files", "benchmark/experiments/README.md"),
+    ("algorithms", "Algorithms", "agents/README.md"),
+    ("reports", "Reports", "benchmark/reports/README.md"),
+    ("columns", "Columns of tables", "benchmark/reports/columns.py"),
+    ("contributing", "Contributing", "CONTRIBUTING.md"),
+    ("glossary", "Glossary", "benchmark/glossary.md"),
+)
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "site"
 _LINK: Final = re.compile(r"(!?)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")
 _CODE: Final = re.compile(r"(^```.*?^```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
 _MARK: Final = "search.js"  # which every site has, and nothing else that could be deleted
+
+
+class Document(NamedTuple):
+    """A document of the site: its title in the navigation, its file, and its Markdown."""
+
+    title: str
+    source: Path
+    text: str
 
 
 def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None:
@@ -52,103 +71,96 @@ def write(results: Path, site: Path, packages: Sequence[str] = PACKAGES) -> None
         raise InputError(f"SITE={site}: it has other files; accepted: a new or empty folder, or a site.")
     build.write(results)
     shutil.rmtree(site, ignore_errors=True)
-    for folder in _folders(results):
+    for folder in build.published(results):
         shutil.copytree(folder, site / "results" / folder.name, ignore=shutil.ignore_patterns(".*"))
     for name in ("index.html", "README.md"):
         shutil.copy(results / name, site / "results")
-    documents = {name: (title, source, text) for name, title, source, text in _documents(results)}
-    pages = {source: f"{name}.html" for name, (_, source, _) in documents.items()}
-    address = build.about()["repository"]
-    api = {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
-    texts = {}
-    for name, (_, source, text) in documents.items():
-        target = f"{name.replace('.', '/')}.html"
-        module = ModuleType(name, _linked(text, source, results, target, pages, address))
+    shutil.copy(TOUR, site)
+    documents = _documents(results)
+    pages = {document.source: _page(name) for name, document in documents.items()}
+    modules = {}
+    for name, document in documents.items():
+        module = ModuleType(name, _linked(document, _page(name).count("/"), results, pages))
         module.__dict__.update(__all__=[], __docformat__="markdown")
-        texts[name] = doc.Module(module)
+        modules[name] = doc.Module(module)
+    api = {name: doc.Module.from_name(name) for package in packages for name in _modules(package)}
     render.configure(docformat="google", template_directory=_TEMPLATES, show_source=False)
-    titles = {name: title for name, (title, *_) in documents.items()}
+    titles = {name: document.title for name, document in documents.items()}
     render.env.globals |= {"documents": titles, "packages": packages}
     with warnings.catch_warnings():  # annotations that only type checkers understand are shown as they are
         warnings.filterwarnings("ignore", "Error parsing type annotation")
-        for name, each in (texts | api).items():
-            path = site / f"{name.replace('.', '/')}.html"
+        for name, shown in (modules | api).items():
+            path = site / _page(name)
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(render.html_module(each, api), encoding="utf-8")
-        (site / _MARK).write_text(render.search_index(texts | api), encoding="utf-8")
-    shutil.copy(TOUR, site)
+            path.write_text(render.html_module(shown, api), encoding="utf-8")
+        (site / _MARK).write_text(render.search_index(modules | api), encoding="utf-8")
+
+
+def _page(name: str) -> str:
+    """Returns the path of a document or module on the site."""
+    return f"{name.replace('.', '/')}.html"
 
 
 def _modules(package: str) -> list[str]:
     """Lists a package and all modules inside, also those that its `__all__` does not name."""
     paths = import_module(package).__path__
-    inside = [each.name for each in walk_packages(paths, f"{package}.")]
+    inside = [module.name for module in walk_packages(paths, f"{package}.")]
     return [package, *(name for name in inside if not name.endswith("__main__"))]
 
 
-def _documents(results: Path) -> Iterator[tuple[str, str, Path, str]]:
-    """Yields every document: its name, its title in the navigation, its file, and its Markdown."""
-
-    def file(path: Path) -> tuple[Path, str]:
-        return path, path.read_text(encoding="utf-8")
-
-    yield "index", "Overview", *file(ROOT / "README.md")
-    yield "tour", "Tour in ten cells", TOUR, tour()
-    path, text = file(ROOT / "envs" / "scenarios" / "README.md")
-    yield "scenarios", "Scenario files", path, f"{text}\n{reference.scenarios()}"
-    yield "experiments", "Experiment files", ROOT / "benchmark" / "experiments", reference.experiments()
-    yield (
-        "columns",
-        "Columns of tables",
-        ROOT / "benchmark" / "reports" / "columns.py",
-        reference.columns(results),
-    )
-    yield "contributing", "Contributing", *file(ROOT / "CONTRIBUTING.md")
-    yield "results", "Folders of results", *file(results / "README.md")
-    for folder in _folders(results):
-        yield f"results.{folder.name}", folder.name, *file(folder / "README.md")
-
-
-def _folders(results: Path) -> list[Path]:
-    """Lists the published folders that hold results."""
-    return [path for path in sameness.published_folders(results) if (path / MANIFEST).exists()]
+def _documents(results: Path) -> dict[str, Document]:
+    """Returns all documents by their names on the site."""
+    files = {name: (title, ROOT / file) for name, title, file in _DOCUMENTS}
+    files["results"] = ("Folders of results", results / "README.md")
+    for folder in build.published(results):
+        files[f"results.{folder.name}"] = (folder.name, folder / "README.md")
+    texts = {name: path.read_text(encoding="utf-8") for name, (_, path) in files.items()}
+    texts["tour"] = tour()
+    texts["columns"] = reference.columns(results)
+    texts["scenarios"] += f"\n{reference.scenarios()}"
+    texts["experiments"] += f"\n{reference.experiments()}"
+    return {name: Document(title, path, texts[name]) for name, (title, path) in files.items()}
 
 
 def tour() -> str:
     """Returns the notebook as Markdown."""
-    cells = json.loads(TOUR.read_text(encoding="utf-8"))["cells"]
-    texts = ["".join(cell["source"]) for cell in cells]
-    shown = [
-        text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```"
-        for cell, text in zip(cells, texts, strict=True)
-    ]
-    return "\n\n".join([*shown, f"[Download the notebook]({TOUR.name})"])
+    texts = []
+    for cell in json.loads(TOUR.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        texts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+    return "\n\n".join([*texts, f"[Download the notebook]({TOUR.name})"])
 
 
-def _linked(text: str, source: Path, results: Path, target: str, pages: dict[Path, str], address: str) -> str:
+def _linked(document: Document, depth: int, results: Path, pages: Mapping[Path, str]) -> str:
     """Returns a document whose links lead to the site's own pages and files, or to the repository.
 
     A link to a file of the repository whose address is not known becomes its text.
-    """
-    up = "../" * target.count("/")
 
-    def moved(found: re.Match[str]) -> str:
-        mark, label, link = found.groups()
+    Args:
+      document: The document.
+      depth: The number of folders around its page on the site.
+      results: The folder of results.
+      pages: By file, the pages of all documents.
+    """
+    repository = build.about()["repository"]
+
+    def moved(match: re.Match[str]) -> str:
+        mark, label, link = match.groups()
         if re.match(r"[a-z]+:|#", link) or link == TOUR.name:
-            return found[0]
+            return match[0]
         file, hash_, row = link.partition("#")
-        path = Path(os.path.normpath(source.parent / file))
+        path = Path(os.path.normpath(document.source.parent / file))
         if path in pages:
-            link = pages[path].replace(".", "/", pages[path].count(".") - 1)
+            target = pages[path]
         elif path.is_relative_to(results) and path.exists():
-            link = f"results/{path.relative_to(results).as_posix()}"
-        elif address and path.is_relative_to(ROOT):
-            return f"{mark}[{label}]({address}/blob/main/{path.relative_to(ROOT).as_posix()})"
+            target = f"results/{path.relative_to(results).as_posix()}"
+        elif repository and path.is_relative_to(ROOT):
+            return f"{mark}[{label}]({repository}/blob/main/{path.relative_to(ROOT).as_posix()})"
         else:
             return label
-        return f"{mark}[{label}]({up}{link}{hash_}{row})"
+        return f"{mark}[{label}]({'../' * depth}{target}{hash_}{row})"
 
-    parts = _CODE.split(text)
+    parts = _CODE.split(document.text)
     return "".join(part if i % 2 else _LINK.sub(moved, part) for i, part in enumerate(parts))
 
 

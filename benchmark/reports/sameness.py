@@ -30,7 +30,6 @@ from benchmark.reports.folder import MANIFEST
 STAMP: Final = ".stamp"
 REPOSITORY: Final = Path(__file__).parents[2]
 _SUMMARY: Final = "summary.csv"
-_APART: Final = (".*", "*_smoke", "*_partial", "*_seeds_*")  # folders that are never published
 _LISTED: Final = 6  # differing files that a sentence names
 
 
@@ -101,18 +100,6 @@ def compare(
 def published_file(name: str, file: str) -> bytes | None:
     """Returns the content of a file of the last commit's results; None if there is no such file."""
     return _git("show", f"HEAD:results/{name}/{file}")
-
-
-def published_folders(results: Path) -> list[Path]:
-    """Lists the folders of complete results, with the declared seeds, that git does not ignore here."""
-    paths = sorted(path for path in results.glob("*") if path.is_dir() and not any(map(path.match, _APART)))
-    listing = _git(
-        "-c", "core.quotePath=off", "check-ignore", "--", *(str(path.absolute()) for path in paths)
-    )
-    ignored = {
-        Path(line) for line in os.fsdecode(listing or b"").splitlines()
-    }  # results of users' experiments
-    return [path for path in paths if path.absolute() not in ignored]
 
 
 def keep_published(folder: Path, name: str) -> None:

@@ -21,7 +21,7 @@ from benchmark.execution import provenance
 from benchmark.experiments import Experiment, Reporting
 from benchmark.reports import document, files
 from benchmark.reports.folder import MANIFEST, Folder
-from benchmark.reports.item import Finding, Report, entry, item
+from benchmark.reports.item import Item, Report, entry
 from benchmark.reports.speed_rows import Row, Work, all_rows
 from envs import InputError
 
@@ -55,7 +55,6 @@ def measure(results: Path, *, smoke: bool) -> None:
             "note": "Measured with `--smoke`: the numbers mean nothing." if smoke else "",
             "scenarios": {},
             "algorithms": {},
-            "facts": {},
             "commits": [provenance.commit(Path(__file__))],
             "machines": [provenance.machine()],
             "processors": [provenance.processor()],
@@ -105,32 +104,41 @@ def _measured(rows: list[Row], n_turns: int) -> pd.DataFrame:
     )
 
 
-@item("speed", "rates of this project and of common alternatives, from the same run", is_measured=True)
-def _speed(frame: pd.DataFrame) -> pd.DataFrame:
-    return frame
-
-
-def _headline(folder: Folder) -> Finding:
+def _headline(folder: Folder) -> str:
     frame = folder.frame("speed")
     nets = frame[frame["name"].str.startswith("net_")].sort_values("ratio")
     rows = frame[frame["name"] == "q_learning_kernel"].iloc[0], nets.iloc[0], nets.iloc[-1]
     q_learning, low, high = (entry(row, "ratio", "speed") for row in rows)
-    return Finding(
+    return (
         f"Tabular Q-learning is {q_learning} times as fast as a tuned Python loop over Gymnasium. Nets train "
         f"{low} to {high} times as fast as with Stable-Baselines3, per second of CPU time."
     )
 
 
-def _refuse(experiment: Experiment, *_: object) -> NoReturn:
+def _refuse(experiment: Experiment) -> NoReturn:
     raise InputError(f"{experiment.argument}: report: accepted: a report that can be drawn of an experiment.")
 
 
+_SPEED: Final = Item(
+    "speed",
+    "rates of this project and of common alternatives, from the same run",
+    is_measured=True,
+    meanings={
+        "against": "the alternative",
+        "baseline": "units per second of the alternative",
+        "name": "what is measured",
+        "of_limit": "share of the speed that products of matrices alone would allow; empty where it does not "
+        "apply",
+        "per_second": "units per second of this project",
+        "ratio": "`per_second` / `baseline`",
+        "unit": "what is counted",
+    },
+)
 REPORT: Final = Report(
     name="speed",
     question="How fast is this project?",
     check=_refuse,
-    load=_refuse,
-    items=(_speed,),
+    items=(_SPEED,),
     document=Path(__file__).with_name("speed.md.jinja"),
     headline=_headline,
 )

@@ -1,21 +1,21 @@
 """Reports extended from outside: an item in one short file, and a kind of report in this one."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 
-from benchmark.analysis.population import Population, load_population
+from benchmark.analysis.frames import by_population
 from benchmark.drawing.tables import link
 from benchmark.execution.store import Store
-from benchmark.experiments import DEFAULT_CONDITION, Experiment, specifications
+from benchmark.experiments import Experiment
 from benchmark.reports import document, draw, load_report
 from benchmark.reports.document import Document
 from benchmark.reports.folder import Folder
-from benchmark.reports.item import Estimate, Finding, Report, item
+from benchmark.reports.item import Estimate, Report, item
 from envs import InputError
 from tests.benchmark.reports.conftest import experiment_of, trained
 
@@ -36,47 +36,28 @@ KIND = f"{__name__}:REPORT"
 # A kind of report: the final success of every run
 
 
-class Successes:
-    """The populations of an experiment."""
-
-    note = ""
-    is_incomplete = False
-
-    def __init__(self, populations: Sequence[Population]) -> None:
-        """Takes the populations."""
-        self.populations = populations
-        self.facts = {"populations": len(populations)}
-
-
-def _load(experiment: Experiment, store: Store, seeds: Sequence[int] | None, partial: bool) -> Successes:
-    assert not partial
-    every = (specifications(experiment, DEFAULT_CONDITION, *names, seeds) for names in experiment.populations)
-    return Successes([load_population(runs, store) for runs in every])
-
-
 def _check(experiment: Experiment) -> None:
     if len(experiment.scenarios) > 2:
         raise InputError(f"{experiment.argument}: scenarios: accepted: at most two.")
 
 
 @item("successes", "success probability", {"scenario": "", "success": "success"})
-def successes(data: Successes) -> Iterator[dict[str, Any]]:
+def successes(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """A row for each population."""
-    for each in data.populations:
-        success = each.arrays["success"][:, -1]
-        yield {"scenario": each.scenario, "success": Estimate(success.mean(), success.min(), success.max())}
+    for keys, rows in by_population(runs):
+        success = rows["success"]
+        yield keys | {"success": Estimate(success.mean(), success.min(), success.max())}
 
 
-def _headline(folder: Folder) -> Finding:
+def _headline(folder: Folder) -> str:
     row = folder.frame("successes").iloc[0]
-    return Finding(f"Success in {row['scenario']} is {link(f'{row.success:g}', 'successes', row)}.")
+    return f"Success in {row['scenario']} is {link(f'{row.success:g}', 'successes', row)}."
 
 
 REPORT = Report(
     name="successes",
     question="How often does it succeed?",
     check=_check,
-    load=_load,
     items=(successes,),
     document=Path(__file__).with_name("successes.md.jinja"),
     headline=_headline,
@@ -91,7 +72,7 @@ def drawn(tmp_path: Path, report: str) -> Path:
     return tmp_path / "mine"
 
 
-def test_an_item_is_one_short_file_with_table_figure_and_sentence(tmp_path: Path) -> None:
+def test_an_item_is_one_short_file_with_table_and_figure(tmp_path: Path) -> None:
     assert len(ITEM.read_text(encoding="utf-8").splitlines()) <= 25
     names = json.dumps([each.name for each in load_report("comparison").items if each.name != "summary"])
     folder = drawn(
@@ -104,7 +85,6 @@ def test_an_item_is_one_short_file_with_table_figure_and_sentence(tmp_path: Path
     readme = (folder / "README.md").read_text(encoding="utf-8")
     assert "| lost.csv, .svg" in readme  # in the list of files
     assert "![Share of runs without any success.](lost.svg)" in readme
-    assert f"Mean share without any success: {shares['share'].mean():.3g}." in readme
     (tmp_path / "runs.db").unlink()  # texts can be made again from the files alone
     document.write(folder)
     assert (folder / "README.md").read_text(encoding="utf-8") == readme
@@ -113,7 +93,7 @@ def test_an_item_is_one_short_file_with_table_figure_and_sentence(tmp_path: Path
 def test_report_of_another_kind(tmp_path: Path) -> None:
     folder = drawn(tmp_path, json.dumps(KIND))
     manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    assert (manifest["report"]["kind"], manifest["facts"]) == (KIND, {"populations": 4})
+    assert manifest["report"]["kind"] == KIND
     success = pd.read_csv(folder / "successes.csv")["success"]
     readme = (folder / "README.md").read_text(encoding="utf-8")
     assert f"**Success in S1 is {success[0]:g}.**" in readme

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from benchmark.execution.calibration import DOUBT, estimate
 from benchmark.execution.provenance import machine
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import RunSpecification, load_experiment, specifications
+from benchmark.experiments import RunSpecification, load_experiment
+from tests.support import specifications
 
 
 def record(run: RunSpecification, seconds: float, peak_mb: float, where: str = "") -> Record:

@@ -18,15 +18,12 @@ from benchmark.execution.driver import pending, run
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import (
-    EXPERIMENT_DIRECTORY,
-    Experiment,
     RunSpecification,
     all_specifications,
     load_experiment,
-    specifications,
 )
 from envs import Model, compile_scenario
-from envs.inputs import parse, read_toml
+from tests.support import specifications
 
 SMALL = load_experiment("reproduce_smoke")
 
@@ -78,14 +75,22 @@ class Toy(Algorithm):
 FICKLE = Toy()
 
 
-def toy_runs(name: str, seeds: Sequence[int]) -> list[RunSpecification]:
+def toy_runs(folder: Path, name: str, seeds: Sequence[int]) -> list[RunSpecification]:
     """Runs of one of the algorithms above."""
-    data = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
-    variant = {"algorithm": f"{__name__}:{name}", "observations": ["index"], "seeds": 10}
-    data = {key: data[key] for key in ("description", "horizon", "evaluation_every", "map_every")}
-    data |= {"scenarios": ["S1"], "algorithms": {"toy": variant}, "settings": {"budget": 10_000}}
-    experiment = parse(Experiment, data, "test", name="toy")
-    return specifications(experiment, "default", "S1", "toy", "index", seeds)
+    path = folder / "toy.toml"
+    path.write_text(
+        f"""
+        description = ""
+        scenarios = ["S1"]
+        horizon = 200
+        evaluation_every = 250
+        map_every = 1000
+        settings.budget = 10_000
+        algorithms.toy = {{ algorithm = "{__name__}:{name}", observations = ["index"], seeds = 10 }}
+        """,
+        encoding="utf-8",
+    )
+    return specifications(load_experiment(path), "default", "S1", "toy", "index", seeds)
 
 
 def test_every_run_is_reported_once(tmp_path: Path) -> None:
@@ -112,8 +117,8 @@ def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
     seeds = [run.seed_sequence for run in runs]
     algorithm = load_algorithm("q_learning")
     training = algorithm.train(model, runs[0].settings, "index", seeds, runs[0].schedule)
-    evaluation = evaluate(model, mask_policy(training.greedy), SMALL.horizon)
-    none = evaluate(model, training.stochastic, SMALL.horizon)
+    evaluation = evaluate(model, mask_policy(training.greedy), SMALL.declared.horizon)
+    none = evaluate(model, training.stochastic, SMALL.declared.horizon)
     with Store(tmp_path / "runs.db") as store:
         assert run(runs, store, jobs=2) == []
         records = store.get([run.digest for run in runs])
@@ -130,7 +135,7 @@ def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
 
 
 def test_failed_runs_are_stored_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = toy_runs("FICKLE", range(6))
+    runs = toy_runs(tmp_path, "FICKLE", range(6))
     with Store(tmp_path / "runs.db") as store:
         with monkeypatch.context() as patch:
             patch.setattr(FICKLE, "error", FloatingPointError("diverged"))

@@ -11,9 +11,9 @@ from benchmark.execution import provenance
 from benchmark.execution.driver import run
 from benchmark.execution.provenance import commit, environment, peak_memory_mb, reset_peak_memory
 from benchmark.execution.store import Store
-from benchmark.experiments import load_experiment, specifications
+from benchmark.experiments import load_experiment
 from envs import InputError
-from tests.support import ROOT, git
+from tests.support import ROOT, git, specifications
 
 COMPARED = load_experiment("compare_deep_smoke")
 

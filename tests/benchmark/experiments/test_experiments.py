@@ -16,13 +16,13 @@ from benchmark.experiments import (
     all_specifications,
     experiment_names,
     load_experiment,
-    specifications,
 )
+from benchmark.experiments.schema import Declaration
 from benchmark.reports import load_report
 from envs import InputError
 from envs.inputs import parse, read_toml
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.support import ROOT
+from tests.support import ROOT, specifications
 
 SMALL = load_experiment("reproduce_smoke")
 COMPARED = load_experiment("compare_deep_smoke")
@@ -50,10 +50,10 @@ def test_shipped_experiments_are_sound(name: str) -> None:
 
 def test_reproduce_has_a_miniature_with_all_its_readings() -> None:
     full = load_experiment("reproduce")
-    assert list(SMALL.readings) == list(full.readings)
-    for name, reading in SMALL.readings.items():
-        assert reading == full.readings[name].model_copy(update={"seeds": reading.seeds})
-    assert SMALL.scenarios == full.scenarios
+    assert list(SMALL.declared.readings) == list(full.declared.readings)
+    for name, reading in SMALL.declared.readings.items():
+        assert reading == full.declared.readings[name].model_copy(update={"seeds": reading.seeds})
+    assert [*SMALL.scenarios] == [*full.scenarios]
 
 
 def test_reproduce_declares_what_the_paper_says() -> None:
@@ -67,7 +67,7 @@ def test_reproduce_declares_what_the_paper_says() -> None:
     assert settings["discount"] == 0.9
     assert settings["budget"] == 10_000
     # Every alternative of the specification, one of which changes only what is measured.
-    assert set(experiment.readings) == {
+    assert set(experiment.declared.readings) == {
         "default", "epsilon", "max_q", "ping_discomfort", "budget", "ties", "origin", "time_limit",
         "equal_pay",
     }  # fmt: skip
@@ -86,30 +86,33 @@ def test_runs_of_a_population_share_its_identity() -> None:
 
 def test_comparison_declares_what_it_should() -> None:
     full = load_experiment("compare_deep")
-    assert full.scenarios == ("S1", "S2", "S3")
-    seeds = {name: full.declared_seeds(name, "default") for name in full.algorithms}
+    variants = full.declared.algorithms
+    assert [*full.scenarios] == ["S1", "S2", "S3"]
+    seeds = {each.learner.variant: each.seeds for each in full.populations}
     # Contrasts are decided on seeds that no tuning had seen.
-    learners = {name for name, variant in full.algorithms.items() if not variant.reference_for}
+    learners = {name for name, variant in variants.items() if not variant.reference_for}
     assert {seeds[name] for name in learners} == {range(200, 300)}
-    assert {seeds[name] for name in full.algorithms if name.endswith("_sb3")} == {range(200, 210)}
-    stochastic = {name for name, variant in full.algorithms.items() if variant.policy == "stochastic"}
+    assert {seeds[name] for name in variants if name.endswith("_sb3")} == {range(200, 210)}
+    stochastic = {name for name, variant in variants.items() if variant.policy == "stochastic"}
     assert stochastic == {"softmax_table", "ppo", "ppo_default", "ppo_sb3", "ppo_default_sb3"}
     settings = [run.settings.model_dump() for run in all_specifications(full)]
     assert {(values["budget"], values["time_limit"]) for values in settings} == {(10_000, 200)}
-    reproduce = load_experiment("reproduce").algorithms["q_learning"].settings
-    paper = full.algorithms["q_learning"].settings
+    reproduce = load_experiment("reproduce").declared.algorithms["q_learning"].settings
+    paper = full.declared.algorithms["q_learning"].settings
     for key in ("learning_rate", "discount", "epsilon"):  # the paper's constants
         assert paper[key] == reproduce[key]
     # Defaults are those of SB3, except where the budget forces another value.
-    assert full.algorithms["dqn_default"].settings == {}
-    assert full.algorithms["ppo_default"].settings == {"n_steps": 2000}
+    assert full.declared.algorithms["dqn_default"].settings == {}
+    assert full.declared.algorithms["ppo_default"].settings == {"n_steps": 2000}
 
 
 def test_comparisons_have_miniatures_with_the_same_learners() -> None:
     for name in ("compare_deep", "compare_deep_long"):
         full, small = load_experiment(name), load_experiment(f"{name}_smoke")
-        assert list(small.algorithms) == list(full.algorithms)
-        for variant, other in zip(small.algorithms.values(), full.algorithms.values(), strict=True):
+        assert list(small.declared.algorithms) == list(full.declared.algorithms)
+        for variant, other in zip(
+            small.declared.algorithms.values(), full.declared.algorithms.values(), strict=True
+        ):
             for key in ("algorithm", "reference_for", "group"):
                 assert getattr(variant, key) == getattr(other, key)
             n_observations = 1 if variant.reference_for else None  # of a check, the first does
@@ -162,7 +165,7 @@ def test_experiments_of_one_stream_share_runs(tmp_path: Path) -> None:
 
 
 def test_a_reference_takes_settings_observations_and_group_from_its_variant() -> None:
-    variants = load_experiment("compare_deep").algorithms
+    variants = load_experiment("compare_deep").declared.algorithms
     checks = {name: variant for name, variant in variants.items() if variant.reference_for}
     assert len(checks) == 6
     for check in checks.values():
@@ -175,7 +178,9 @@ def test_a_reference_takes_settings_observations_and_group_from_its_variant() ->
 def test_first_runs_are_of_all_populations_and_each_has_a_folder() -> None:
     runs = all_specifications(COMPARED)
     first = runs[: len(COMPARED.populations)]
-    assert {(run.scenario.name, run.variant, run.observation) for run in first} == set(COMPARED.populations)
+    assert {(run.scenario.name, run.variant, run.observation) for run in first} == {
+        (each.scenario.name, each.learner.variant, each.learner.observation) for each in COMPARED.populations
+    }
     assert {run.seed for run in first} == {200}
     assert len({run.folder for run in runs}) == len(runs)
     assert first[0].folder == "compare_deep_smoke/S1/q_learning_index/seed_200"
@@ -265,7 +270,7 @@ def test_what_is_no_name_is_refused_in_a_sentence(name: str) -> None:
         named: dict[str, Any] = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
         named[name] = next(iter(named.values()))
         with pytest.raises(InputError, match=rf"^mine\.toml: (the key )?{table}\..*accepted: "):
-            parse(Experiment, tables, "mine.toml", name="mine")
+            parse(Declaration, tables, "mine.toml", name="mine")
 
 
 @pytest.mark.parametrize("name", ["x" * 60, "9-x", "a-b_c", "NAN0", "1-2", "e5", "com10", "console"])

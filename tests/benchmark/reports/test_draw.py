@@ -16,7 +16,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import Experiment, all_specifications, specifications
+from benchmark.experiments import Experiment, all_specifications
 from benchmark.experiments.search import Chosen
 from benchmark.reports import document, draw, load_report
 from benchmark.reports.comparison import results
@@ -29,7 +29,7 @@ from envs import InputError
 from tests.benchmark.execution.test_processes import PATIENCE_S, until
 from tests.benchmark.reports.conftest import EXPERIMENT, Drawn, experiment_of, trained
 from tests.benchmark.reports.sentences import check_links, check_verdicts
-from tests.support import ROOT, mistyped_columns
+from tests.support import ROOT, mistyped_columns, specifications
 
 PUBLISHED = [
     path.parent
