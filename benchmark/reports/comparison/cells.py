@@ -95,13 +95,3 @@ def matched(cells: pd.DataFrame, pair: Pair) -> tuple[pd.DataFrame, pd.DataFrame
     others = index.get_indexer(pd.MultiIndex.from_frame(x.assign(**pair.y)[_PLACE]))
     is_there = others >= 0
     return x[is_there].reset_index(drop=True), cells.iloc[others[is_there]].reset_index(drop=True)
-
-
-def is_complete(runs: pd.DataFrame, experiment: Experiment) -> bool:
-    """Returns whether every population has all its runs: those declared, or other seeds that all have."""
-    found = {tuple(keys[name] for name in _PLACE): {*rows["seed"]} for keys, rows in by_population(runs)}
-    every = {*runs["seed"]}
-    return all(
-        found.get((each.scenario.name, each.condition.name, each.learner.name)) in (every, {*each.seeds})
-        for each in experiment.populations
-    )

@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from benchmark.analysis.contrasts import runs_for_any_equivalence
-from benchmark.experiments import Experiment, Learner, Population, Reporting
+from benchmark.analysis.frames import keys_of
+from benchmark.experiments import Experiment, Learner, Reporting
 from benchmark.experiments.schema import MOST_CONTRASTS
 from envs import InputError
 from envs.inputs import unknown_name
@@ -169,11 +170,11 @@ def forecast(experiment: Experiment) -> str:
     reporting, contrasts = reporting_of(experiment), contrasts_of(experiment)
     if not contrasts:
         return ""
-    sides = [side for pair in contrasts for side in pair]
     n = min(
         len(population.seeds)
         for population in experiment.populations
-        if any(_is_of(population, side) for side in sides)
+        if population.learner.family != "planner"
+        and any(side.items() <= keys_of(population).items() for pair in contrasts for side in pair)
     )
     is_pooled, n_scenarios = reporting.pool == "scenarios", len(experiment.scenarios)
     sizes = {
@@ -192,15 +193,6 @@ def forecast(experiment: Experiment) -> str:
         f"With {n} runs{among}, equivalence within {margin:g} cannot be shown, even if all runs succeed: "
         f"that takes {needed:,} runs per scenario and learner."
     )
-
-
-def _is_of(population: Population, side: Side) -> bool:
-    names = {
-        "learner": population.learner.name,
-        "scenario": population.scenario.name,
-        "condition": population.condition.name,
-    }
-    return population.learner.family != "planner" and side.items() <= names.items()
 
 
 def _pair(experiment: Experiment, where: str, x: str, y: str) -> Pair:

@@ -73,7 +73,7 @@ def _measured(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.assign(success_verdict=np.where(is_shown, texts, frame["success_verdict"]))
 
 
-@item(
+contrasts = item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
     {
@@ -96,10 +96,7 @@ def _measured(frame: pd.DataFrame) -> pd.DataFrame:
         "p_random": "p-value of not succeeding more often than the random policy, adjusted as declared",
     },
     where=_measured,
-)
-def contrasts(runs: pd.DataFrame, experiment: Experiment) -> list[Row]:
-    """Computes the contrasts, see `benchmark.reports.comparison.verdicts`."""
-    return contrast_rows(runs, experiment)
+)(contrast_rows)
 
 
 @contrasts.figure("The contrasts: differences with their intervals, and verdicts.")
@@ -113,14 +110,11 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     return figures.differences(table, names, _LABELS)
 
 
-@item(
+outcomes = item(
     "outcomes",
     "whether deep RL earns its keep over the tables to beat",
     meanings={"outcome": "what the contrasts with the tables to beat come to, see README"},
-)
-def outcomes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Computes a row per scenario and condition, as far as there are several and they are not pooled."""
-    return outcome_rows(runs, experiment)
+)(outcome_rows)
 
 
 @item(
@@ -129,9 +123,9 @@ def outcomes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     {"x": "", "y": "", "n": "contrasts", **dict.fromkeys(VERDICTS, "")},
     meanings={"n": "contrasts", **dict.fromkeys(VERDICTS, "contrasts with this verdict")},
 )
-def verdicts(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+def verdicts(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
     """Counts contrasts of the same two sides, if they are many."""
-    rows = pd.DataFrame(contrast_rows(runs, experiment))
+    rows = pd.DataFrame(contrast_rows(runs, experiment, is_partial))
     if len(rows) < _FEWEST_COUNTED or not rows.duplicated(["x", "y"]).any():
         return
     found = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
@@ -140,7 +134,7 @@ def verdicts(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         yield {"x": x, "y": y, "n": len(here), **counts}
 
 
-@item(
+effects = item(
     "effects",
     "exploratory: differences between scenarios, conditions or learners, x minus y",
     {
@@ -160,10 +154,7 @@ def verdicts(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         "p_random": "p-value of not succeeding more often than the random policy",
     },
     where=no_rows,
-)
-def effects(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
-    """Computes the effects, see `benchmark.reports.comparison.verdicts`."""
-    return effect_rows(runs, experiment)
+)(effect_rows)
 
 
 @effects.figure("What changes between two scenarios, by learner.")

@@ -39,7 +39,7 @@ from benchmark.analysis.contrasts import (
 )
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.experiments import Experiment
-from benchmark.reports.comparison.cells import cells_of, is_complete, matched
+from benchmark.reports.comparison.cells import cells_of, matched
 from benchmark.reports.comparison.declared import (
     Pair,
     contrasts_of,
@@ -83,13 +83,9 @@ class Case(NamedTuple):
         return x, y
 
 
-def contrast_rows(runs: pd.DataFrame, experiment: Experiment) -> list[Row]:
+def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
-    reporting, cells, every = (
-        reporting_of(experiment),
-        cells_of(runs, experiment),
-        is_complete(runs, experiment),
-    )
+    reporting, cells = reporting_of(experiment), cells_of(runs, experiment)
     is_pooled = reporting.pool == "scenarios"
     cases = [
         case
@@ -100,7 +96,7 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment) -> list[Row]:
         order = [*experiment.scenarios]
         cases.sort(key=lambda case: order.index(case.x["scenario"].iloc[0]))
     rows = [case.names | _difference(case) for case in cases]
-    allowed = [every and case.fewest_runs >= reporting.fewest_runs for case in cases]
+    allowed = [not is_partial and case.fewest_runs >= reporting.fewest_runs for case in cases]
     adjust = holm if reporting.adjust == "holm" else list
     for key in ("p_random_x", "p_random_y") if rows else ():
         for row, p in zip(rows, adjust([row.pop(key) for row in rows]), strict=True):
@@ -140,13 +136,14 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             yield row
 
 
-def outcome_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
     """Yields the outcome, or that of each scenario and condition, if there are baselines."""
     reporting = reporting_of(experiment)
     if not reporting.baseline:
         return
     baselines, decisive = reporting.baseline, decisive_learners(experiment)
-    rows = [row for row in contrast_rows(runs, experiment) if row["x"] in decisive and row["y"] in baselines]
+    every = contrast_rows(runs, experiment, is_partial)
+    rows = [row for row in every if row["x"] in decisive and row["y"] in baselines]
     axes = {"scenario": [*experiment.scenarios]} if reporting.pool == "none" else {}
     axes |= {"condition": [*experiment.conditions]} if len(experiment.conditions) > 1 else {}
     for values in product(*axes.values()):
@@ -242,15 +239,15 @@ def _difference(case: Case) -> Row:
     """Returns what a row says besides its endpoints: sizes, policies, wrong PINGs, and the random policy."""
     row: Row = {"n": case.fewest_runs}
     share = 1 / len(case.x)
+    rates = []
     for side, cells in (("x", case.x), ("y", case.y)):
         row[f"policy_{side}"] = cells["policy"].iloc[0]
         row["random_success"] = random = share * sum(cells["random_success"])
         means, sizes = [*cells["success"]], [*cells["n"]]
         row[f"p_random_{side}"] = p_above([share] * len(cells), means, sizes, random)
-        row[f"wrong_pings_{side}"] = float(np.mean(cells["wrong_pings"].to_numpy()))
-    value = float(np.mean(case.x["wrong_pings"].to_numpy())) - float(
-        np.mean(case.y["wrong_pings"].to_numpy())
-    )
+        rates.append(float(np.mean(cells["wrong_pings"].to_numpy())))
+        row[f"wrong_pings_{side}"] = rates[-1]
+    value = rates[0] - rates[1]
     reaches = [*case.x["wrong_pings_reach"], *case.y["wrong_pings_reach"]]
     reach = share * float(np.linalg.norm(reaches))
     return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
