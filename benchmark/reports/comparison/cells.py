@@ -11,7 +11,7 @@ from benchmark.analysis.intervals import Estimate, student
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.comparison.declared import Pair, is_own
 
-# Columns that several tables have, with their labels or their meanings
+# Columns with their labels, and what columns of several tables mean
 CELL: Final = dict.fromkeys(("scenario", "condition", "learner"), "")
 PAIR: Final = dict.fromkeys(("scenario", "condition", "x", "y"), "")
 EFFORT: Final = {
@@ -19,13 +19,15 @@ EFFORT: Final = {
     "search_steps": "steps of the search",
     "search_cpu_s": "CPU seconds of the search",
 }
-EFFORT_MEANINGS: Final = {
+MEANINGS: Final = {
     "settings_tried": "trials of the search for its settings; 0 without a search",
     "search_steps": "environment steps of the search for its settings; 0 without a search",
     "search_cpu_s": "CPU seconds of the search for its settings; 0 without a search",
+    "policy": "the evaluated policy, greedy or stochastic",
+    "random_success": "success of the random policy, exact",
+    "runs": "runs, over all scenarios",
+    "wrong_pings": "wrong PINGs per 1,000 steps of the whole training",
 }
-POLICY: Final = {"policy": "the evaluated policy, greedy or stochastic"}
-RANDOM: Final = {"random_success": "success of the random policy, exact"}
 _PLACE: Final = ["scenario", "condition", "learner"]
 
 

@@ -10,7 +10,7 @@ from benchmark.analysis.intervals import proportion
 from benchmark.drawing.tables import decimals_of, inert, link
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.comparison import figures
-from benchmark.reports.comparison.cells import POLICY, place_of, populations
+from benchmark.reports.comparison.cells import MEANINGS, place_of, populations
 from benchmark.reports.comparison.verdicts import Row
 from benchmark.reports.item import item, number
 from envs.observations import seen_as
@@ -24,7 +24,7 @@ _SEEN: Final = ("cells", "offset")
     "classes",
     "exploratory: for each class, success of the learner that did best in the search",
     meanings={
-        **POLICY,
+        **MEANINGS,
         "kind": "table or net",
         "sees": "whether it observes cells or the offset",
         "learner": "the learner of this class with the largest `search_area`",

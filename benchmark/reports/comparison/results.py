@@ -21,10 +21,8 @@ from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import (
     CELL,
     EFFORT,
-    EFFORT_MEANINGS,
+    MEANINGS,
     PAIR,
-    POLICY,
-    RANDOM,
     effort,
     names_of,
     own_rows,
@@ -61,7 +59,6 @@ _GROUPS: Final[Mapping[Outcome, str]] = {
     "neither learned": "neither learned",
     "no verdict": "no verdict",
 }
-_WRONG_PINGS: Final = {"wrong_pings": "wrong PINGs per 1,000 steps of the whole training"}
 
 
 def _measured(frame: pd.DataFrame) -> pd.DataFrame:
@@ -89,9 +86,7 @@ contrasts = item(
         "wrong_pings_difference": "difference in wrong PINGs",
     },
     meanings={
-        **POLICY,
-        **_WRONG_PINGS,
-        **RANDOM,
+        **MEANINGS,
         "n": "runs per scenario, the smallest number",
         "p_random": "p-value of not succeeding more often than the random policy, adjusted as declared",
     },
@@ -148,8 +143,7 @@ effects = item(
         "wrong_pings_difference": "difference in wrong PINGs",
     },
     meanings={
-        **POLICY,
-        **_WRONG_PINGS,
+        **MEANINGS,
         "effect": "what differs between x and y",
         "p_random": "p-value of not succeeding more often than the random policy",
     },
@@ -206,9 +200,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
         "every_cell_success": "success from any cell",
     },
     meanings={
-        **POLICY,
-        **RANDOM,
-        **EFFORT_MEANINGS,
+        **MEANINGS,
         "steps": "expected steps of an episode after training",
         "wrong_pings": "expected wrong PINGs of an episode after training",
         "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
@@ -277,7 +269,7 @@ def _heat(tables: Frames, experiment: Experiment) -> Figure:
     own = [name for name in learners if name in decisive_learners(experiment)] or learners
     scenarios: list[str] = []
     for names in groups.values():
-        scenarios += sorted(names, key=lambda name: -sum(values.loc[name, own]))
+        scenarios += sorted(names, key=lambda name: -float(values.loc[name, own].to_numpy().sum()))
     size = (min(0.62 * len(learners) + 2.4, 11.0), 0.27 * len(scenarios) + 3.0)
     with figure_of(1, 1, size) as (figure, axes):
         axis = axes[0, 0]
@@ -349,9 +341,7 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
         "iqm": "its interquartile mean",
     },
     meanings={
-        **POLICY,
-        **EFFORT_MEANINGS,
-        "runs": "runs, over all scenarios",
+        **MEANINGS,
         "iqm": "interquartile mean of the unbounded scores of all runs and scenarios (rliable)",
     },
     best="success",
@@ -382,14 +372,7 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 def scores(runs: pd.DataFrame, experiment: Experiment, path: Path) -> None:
     """Writes `runs`; `every_cell_` marks episodes that start in any cell, `diverged_at` may be infinite."""
     names = [*names_of(experiment), "policy", "seed", *RESULTS, *(f"every_cell_{name}" for name in RESULTS)]
-    names += [
-        "greedy_success",
-        "target_cells_marked",
-        "cells_marked",
-        "region_overlap",
-        "training_wrong_pings",
-        "diverged_at",
-    ]
+    names += ["greedy_success", *runs.loc[:, "target_cells_marked":"diverged_at"]]
     write_csv(own_rows(runs, experiment)[[name for name in names if name in runs]], path)
 
 
@@ -416,7 +399,7 @@ def headline(folder: Folder) -> str | None:
         counts = contrasts["success_verdict"].value_counts()
         found = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts]
         n = link(str(len(contrasts)), "contrasts", contrasts)
-        return f"{start}, the verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)} are: {listed(found)}."
+        return f"{start}, verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)}: {listed(found)}."
     table = folder.frame("outcomes")
     names = figures.labelled(table)["scenario"]
     if not any(names):

@@ -14,7 +14,7 @@ from benchmark.analysis.records import Records, anchors
 from benchmark.drawing.maps import gallery, in_words
 from benchmark.execution.store import evaluated
 from benchmark.experiments import Experiment, Population
-from benchmark.reports.comparison.cells import CELL, RANDOM, populations
+from benchmark.reports.comparison.cells import CELL, MEANINGS, populations
 from benchmark.reports.comparison.declared import reporting_of
 from benchmark.reports.comparison.verdicts import Row
 from benchmark.reports.item import item
@@ -27,8 +27,8 @@ from envs.observations import compile_seen
     "cells where an agent values PING, compared with the target region",
     {**CELL, "cells_marked": "cells marked", "precision": "", "recall": "", "overlap": ""},
     meanings={
-        "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, PING "
-        "is the likeliest action; mean over runs",
+        "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, "
+        "PING is the likeliest action; mean over runs",
         "n_marking": "runs that mark at least one cell",
         "precision": "share of the marked cells that is in the target region, mean over runs that mark any",
         "recall": "share of the target region that is marked, mean over runs",
@@ -67,7 +67,7 @@ def region(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         "memoryless_success": "success of that policy",
     },
     meanings={
-        **RANDOM,
+        **MEANINGS,
         "description": "what the scenario is about",
         "cells": "cells of the grid",
         "states": "number of states",

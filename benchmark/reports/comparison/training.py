@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -13,12 +14,12 @@ from numpy.typing import NDArray
 from benchmark.analysis.frames import RecordsOf, by_population, by_step, learned
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
 from benchmark.drawing import film
-from benchmark.experiments import Experiment, Learner, Population
+from benchmark.experiments import Experiment, Population
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import (
     CELL,
     EFFORT,
-    EFFORT_MEANINGS,
+    MEANINGS,
     PAIR,
     effort,
     matched,
@@ -152,44 +153,44 @@ def _learned(curves: pd.DataFrame) -> NDArray[np.int_]:
     return learned(by_step(curves, "success"), curves["step"].unique().tolist(), ENOUGH)
 
 
-class _Learning(NamedTuple):
-    """When the runs of a population have learned."""
-
-    learner: Learner
-    first: NDArray[np.int_]  # (N,) index of an evaluation
-    steps: NDArray[np.int_]  # (T,) of evaluations
-
-
-def _medians(runs: _Learning, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _medians(
+    first: NDArray[np.int_], steps: NDArray[np.int_], rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns medians over runs of the steps between which a run learns, (RESAMPLES + 1,) each.
 
-    The first is of the runs as they are, the others are resampled. A run that never learns has the budget and
+    They are those of the runs as they are, and then of resamples. A run that never learns has the budget and
     infinity.
+
+    Args:
+      first: (N,) index of the evaluation from which each run has learned.
+      steps: (T,) of evaluations.
+      rng: For resamples.
     """
-    when, n = np.array([0.0, *runs.steps, np.inf]), len(runs.first)
+    when, n = np.array([0.0, *steps, np.inf]), len(first)
     sample = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
     with np.errstate(invalid="ignore"):
-        before, after = (np.median(when[runs.first + i][sample], axis=1) for i in (0, 1))
-    return before, after
+        return np.median(when[first][sample], axis=1), np.median(when[first + 1][sample], axis=1)
 
 
-def _ratio(x: _Learning, y: _Learning, scenario: str) -> Row:
+def _ratio(x: pd.DataFrame, y: pd.DataFrame) -> Row:
     """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
 
     Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
     It is empty if neither learns, or if one of them succeeds before the first step.
     """
-    rng = np.random.default_rng([BOOTSTRAP_SEED, *scenario.encode()])
-    (x_low, x_high), (y_low, y_high) = _medians(x, rng), _medians(y, rng)
-    x_step, y_step = float(x_high[0]), float(y_high[0])
-    if min(x_step, y_step) in (0, math.inf):
+    rng = np.random.default_rng([BOOTSTRAP_SEED, *x["scenario"].iloc[0].encode()])
+    (x_low, x_high), (y_low, y_high) = (
+        _medians(_learned(rows), rows["step"].unique(), rng) for rows in (x, y)
+    )
+    steps = float(x_high[0]), float(y_high[0])
+    if min(steps) in (0, math.inf):
         return {}
     with np.errstate(divide="ignore", invalid="ignore"):
         lows, highs = y_low / x_high, y_high / x_low
     low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
     high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
-    ratio = min(y_step, y.steps[-1]) / min(x_step, x.steps[-1])
-    return {"x_step": x_step, "y_step": y_step, "ratio": Estimate(ratio, float(low), float(high))}
+    ratio = min(steps[1], y["step"].max()) / min(steps[0], x["step"].max())
+    return {"x_step": steps[0], "y_step": steps[1], "ratio": Estimate(ratio, float(low), float(high))}
 
 
 @item(
@@ -197,7 +198,8 @@ def _ratio(x: _Learning, y: _Learning, scenario: str) -> Row:
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
     {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
     meanings={
-        "step": f"median step of runs from which success stays at or above {ENOUGH:g}; inf if most never learn",
+        "step": f"median step of runs from which success stays at or above {ENOUGH:g}; inf if most "
+        "never learn",
         "ratio": "steps of y divided by those of x; where half of the runs never learn, their budget counts, "
         "and the ratio is a bound",
     },
@@ -207,15 +209,13 @@ def _ratio(x: _Learning, y: _Learning, scenario: str) -> Row:
 def speedups(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares every deep learner with every table, and every table with every deep learner."""
     cells = [
-        (place_of(names), _Learning(learner, _learned(rows), rows["step"].unique()))
+        (place_of(names), learner, rows)
         for names, learner, rows in populations(curves, experiment)
         if not learner.reference_for
     ]
-    for where, x in cells:
-        for other, y in cells:
-            if where == other and x.learner.family != y.learner.family:
-                if ratio := _ratio(x, y, where["scenario"]):
-                    yield {**where, "x": x.learner.name, "y": y.learner.name, **ratio}
+    for (where, x, x_rows), (other, y, y_rows) in product(cells, cells):
+        if where == other and x.family != y.family and (ratio := _ratio(x_rows, y_rows)):
+            yield {**where, "x": x.name, "y": y.name, **ratio}
 
 
 @item(
@@ -234,7 +234,8 @@ def speedups(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 )
 def ahead(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares the two learners of each contrast in both directions, at steps at which both are evaluated."""
-    cells, means = [], []
+    cells: list[dict[str, object]] = []
+    means: list[dict[int, float]] = []
     for keys, rows in by_population(own_rows(curves, experiment)):
         cells.append({**keys, "n": rows["seed"].nunique(), "index": len(means)})
         means.append(dict(zip(rows["step"].unique(), by_step(rows, "success").mean(axis=0), strict=True)))
@@ -277,8 +278,7 @@ def _ahead(x: Mapping[int, float], y: Mapping[int, float], sizes: Sequence[int])
         **EFFORT,
     },
     meanings={
-        **EFFORT_MEANINGS,
-        "runs": "runs, over all scenarios",
+        **MEANINGS,
         "cpu_time_s": "CPU seconds of training, median over runs",
         "cpu_time_s_min": "CPU seconds of the fastest run",
         "cpu_time_s_max": "CPU seconds of the slowest run",

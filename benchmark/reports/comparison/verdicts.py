@@ -19,7 +19,7 @@ their own, and no part in the outcome.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import product
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -61,7 +61,7 @@ Outcome = Literal[
     "unequal budgets",
     "no verdict",
 ]
-Row = dict[str, object]
+Row = dict[str, Any]
 ALPHA: Final = 1 - LEVEL
 
 
@@ -95,7 +95,7 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
     if not is_pooled:
         order = [*experiment.scenarios]
         cases.sort(key=lambda case: order.index(case.x["scenario"].iloc[0]))
-    rows = [case.names | _difference(case) for case in cases]
+    rows: list[Row] = [{**case.names, **_difference(case)} for case in cases]
     allowed = [not is_partial and case.fewest_runs >= reporting.fewest_runs for case in cases]
     adjust = holm if reporting.adjust == "holm" else list
     for key in ("p_random_x", "p_random_y") if rows else ():
@@ -126,7 +126,7 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     own = cells[~cells["learner"].isin(references)]
     for name, pair in effects_of(experiment).items():
         for case in _cases(own, pair, experiment, is_pooled=False):
-            row = {"effect": name} | case.names | _difference(case)
+            row: Row = {"effect": name, **case.names, **_difference(case)}
             del row["random_success"]  # the sides may differ in it
             for endpoint in ENDPOINTS:
                 x, y = case.sides(endpoint)
