@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from benchmark.analysis.search import chosen
@@ -11,8 +12,8 @@ from benchmark.experiments import Experiment, experiment_names, load_experiment
 from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.page import build as page
-from benchmark.reports import document, draw, files, sameness
-from benchmark.reports.folder import MANIFEST
+from benchmark.reports import document, draw, files, prose, sameness
+from benchmark.reports.folder import MANIFEST, Folder
 from envs import InputError
 
 
@@ -50,6 +51,8 @@ def main(options: argparse.Namespace) -> int:
     print(f"{experiment.name}: the page is {page.write(options.results, directory.name)}.")
     if made.certificate is not None:
         print(made.certificate)
+    for claim in prose.failed_claims(Folder(directory)):  # on another processor, nets learn differently
+        print(f"{experiment.name}: its text is not used, as these tables do not show that {claim}.")
     return 0
 
 
@@ -68,22 +71,16 @@ def _write_chosen(experiment: Experiment, store: Store) -> None:
 
     A file that differs in measured times alone stays as it is.
     """
-    path = experiment.path
-    file, learners = chosen_file(path), chosen(experiment, store)
-    found = Choices(search=digest_of_search(experiment.declared), learners=learners)
-    try:
-        is_same = _unmeasured(read_chosen(path, "")) == _unmeasured(found)
-    except InputError:  # there is none, or it is damaged
-        is_same = False
+    file = chosen_file(experiment.path)
+    found = Choices(search=digest_of_search(experiment.declared), learners=chosen(experiment, store))
+    measured = {"learners": {"__all__": {"cpu_time_s"}}}
+    is_same = False
+    with suppress(InputError):  # there is none, or it is damaged
+        before = read_chosen(experiment.path, "")
+        is_same = before.model_dump(exclude=measured) == found.model_dump(exclude=measured)
     if not is_same:
         files.write_text(file, found.model_dump_json(indent=1) + "\n")
     print(f"{experiment.name}: the chosen settings are in {file}{', as before' * is_same}.")
-
-
-def _unmeasured(choices: Choices) -> object:
-    return choices.search, {
-        n: each.model_dump(exclude={"cpu_time_s"}) for n, each in choices.learners.items()
-    }
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:

@@ -8,7 +8,7 @@ The readings of the paper are conditions. A sweep adds axes, and each point of t
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
@@ -44,8 +44,6 @@ MOST_CONDITIONS: Final = 10_000  # of an experiment
 MOST_BASES: Final = 16  # of an experiment that extends one that extends another, and so on
 MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others power
 LARGEST_MARGIN: Final = 0.2
-
-_UNUSED_AXIS: Final = "at least one value that changes something"
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
 _RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*", "*_svg", "*_pdf", "*_tex")
@@ -113,6 +111,17 @@ class Reading(Changes):
 Value = Annotated[str, Field(pattern=r"^\d+(\.\d+)?(x\d+)?$")]  # of an axis: a number, or two joined by "x"
 
 
+def _check_axes(table: str, keys: Mapping[str, Sequence[Sequence[str]]]) -> None:
+    """Checks that every axis changes something, and no two the same, by the keys that each value changes."""
+    axis_of_key: dict[str, str] = {}
+    for axis, values in keys.items():
+        require(bool(values), f"{table}.{axis}", "a table with at least one value")
+        require(any(values), f"{table}.{axis}", "at least one value that changes something")
+        for key in (key for value in values for key in value):
+            other = axis_of_key.setdefault(key, axis)
+            require(other == axis, f"{table}.{axis} and {table}.{other}: {key}", "different keys")
+
+
 class Grid(Table):
     """Conditions of a map: the product of its axes, in scenarios that are drawn anew for every run."""
 
@@ -145,13 +154,9 @@ class Grid(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        axis_of: dict[str, str] = {}
-        for axis, values in self.axes.items():
-            require(bool(values), f"axes.{axis}", "a table with at least one value")
-            require(any(values.values()), f"axes.{axis}", _UNUSED_AXIS)
-            for key in (key for changes in values.values() for key in changes):
-                other = axis_of.setdefault(key, axis)
-                require(other == axis, f"axes.{axis} and axes.{other}: {key}", "different keys")
+        _check_axes(
+            "axes", {axis: [[*changes] for changes in values.values()] for axis, values in self.axes.items()}
+        )
         n_points = math.prod(map(len, self.axes.values()))
         few = f"{MOST_CONDITIONS:,} points"
         require(n_points <= MOST_CONDITIONS, f"axes: more than {few}", f"at most {few}")
@@ -409,16 +414,17 @@ class Declaration(Table):
 
     def _check_sweep(self) -> None:
         """Checks that every axis of a sweep changes something, and no two the same."""
-        axis_of_key: dict[str, str] = {}
-        for axis, conditions in self.sweep.items():
-            require(bool(conditions), f"sweep.{axis}", "a table with at least one condition")
-            changes = [each for each in conditions.values() if each.scenario or each.settings]
-            require(bool(changes), f"sweep.{axis}", _UNUSED_AXIS)
-            for condition in changes:
-                keys = [f"scenario.{key}" for key in condition.scenario]
-                for key in (*keys, *(f"settings.{key}" for key in condition.settings)):
-                    other = axis_of_key.setdefault(key, axis)
-                    require(other == axis, f"sweep.{axis} and sweep.{other}: {key}", "different keys")
+        keys = {
+            axis: [
+                [
+                    *(f"scenario.{key}" for key in changes.scenario),
+                    *(f"settings.{key}" for key in changes.settings),
+                ]
+                for changes in conditions.values()
+            ]
+            for axis, conditions in self.sweep.items()
+        }
+        _check_axes("sweep", keys)
 
     def _check_number(self) -> None:
         """Checks how many conditions there are."""

@@ -15,11 +15,11 @@ from typing import Final
 import pandas as pd
 
 from benchmark.drawing import tables
+from benchmark.experiments import PUBLISHED
 from benchmark.reports import files, load_items, load_report, prose
 from benchmark.reports.folder import MANIFEST, Folder, with_titles
 from benchmark.reports.item import PICTURES, Item, as_written
 from benchmark.reports.templates import templates_in as templates_in
-from envs.observations import OBSERVATIONS
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
 _FRONT: Final = Path(__file__).parent / "front.md.jinja"
@@ -93,20 +93,9 @@ class Document:
             return "\n\n".join(place(item, False) for item in self.items if item.name not in own)
 
         template = template or self.report.document
-        text = (
-            templates_in(template.parent)
-            .get_template(template.name)
-            .render(
-                manifest=self.folder.manifest,
-                folder=self.folder,
-                show=show,
-                fold=partial(show, is_folded=True),
-                has=self.has,
-                others=others,
-                document=self,
-                **more,
-            )
-        )
+        functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
+        known = {"manifest": self.folder.manifest, "folder": self.folder, "document": self, **functions}
+        text = templates_in(template.parent).get_template(template.name).render(**known, **more)
         return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
 
     def readme(self) -> str:
@@ -128,21 +117,19 @@ class Document:
     @property
     def learners(self) -> str:
         """A Markdown table of the learners: their names, and where their settings come from; or empty."""
-        manifest, rows = self.folder.manifest, []
+        manifest, rows = self.folder.manifest, list[dict[str, str]]()
         plus = " or more" if manifest["report"].get("looks") else ""
-        for variant, each in manifest["algorithms"].items():
-            source = f"search `{each['tuned_by'].partition(':')[0]}`" if each.get("tuned_by") else "declared"
-            source += "".join(f"; {key} declared" for key in each.get("changed", ()))
-            for observation in each["settings"]:
-                if observation in OBSERVATIONS:
-                    row = {
-                        "learner": self.folder.title(f"{variant}, {observation}"),
-                        "name in CSV files": f"`{variant}, {observation}`",
-                        "policy": each["policy"],
-                        "settings": "searched here" if manifest.get("search") else source,
-                        "runs": each.get("runs") and f"{each['runs']}{plus}",
-                    }
-                    rows.append({key: value for key, value in row.items() if value is not None})
+        for variant, declared in manifest["algorithms"].items():
+            search = declared["tuned_by"].partition(":")[0]
+            sources = [f"search `{search}`" if search else "declared"]
+            sources += [f"{key} declared" for key in declared["changed"]]
+            for observation in declared["settings"]:
+                name = f"{variant}, {observation}"
+                row = {"learner": self.folder.title(name), "name in CSV files": f"`{name}`"}
+                row |= {"policy": declared["policy"]}
+                if not manifest["search"]:
+                    row |= {"settings": "; ".join(sources), "runs": f"{declared['runs']}{plus}"}
+                rows.append(row)
         return tables.to_markdown(pd.DataFrame(rows)) if rows else ""
 
     @property
@@ -150,11 +137,8 @@ class Document:
         """A Markdown table of the files."""
         rows = []
         for item in self.items:
-            ends = [
-                end
-                for end in (".csv", *(f".{form}" for form in PICTURES))
-                if f"{item.name}{end}" in self.folder
-            ]
+            forms = [".csv", *(f".{form}" for form in PICTURES)]
+            ends = [form for form in forms if f"{item.name}{form}" in self.folder]
             if ends or (item.file and item.file in self.folder):
                 rows.append((item.file or f"{item.name}{', '.join(ends)}", item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
@@ -173,7 +157,7 @@ def front(results: Path) -> str:
       results: The folder with the folders of results.
 
     Raises:
-      InputError: A folder of results is damaged, or lacks what README cites.
+      InputError: A folder of results is damaged, lacks what README cites, or does not show what is claimed.
     """
 
     def text(name: str, title: str = "") -> str:
@@ -182,13 +166,10 @@ def front(results: Path) -> str:
     def figure(name: str, item: str) -> str:
         return f"results/{name}/{_figure(Folder(results / name), item)}"
 
-    functions = [figure, text]
-    with Folder(results / "compare_deep").reading():
-        return (
-            templates_in(_FRONT.parent)
-            .get_template(_FRONT.name)
-            .render({each.__name__: each for each in functions})
-        )
+    for name in PUBLISHED:
+        prose.written(Folder(results / name))  # also of those that README does not cite
+    with Folder(results / next(iter(PUBLISHED))).reading():
+        return templates_in(_FRONT.parent).get_template(_FRONT.name).render(figure=figure, text=text)
 
 
 def readme(path: Path) -> str:

@@ -206,7 +206,7 @@ OF_A_REPLICATION = [
     ('"S2", "S3"]', '"S2", "S2"]', "scenarios: S2 is named twice"),
     ("map_every = 1000", "map_every = 600", "map_every = 600: accepted: a multiple of evaluation_every"),
     ("horizon = 200", 'name = "x"\nhorizon = 200', "unknown key name"),
-    (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one condition"),
+    (SWEEP, f"[sweep.rate]\n{SWEEP}", "sweep.rate: accepted: a table with at least one value"),
     (SWEEP, f"[sweep.rate.low]\n[sweep.rate.high]\n{SWEEP}", "sweep.rate: accepted: at least one value that"),
     (SWEEP, f"[sweep.rate.low]\nsetting = {{}}\n{SWEEP}", "[sweep.rate.low]: unknown key setting"),
     (SWEEP, f"[sweep]\nrate.low.settings.epsilon = 2.0\n{SWEEP}", "rate.low.settings: epsilon = 2.0"),
