@@ -7,13 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmark.experiments import (
-    Experiment,
-    all_specifications,
-    load_experiment,
-    specification,
-    specifications,
-)
+from benchmark.experiments import Experiment, choices, load_experiment
 from benchmark.experiments.search import Choice, Space, Span, trials
 from envs import InputError, load_scenario, scenario_names
 from envs.scenario import SCENARIO_DIRECTORY
@@ -76,7 +70,7 @@ def search(tmp_path: Path) -> Experiment:
     """A search, and beside its file what it has chosen."""
     search = experiment_of(tmp_path / "search.toml", SEARCH)
     learners = {"q_learning, index": chosen(0.25), "q_learning, offset": chosen(0.75)}
-    text = json.dumps({"search": specification.digest_of_search(search), "learners": learners})
+    text = json.dumps({"search": choices.digest_of_search(search.declared), "learners": learners})
     (tmp_path / "search.chosen.json").write_text(text)
     return search
 
@@ -92,9 +86,9 @@ def tuned(tmp_path: Path, *changes: tuple[str, str]) -> Experiment:
 
 def forget() -> None:
     """Lets searches be read again, which a process does once."""
-    specification._read_search.cache_clear()
-    specification._digest_of_search.cache_clear()
-    specification._scenarios_of_search.cache_clear()
+    choices._read_search.cache_clear()
+    choices._digest_of_search.cache_clear()
+    choices._scenarios_of_search.cache_clear()
 
 
 def test_trials_stay_the_same_when_a_search_is_lengthened() -> None:
@@ -120,27 +114,19 @@ def test_trials_fill_the_space_evenly() -> None:
 
 
 def test_every_learner_of_a_variant_has_the_same_trials(search: Experiment) -> None:
-    drawn = trials("q_learning", search.algorithms["q_learning"].search, 4)
-    for t, changes in enumerate(drawn):
-        runs = {
-            name: specifications(search, f"default/trial={t}", "FarCorner", "q_learning", name)
-            for name in ("index", "offset")
-        }
-        (index, *_), (offset, *_) = runs.values()
-        assert index.settings == offset.settings
-        expected = {"discount": 0.8, "budget": 200} | changes
-        assert index.settings.model_dump(include={*expected}) == expected
-    assert len({run.digest for run in all_specifications(search)}) == 5 * 2 * 2
+    drawn = trials("q_learning", search.declared.algorithms["q_learning"].search, 4)
+    assert len(search.populations) == 5 * 2
+    for population in search.populations:
+        expected = {"discount": 0.8, "budget": 200} | drawn[int(population.condition.axes["trial"])]
+        assert population.first.settings.model_dump(include={*expected}) == expected
 
 
 @pytest.mark.usefixtures("search")
 def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> None:
-    experiment = tuned(tmp_path)
-    for variant in ("mine", "plain"):
-        for observation, learning_rate in (("index", 0.25), ("offset", 0.75)):
-            (run, *_) = specifications(experiment, "default", "S1", variant, observation)
-            found = run.settings.model_dump(include={"learning_rate", "discount", "epsilon"})
-            assert found == {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
+    for population in tuned(tmp_path).populations:
+        learning_rate = {"index": 0.25, "offset": 0.75}[population.learner.observation]
+        expected = {"learning_rate": learning_rate, "discount": 0.8, "epsilon": 0.3}
+        assert population.first.settings.model_dump(include={*expected}) == expected
 
 
 @pytest.mark.usefixtures("search")
@@ -186,17 +172,18 @@ def test_a_scene_under_another_name_is_refused(tmp_path: Path, change: list[str]
     if len(change) == 1:
         assert tuned(tmp_path, scene).name == "tuned"
         condition = '[sweep.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
-        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, a scenario of the search"):
+        with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
             tuned(tmp_path, scene, ("[algorithms.plain]", condition))
     else:
-        with pytest.raises(InputError, match=r"Mine\.toml is FarCorner, a scenario of the search"):
+        with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
             tuned(tmp_path, scene)
 
 
 def test_no_scene_of_the_search_is_reported() -> None:
-    seen = {load_scenario(name).essence: name for name in load_experiment("tuning").scenarios}
+    scenarios = load_experiment("tuning").scenarios
+    seen = {scenario.essence for scenario in scenarios.values()}
     assert len(seen) == 4
-    others = [name for name in scenario_names() if name not in seen.values()]
+    others = [name for name in scenario_names() if name not in scenarios]
     assert [name for name in others if load_scenario(name).essence in seen] == []
 
 
