@@ -131,52 +131,40 @@ def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> 
 
 @pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("old", "new", "reason"),
     [
-        (
-            ('["S1"]', '["S1", "FarCorner"]'),
-            "FarCorner is FarCorner, a scenario of the search, or its reflection; accepted: other",
-        ),
-        (
-            ("first_seed = 100", "first_seed = 14"),
-            "the search has used the seeds 0 to 1 and 10 to 14; accepted: seeds other than 14 to 15",
-        ),
-        (("description", 'stream = "search"\ndescription'), "its stream is that of the search; accepted: an"),
-        ((":q_learning", ":dqn"), "unknown variant of .* dqn; accepted: q_learning"),
-        (('"index", "offset"', '"index", "offset", "one_hot"'), "unknown observation for q_learning one_hot"),
-        (
-            ("PATH:q_learning", "reproduce:q_learning"),
-            "reproduce has no table .search.; accepted: an experiment with",
-        ),
-        (("PATH:q_learning", "q_learning"), 'accepted: "EXPERIMENT:VARIANT"'),
+        ('["S1"]', '["S1", "FarCorner"]', "FarCorner is FarCorner, a scenario of the search"),
+        ("first_seed = 100", "first_seed = 14", "seeds 0 to 1 and 10 to 14; accepted: .* than 14 to 15"),
+        ("description", 'stream = "search"\ndescription', "its stream is that of the search"),
+        (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
+        ('"index", "offset"', '"index", "one_hot"', "unknown observation for q_learning one_hot"),
+        ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search."),
+        ("PATH:q_learning", "q_learning", 'accepted: "EXPERIMENT:VARIANT"'),
     ],
-)
-def test_what_the_search_has_seen_is_refused(tmp_path: Path, change: tuple[str, str], reason: str) -> None:
-    old, new = change
+)  # fmt: skip
+def test_what_the_search_has_seen_is_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         tuned(tmp_path, (old.replace("PATH", str(tmp_path / "search.toml")), new))
 
 
 @pytest.mark.usefixtures("search")
-@pytest.mark.parametrize("change", [[], ["issuer.position = [3, 7]", "start = [9, 0]"], ["start = [0, 0]"]])
-def test_a_scene_under_another_name_is_refused(tmp_path: Path, change: list[str]) -> None:
-    """Also its reflection, and one that a condition makes the same; but not one with another start."""
+@pytest.mark.parametrize(
+    ("start", "issuer"),
+    [("[9, 11]", "[3, 4]"), ("[9, 0]", "[3, 7]"), ("[0, 0]", "[3, 4]")],
+    ids=["the same", "its reflection", "another start"],
+)
+def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str, issuer: str) -> None:
+    """Also one that a condition makes the same."""
     text = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
     text = re.sub("description.*", 'description = "Mine."', text)
-    if len(change) == 2:  # reflected at the middle column
-        text = text.replace("[9, 11]", "[9, 0]").replace("[3, 4]", "[3, 7]")
-    if len(change) == 1:
-        text = text.replace("[9, 11]", "[0, 0]")
-    (tmp_path / "Mine.toml").write_text(text)
-    scene = ('"S1"', f'"{tmp_path / "Mine.toml"}"')
-    if len(change) == 1:
-        assert tuned(tmp_path, scene).name == "tuned"
+    (tmp_path / "Mine.toml").write_text(text.replace("[9, 11]", start).replace("[3, 4]", issuer))
+    changes = [('"S1"', f'"{tmp_path / "Mine.toml"}"')]
+    if start == "[0, 0]":
+        assert tuned(tmp_path, *changes).name == "tuned"
         condition = '[sweep.at.corner]\nscenario = { "grid.start" = [9, 11] }\n\n[algorithms.plain]'
-        with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
-            tuned(tmp_path, scene, ("[algorithms.plain]", condition))
-    else:
-        with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
-            tuned(tmp_path, scene)
+        changes.append(("[algorithms.plain]", condition))
+    with pytest.raises(InputError, match=r"Mine is FarCorner, a scenario of the search"):
+        tuned(tmp_path, *changes)
 
 
 def test_no_scene_of_the_search_is_reported() -> None:
@@ -204,56 +192,36 @@ def test_a_changed_search_is_run_again(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("search")
 @pytest.mark.parametrize(
-    "text", ["", "[]", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}']
+    "text", [None, "[]", '{"search": "", "learners": {"q_learning, index": {"trial": 1}}}']
 )
-def test_damaged_choices_are_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "search.chosen.json").write_text(text)
-    with pytest.raises(
-        InputError, match=r"search\.chosen\.json is damaged; run the search search with --report"
-    ):
-        tuned(tmp_path)
-
-
-@pytest.mark.usefixtures("search")
-def test_choices_must_be_there(tmp_path: Path) -> None:
-    (tmp_path / "search.chosen.json").unlink()
-    with pytest.raises(InputError, match=r"cannot be read .*: run the search search with --report first"):
+def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | None) -> None:
+    path, again = tmp_path / "search.chosen.json", "run the search search with --report"
+    if text is None:
+        path.unlink()
+    else:
+        path.write_text(text)
+    with pytest.raises(InputError, match=f"cannot be read .*: {again} first" if text is None else again):
         tuned(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("old", "new", "reason"),
     [
-        (("low = 0.03", "low = 3.0"), "low = 3.0: accepted: less than high = 1.0"),
-        (("low = 0.03", "low = 0.0"), "low = 0.0: accepted: above 0, or scale"),
-        (('why = "-"', 'why = ""'), 'why = "": accepted: at least 1'),
-        (("learning_rate = {", "speed = {"), "unknown key speed"),
-        (("high = 1.0", "high = 2.0"), "less than or equal to 1"),
-        (
-            ('low = 0.03, high = 1.0, scale = "log"', "low = 0.0, high = 1.0"),
-            "learning_rate = 0.0: .* greater than 0",
-        ),
-        (("low = 0.03", "whole = true, low = 0.03"), "low = 0.03, high = 1.0: accepted: whole numbers, both"),
-        (("seeds = 2\n", "seeds = 1\n"), "algorithms.q_learning.seeds = 1: accepted: at least 2 in a search"),
-        (
-            ("learning_rate = {", "budget = { low = 1.0, high = 2.0, why = '-' }, learning_rate = {"),
-            "search.budget: accepted",
-        ),
-        (
-            ("first_seed = 10", "first_seed = 1"),
-            "first_seed = 0: accepted: seeds outside 1 to 5, which its later stages use",
-        ),
-        (
-            ("search = { trials", "sweep = { a = { b = {} } }\nsearch = { trials"),
-            "no sweep, readings or solved",
-        ),
-        (
-            ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", ""),
-            "a table .search. beside it",
-        ),
+        ("low = 0.03", "low = 3.0", "low = 3.0: accepted: less than high = 1.0"),
+        ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
+        ('why = "-"', 'why = ""', 'why = "": accepted: at least 1'),
+        ("learning_rate = {", "speed = {", "unknown key speed"),
+        ("high = 1.0", "high = 2.0", "less than or equal to 1"),
+        ('low = 0.03, high = 1.0, scale = "log"', "low = 0, high = 1", "= 0.0: .* greater than 0"),
+        ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
+        ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),
+        ("learning_rate = {", "budget = {", "search.budget: accepted: other"),
+        ("first_seed = 10", "first_seed = 1", "accepted: seeds outside 1 to 5, which its"),
+        ("search = { trials", "sweep.a.b = {}\nsearch = { trials", "no sweep, readings or solved"),
+        ("search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }", "", "a table .search."),
     ],
-)
-def test_searches_that_are_refused(tmp_path: Path, change: tuple[str, str], reason: str) -> None:
-    assert change[0] in SEARCH
+)  # fmt: skip
+def test_searches_that_are_refused(tmp_path: Path, old: str, new: str, reason: str) -> None:
+    assert old in SEARCH
     with pytest.raises(InputError, match=reason):
-        experiment_of(tmp_path / "search.toml", SEARCH.replace(*change))
+        experiment_of(tmp_path / "search.toml", SEARCH.replace(old, new))
