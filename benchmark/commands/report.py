@@ -20,18 +20,7 @@ from envs import InputError
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
-        if options.partial or options.format or options.seeds is not None:
-            raise InputError("--partial, --format, --seeds: accepted only together with an experiment.")
-        folders = sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}"))
-        if folders:
-            with files.alone(options.results):
-                for folder in folders:
-                    _write_texts(folder)
-                if options.results.resolve() == sameness.REPOSITORY / "results":
-                    text = document.front(options.results)
-                    files.write_text(sameness.REPOSITORY / "README.md", text)
-        print(f"the page is {page.write(options.results)}.")
-        return 0
+        return _rewrite(options)
     if options.format and options.partial:
         raise InputError("--format, --partial: accepted: one of the two.")
     experiment = load_experiment(options.experiment)
@@ -54,6 +43,20 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
+def _rewrite(options: argparse.Namespace) -> int:
+    """Writes the texts of all results and the page, from the tables that are there."""
+    if options.partial or options.format or options.seeds is not None:
+        raise InputError("--partial, --format, --seeds: accepted only together with an experiment.")
+    if folders := sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}")):
+        with files.alone(options.results):
+            for folder in folders:
+                _write_texts(folder)
+            if options.results.resolve() == sameness.REPOSITORY / "results":
+                files.write_text(sameness.REPOSITORY / "README.md", document.front(options.results))
+    print(f"the page is {page.write(options.results)}.")
+    return 0
+
+
 def _write_texts(folder: Path) -> None:
     """Writes the texts of a folder of results; those of a user's experiment stay if its code is not found."""
     try:
@@ -70,21 +73,23 @@ def _write_chosen(given: str, experiment: Experiment, store: Store) -> None:
     A file that differs in measured times alone stays as it is.
     """
     path = read_experiment(given)[1]
-    file, learners = chosen_file(path), {each.name: each.result() for each in searched(experiment, store)}
-    found = Choices(search=digest_of_search(experiment), learners=learners)
+    file, learners = (
+        chosen_file(path),
+        {learner.name: learner.result() for learner in searched(experiment, store)},
+    )
+    chosen = Choices(search=digest_of_search(experiment), learners=learners)
     try:
-        is_same = _unmeasured(read_chosen(path, "")) == _unmeasured(found)
+        is_same = _unmeasured(read_chosen(path, "")) == _unmeasured(chosen)
     except InputError:  # there is none, or it is damaged
         is_same = False
     if not is_same:
-        files.write_text(file, found.model_dump_json(indent=1) + "\n")
+        files.write_text(file, chosen.model_dump_json(indent=1) + "\n")
     print(f"{experiment.name}: the chosen settings are in {file}{', as before' * is_same}.")
 
 
 def _unmeasured(choices: Choices) -> object:
-    return choices.search, {
-        n: each.model_dump(exclude={"cpu_time_s"}) for n, each in choices.learners.items()
-    }
+    learners = choices.learners.items()
+    return choices.search, {name: result.model_dump(exclude={"cpu_time_s"}) for name, result in learners}
 
 
 def other_seeds(experiment: Experiment, seeds: range | None) -> range | None:
