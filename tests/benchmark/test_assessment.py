@@ -4,7 +4,6 @@ import gzip
 import json
 import math
 import re
-import shutil
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -335,13 +334,10 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
     assert set(standing().learners["experiment"]) == {"beyond", "ablation"}
     assert standing("S2") is None
-    publish(tmp_path / "reproduce", "algorithm,success,score\ntable,1.0,1.0\n")
-    with pytest.raises(InputError, match="damaged"):
-        standing()
-    shutil.rmtree(tmp_path / "reproduce")
     whole = (tmp_path / "beyond" / "scores.csv.gz").read_bytes()
-    for part in (whole[:-12], whole[:20] + b"xxxx" + whole[24:], b""):
-        (tmp_path / "beyond" / "scores.csv.gz").write_bytes(part)
+    other_columns = gzip.compress(b"algorithm,success,score\ntable,1.0,1.0\n")
+    for content in (other_columns, whole[:-12], whole[:20] + b"xxxx" + whole[24:], b""):
+        (tmp_path / "beyond" / "scores.csv.gz").write_bytes(content)
         with pytest.raises(InputError, match="beyond: damaged"):
             standing()
 
@@ -373,33 +369,20 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
 
     figure = draw_map(assess(act, scenario="S1", observation="coordinates"))
     axis = figure.axes[0]
-    (mesh,) = [each for each in axis.collections if isinstance(each, QuadMesh)]
+    (mesh,) = [artist for artist in axis.collections if isinstance(artist, QuadMesh)]
     shown = np.ma.filled(np.ma.asarray(mesh.get_array()).astype(float), np.nan).reshape(10, 12)
     expected = np.zeros((10, 12))
     expected[6] = 0.4
     expected[6, 8] = np.nan  # the issuer's cell
     assert np.array_equal(shown, expected, equal_nan=True)
-    heads = [len(each.get_paths()) for each in axis.collections if type(each) is PolyCollection]
+    heads = [len(artist.get_paths()) for artist in axis.collections if type(artist) is PolyCollection]
     assert heads == [0, 108, 0, 108]  # up, down, left, right; nine rows of twelve cells
     dots = [line for line in axis.lines if line.get_marker() == "o"]
     assert sorted(np.asarray(dots[0].get_xydata())[:, 0]) == [c for c in range(12) if c != 8]
     assert set(np.asarray(dots[0].get_xydata())[:, 1]) == {6}
-
-
-def test_map_of_offsets_is_around_the_issuer() -> None:
-    figure = draw_map(assess(towards, scenario="Anywhere", observation="offset"))
-    axis = figure.axes[0]
-    (mesh,) = [each for each in axis.collections if isinstance(each, QuadMesh)]
-    shown = np.ma.filled(np.ma.asarray(mesh.get_array()).astype(float), np.nan).reshape(19, 23)
-    assert {(row - 9, column - 11) for row, column in np.argwhere(shown == 1)} == {
-        (row, column) for row in range(-2, 3) for column in range(-2, 3) if max(abs(row), abs(column)) == 2
-    }
-    right = [each for each in axis.collections if type(each) is PolyCollection][RIGHT].get_paths()
-    assert {np.asarray(path.vertices)[:, 0].mean().round() - 11 for path in right} == set(range(-11, -2))
-    figure.canvas.draw()
-    assert [label.get_text() for label in axis.get_xticklabels()] == ["−9", "−6", "−3", "0", "3", "6", "9"]
-    assert axis.get_ylabel() == "rows from the issuer"
-    assert axis.get_title() == "Anywhere: score 1, success 1"
+    around = draw_map(assess(towards, scenario="Anywhere", observation="offset")).axes[0]
+    assert around.get_ylabel() == "rows from the issuer"
+    assert around.get_title() == "Anywhere: score 1, success 1"
 
 
 def test_maps_are_written_with_equal_bytes_or_it_is_reported(tmp_path: Path) -> None:

@@ -262,7 +262,7 @@ def test_what_is_no_name_is_refused_in_a_sentence(name: str) -> None:
         tables = read_toml(EXPERIMENT_DIRECTORY / "reproduce.toml")
         del tables["report"]
         tables["sweep"] = {"axis": {"low": {}}}
-        named: dict[str, Any] = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
+        named = tables["sweep"]["axis"] if table == "sweep.axis" else tables[table]
         named[name] = next(iter(named.values()))
         with pytest.raises(InputError, match=rf"^mine\.toml: (the key )?{table}\..*accepted: "):
             parse(Experiment, tables, "mine.toml", name="mine")
@@ -270,25 +270,18 @@ def test_what_is_no_name_is_refused_in_a_sentence(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["x" * 60, "9-x", "a-b_c", "NAN0", "1-2", "e5", "com10", "console"])
 def test_other_names_are_those_of_runs_and_their_folders(tmp_path: Path, name: str) -> None:
-    (tmp_path / f"{name}.toml").write_text(
-        f"""
-        description = ""
-        stream = "{name}"
-        scenarios = ["S1"]
-        horizon = 50
-        evaluation_every = 100
-        map_every = 100
-        algorithms.{name} = {{ algorithm = "q_learning", observations = ["index"], seeds = 1 }}
-        readings.default = {{ question = "a", answer = "b" }}
-        readings.{name} = {{ question = "a", answer = "b" }}
-        sweep.{name}.{name}.settings.budget = 100
-        """,
-        encoding="utf-8",
-    )
-    experiment = load_experiment(tmp_path / f"{name}.toml")
-    assert list(experiment.conditions) == [f"default/{name}={name}", f"{name}/{name}={name}"]
-    (run,) = specifications(experiment, f"{name}/{name}={name}", "S1", name, "index")
-    assert run.folder == f"{name}/S1/{name}_index/{name}/{name}={name}/seed_0"
+    changes: dict[str, Any] = {
+        f"algorithms__{name}__algorithm": "q_learning",
+        f"algorithms__{name}__observations": ["index"],
+        f"algorithms__{name}__seeds": 1,
+        f"readings__{name}__question": "a",
+        f"readings__{name}__answer": "b",
+        f"sweep__{name}__{name}__settings__budget": 800,
+    }
+    experiment = extended(tmp_path, name, stream=name, **changes)
+    condition = f"{name}/{name}={name}"
+    run, *_ = specifications(experiment, condition, "S1", name, "index")
+    assert run.folder == f"{name}/S1/{name}_index/{condition}/seed_0"
 
 
 @pytest.mark.parametrize(
