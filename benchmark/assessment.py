@@ -4,7 +4,7 @@ An agent is a function of the observation, or a model of Stable-Baselines3, load
 table over all observations, so it has to be memoryless.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -320,13 +320,14 @@ def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
         if SCORES in folder and not name.endswith("_smoke"):
             with folder.reading():
                 frame = read_csv(folder.path / SCORES)
-                if _is_comparable(folder.manifest, scenario) and {*_RANKED} <= {*frame}:
+                if _is_comparable(folder, scenario) and {*_RANKED} <= {*frame}:
                     frames.append(_scores(folder, frame[frame["scenario"] == scenario.name]))
     return pd.concat(frames, ignore_index=True) if frames else None
 
 
-def _is_comparable(manifest: Mapping[str, Any], scenario: Scenario) -> bool:
+def _is_comparable(folder: Folder, scenario: Scenario) -> bool:
     """Returns whether a folder has the scenario as it is now and the same time limit, and is complete."""
+    manifest = folder.manifest
     declared = manifest["scenarios"].get(scenario.name)
     is_same = declared == scenario.model_dump(mode="json") and manifest["horizon"] == HORIZON
     return is_same and not manifest["partial"]
