@@ -70,7 +70,7 @@ def published(results: Path) -> list[Path]:
 def write(results: Path, experiment: str | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
-    A folder that is not published gets a `.gitignore`, so that git leaves it alone.
+    In this repository, a folder that is not published gets a `.gitignore`, so that git leaves it alone.
 
     Raises:
       InputError: There is nothing to show, or the page cannot be written.
@@ -81,7 +81,7 @@ def write(results: Path, experiment: str | None = None) -> Path:
             files.write_text(path, content)
         if experiment in PUBLISHED:
             (results / str(experiment) / ".gitignore").unlink(missing_ok=True)
-        elif experiment is not None:
+        elif experiment is not None and _is_in_repository(results):
             files.write_text(page.with_name(".gitignore"), "*\n")
     return page
 
@@ -383,10 +383,14 @@ def _script() -> str:
     return "\n".join(texts.values())
 
 
+def _is_in_repository(results: Path) -> bool:
+    return results.resolve() == sameness.REPOSITORY / "results"
+
+
 def _index(results: Path) -> str:
     """Returns the list of results: the published ones, and outside of the repository all others."""
     folders = published(results)
-    if results.resolve() != sameness.REPOSITORY / "results":
+    if not _is_in_repository(results):
         others = sorted(path.parent for path in results.glob(f"[!.]*/{MANIFEST}"))
         folders += [path for path in others if path not in folders and not any(map(path.match, _TEMPORARY))]
     template = templates_in(_TEMPLATES).get_template("index.md.jinja")
