@@ -319,13 +319,13 @@ def _render(parts: Sequence[_Part]) -> str:
     # The page of a user's experiment does not tell of a scenario that it does not have.
     usual = load_scenario(episode.SCENARIO).model_dump(mode="json")
     has_episode = bool(parts[0].prefix) or first["scenarios"].get(episode.SCENARIO) == usual
-    shown = episode.highlights(steps) if has_episode else []
     with parts[0].folder.reading():
         return templates.get_template("page.html").render(
             reports=reports,
             task=parts[0].inline(_TASK.read_text(encoding="utf-8")),
-            moving=episode.moving(scene, steps),
-            steps=[(step, episode.still(scene, steps, step)) for step in shown],
+            scene=scene,
+            episode=steps,
+            steps=episode.highlights(steps) if has_episode else [],
             rate=episode.RATE,
             discount=episode.DISCOUNT,
             scenarios=scenarios,

@@ -16,7 +16,9 @@ def test_steps_are_those_of_the_scenario_and_values_those_of_q_learning() -> Non
         row, column = divmod(step.after, 12)
         distance = max(abs(row - 6), abs(column - 8))
         assert step.zone == {1: "uncomfortable", 2: "target"}.get(distance, "outside")
-    told = [(step.action, step.event, step.reward, step.was, step.value) for step in episode.highlights(steps)]
+    told = [
+        (step.action, step.event, step.reward, step.was, step.value) for step in episode.highlights(steps)
+    ]
     # All values begin at 0, and no action is repeated in its cell, so each becomes 0.6 * (reward + 0.9 * 0).
     assert [each[:4] for each in told] == [
         ("DOWN", "move", -0.1, 0.0),
