@@ -47,6 +47,7 @@ _MARK: Final = (
 )
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
+_SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
@@ -228,21 +229,18 @@ class _Part:
 
     def _sections(self, markdown: str) -> list[dict[str, Any]]:
         """Returns a document's sections: heading, id and body of each; what stands first has no heading."""
-        sections: list[tuple[Markup, str, list[Token]]] = [(Markup(), "", [])]
-        tokens = self._parser.parse(markdown)
-        for token, following in zip(tokens, [*tokens[1:], Token("", "", 0)], strict=True):
-            if token.type == "heading_open" and (token.tag == "h2" or following.content == _FOLDED):
-                sections.append((self._html([following]), f"{self.name}-{_slug(following.content)}", []))
-                continue
-            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
-            sections[-1][2].append(token)
-            if token.type == "heading_close" and len(sections[-1][2]) == 2:
-                sections[-1][2].clear()  # of the section itself
-        return [
-            {"heading": heading, "id": key, "is_folded": heading == _FOLDED, "body": self._html(parsed)}
-            for heading, key, parsed in sections
-            if key or parsed
-        ]
+        sections = []
+        for text in _SECTIONS.split(f"\n{markdown}\n"):
+            heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
+            heading = heading.strip("# ")
+            tokens = self._parser.parse(body)
+            for token in tokens:
+                token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
+            if heading or tokens:
+                key = f"{self.name}-{_slug(heading)}" if heading else ""
+                shown = {"heading": self.inline(heading), "id": key, "body": self._html(tokens)}
+                sections.append({**shown, "is_folded": heading == _FOLDED})
+        return sections
 
     def _table(self, item: Item) -> dict[str, Any] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
@@ -253,12 +251,8 @@ class _Part:
         kinds = [_kind(str(name), [row[i].striptags() for row in cells]) for i, name in enumerate(shown)]
         n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
-        return {
-            "columns": [self.inline(str(name)) for name in shown],
-            "kinds": kinds,
-            "rows": cells,
-            "n_keys": n_keys,
-        }
+        columns = [self.inline(str(name)) for name in shown]
+        return {"columns": columns, "kinds": kinds, "rows": cells, "n_keys": n_keys}
 
     def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it: its file, in base64, and its size in pixels."""

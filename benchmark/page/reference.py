@@ -6,7 +6,6 @@ check a file, columns from the published files, and what they mean from `benchma
 
 import json
 import re
-from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -171,29 +170,28 @@ def experiments() -> str:
 
 def columns(results: Path) -> str:
     """Returns the reference of all columns of the published tables in a folder of results."""
-    tables: dict[tuple[str, str], dict[str, None]] = {}
-    folders: dict[str, list[str]] = {}
-    descriptions: dict[tuple[str, str], str] = {}
-    for path in published(results):
-        report = load_report(Folder(path).manifest["report"]["kind"])
-        folders.setdefault(report.name, []).append(f"`{path.name}`")
-        for file in sorted(path.glob("*.csv*")):
-            key = report.name, file.name
-            tables.setdefault(key, {}).update(dict.fromkeys(header(file)))
-            for item in report.items:
-                if item.name == file.name.partition(".")[0] or file.name in item.files:
-                    descriptions[key] = item.description
+    folders: dict[str, list[Path]] = {}
+    for folder in published(results):
+        kind = Folder(folder).manifest["report"]["kind"]
+        folders.setdefault(load_report(kind).name, []).append(folder)
     parts = [
         "# Columns of the tables",
         "Tables of results are CSV files with six significant digits. `NAME_low` and `NAME_high` are the "
         "ends of the 95 % interval of `NAME`. An empty field means that there is no number, and inf that it "
         "never happens.",
     ]
-    for name, keys in groupby(sorted(tables), key=lambda key: key[0]):
-        parts += [f"## {name.capitalize()}", f"In {listed(folders[name])}."]
-        for key in keys:
-            rows = _described(name, key[1].partition(".")[0], [*tables[key]])
-            parts += [f"### `{key[1]}`", descriptions.get(key, ""), grid(["column", "meaning"], rows)]
+    for name, paths in sorted(folders.items()):
+        parts += [f"## {name.capitalize()}", f"In {listed(f'`{path.name}`' for path in paths)}."]
+        items = load_report(Folder(paths[0]).manifest["report"]["kind"]).items
+        files = sorted({file.name for path in paths for file in path.glob("*.csv*")})
+        for file in files:
+            table = file.partition(".")[0]
+            descriptions = [item.description for item in items if table == item.name or file in item.files]
+            names = dict.fromkeys(
+                column for path in paths if (path / file).exists() for column in header(path / file)
+            )
+            columns = grid(["column", "meaning"], _described(name, table, [*names]))
+            parts += [f"### `{file}`", *descriptions, columns]
     return "\n\n".join(parts)
 
 
