@@ -7,7 +7,6 @@ counted as by RFC 7111.
 
 import base64
 import gzip
-import io
 import json
 import re
 import tomllib
@@ -98,18 +97,21 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
     Raises:
       InputError: There is nothing to show.
     """
-    if experiment is None or experiment in CHAPTERS:
-        names, prefix, page = chapters(results), "{}/", results / "index.html"
+    if experiment is not None and experiment not in CHAPTERS:
+        page, parts = results / experiment / "index.html", [_Part(results / experiment, "")]
     else:
-        names, prefix, page = [experiment], "", results / experiment / "index.html"
-    if not names:
+        page, parts = (
+            results / "index.html",
+            [_Part(results / name, f"{name}/") for name in chapters(results)],
+        )
+    if not parts:
         others = ", ".join(sorted(path.parent.name for path in results.glob(f"*/{MANIFEST}")))
         hint = f"; the page of {others} is in its folder" if others else ""
         raise InputError(
             f"{results}: there are no results of {' or '.join(CHAPTERS)} to report; make reproduce and make "
             f"compare-deep make them{hint}."
         )
-    yield page, _render([_Part(results / name, prefix.format(name)) for name in names])
+    yield page, _render(parts)
     yield results / "README.md", _index(results)
 
 
@@ -126,11 +128,7 @@ class _Part:
         self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
 
     def report(self, templates: jinja2.Environment) -> dict[str, Any]:
-        """Returns what the page shows of the report.
-
-        Args:
-          templates: Those of the page, with what all of them need among their globals.
-        """
+        """Returns what the page shows of the report, by the page's templates."""
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
         lead = items.get(document.report.lead)
@@ -142,18 +140,15 @@ class _Part:
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
             has_figure = document.has_figure(item) and item is not lead and not (table and is_folded)
-            return (
-                templates.get_template("item.html")
-                .render(
-                    item=item,
-                    table=table,
-                    figure=self._figure(item) if has_figure else None,
-                    is_folded=is_folded,
-                    most_rows=_MOST_ROWS,
-                    source=self.link(f"{item.name}.csv"),
-                )
-                .strip()
+            html = templates.get_template("item.html").render(
+                item=item,
+                table=table,
+                figure=self._figure(item) if has_figure else None,
+                is_folded=is_folded,
+                most_rows=_MOST_ROWS,
+                source=self.link(f"{item.name}.csv"),
             )
+            return html.strip()
 
         markdown = document.render(
             lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
@@ -257,22 +252,15 @@ class _Part:
     def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it: its file, in base64, and its size in pixels."""
         path = self.folder.path / self.document.figure(item)
-        content = path.read_bytes()
-        if path.suffix == ".svg":
-            form = "image/svg+xml"
-            width, height = (round(float(length) * 4 / 3) for length in _SIZE.findall(content.decode())[:2])
+        content, form = path.read_bytes(), path.suffix[1:]
+        if form == "svg":
+            form, sizes = "svg+xml", _SIZE.findall(content.decode())[:2]
+            width, height = (round(float(size) * 4 / 3) for size in sizes)
         else:
-            form = f"image/{path.suffix[1:]}"
-            with Image.open(io.BytesIO(content)) as image:
+            with Image.open(path) as image:
                 width, height = image.size
-        return {
-            "caption": self.inline(item.caption),
-            "alt": item.caption,
-            "type": form,
-            "data": _base64(content),
-            "width": width,
-            "height": height,
-        }
+        texts = {"caption": self.inline(item.caption), "alt": item.caption}
+        return {**texts, "type": form, "data": _base64(content), "width": width, "height": height}
 
 
 def _slug(text: str) -> str:
@@ -359,10 +347,9 @@ def _agents(folder: Folder) -> bytes:
 
 
 def _script() -> str:
-    """Returns `main.js` and all modules that it needs as one script, each module after those that it imports.
+    """Returns `main.js` and all modules that it imports as one script, since the page can import no files.
 
-    The page is one file, which cannot import others. All modules share one scope, so their top-level names
-    must differ.
+    A module comes after those that it imports. All share one scope, so their top-level names must differ.
     """
     texts: dict[str, str] = {}
 

@@ -170,28 +170,27 @@ def experiments() -> str:
 
 def columns(results: Path) -> str:
     """Returns the reference of all columns of the published tables in a folder of results."""
-    folders: dict[str, list[Path]] = {}
+    by_kind: dict[str, list[Path]] = {}
     for folder in published(results):
-        kind = Folder(folder).manifest["report"]["kind"]
-        folders.setdefault(load_report(kind).name, []).append(folder)
+        by_kind.setdefault(Folder(folder).manifest["report"]["kind"], []).append(folder)
     parts = [
         "# Columns of the tables",
         "Tables of results are CSV files with six significant digits. `NAME_low` and `NAME_high` are the "
         "ends of the 95 % interval of `NAME`. An empty field means that there is no number, and inf that it "
         "never happens.",
     ]
-    for name, paths in sorted(folders.items()):
-        parts += [f"## {name.capitalize()}", f"In {listed(f'`{path.name}`' for path in paths)}."]
-        items = load_report(Folder(paths[0]).manifest["report"]["kind"]).items
-        files = sorted({file.name for path in paths for file in path.glob("*.csv*")})
-        for file in files:
+    for kind, folders in by_kind.items():
+        report = load_report(kind)
+        parts += [f"## {report.name.capitalize()}", f"In {listed(f'`{folder.name}`' for folder in folders)}."]
+        for file in sorted({path.name for folder in folders for path in folder.glob("*.csv*")}):
             table = file.partition(".")[0]
-            descriptions = [item.description for item in items if table == item.name or file in item.files]
-            names = dict.fromkeys(
-                column for path in paths if (path / file).exists() for column in header(path / file)
-            )
-            columns = grid(["column", "meaning"], _described(name, table, [*names]))
-            parts += [f"### `{file}`", *descriptions, columns]
+            paths = [folder / file for folder in folders if (folder / file).exists()]
+            names = dict.fromkeys(column for path in paths for column in header(path))
+            parts += [
+                f"### `{file}`",
+                *(item.description for item in report.items if table == item.name or file in item.files),
+                grid(["column", "meaning"], _described(report.name, table, [*names])),
+            ]
     return "\n\n".join(parts)
 
 

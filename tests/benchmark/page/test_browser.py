@@ -1,6 +1,5 @@
 """The page in a real browser: the explorer, sorting, sources, accessibility."""
 
-import json
 import re
 import shutil
 from pathlib import Path
@@ -464,23 +463,6 @@ def test_first_pair_ends_differently(everything: Everything, open_page: Open, tm
     assert chosen == [LABELS[TABLE], LABELS[NET]]
     row, column = model.scenario.places[fails_at]
     assert opened.panel("left", "select[name=person]").input_value() == str(row * 12 + column)
-
-
-def test_learners_of_two_experiments_with_one_name_keep_their_titles(
-    results: Path, tmp_path: Path, open_page: Open
-) -> None:
-    shutil.copytree(results, tmp_path / "results")
-    manifest = tmp_path / "results" / "compare_deep" / "manifest.json"
-    changed = json.loads(manifest.read_text(encoding="utf-8"))
-    changed["algorithms"]["a-table_b"]["title"] = "paper's table"
-    manifest.write_text(json.dumps(changed), encoding="utf-8")
-    build.write(tmp_path / "results")
-    for experiment, title in (("reproduce", "a-table_b"), ("compare_deep", "paper's table")):
-        opened = open_page(tmp_path / "results", f"#explorer=S2.a-table_b.index.{experiment}.0.0~S2~0~values")
-        menus = [opened.panel("left", f"select[name={menu}]") for menu in ("learner", "experiment")]
-        assert [menu.input_value() for menu in menus] == [title, experiment]
-        assert menus[0].locator("option").all_inner_texts().count(title) == 1
-        assert menus[1].locator("option").all_inner_texts() == [experiment]
 
 
 def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> None:

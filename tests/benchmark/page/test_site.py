@@ -16,7 +16,7 @@ from benchmark.page import build, reference, site
 from benchmark.reports import load_report
 from benchmark.reports.columns import meaning
 from benchmark.reports.folder import MANIFEST, Folder
-from envs import EVENTS, InputError, ProxemicEnv, Scenario
+from envs import InputError, Scenario
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT
@@ -99,8 +99,8 @@ def test_every_link_of_the_site_leads_to_a_file(built: Path) -> None:
 
 def test_site_has_page_documents_and_api(built: Path) -> None:
     names = {path.relative_to(built).as_posix() for path in built.rglob("*") if path.is_file()}
-    guides = "algorithms columns commands contributing experiments glossary index reports results scenarios tour"
-    documents = {f"{name}.html" for name in guides.split()}
+    guides = "algorithms columns commands contributing experiments glossary index reports results scenarios"
+    documents = {f"{name}.html" for name in [*guides.split(), "tour"]}
     results = {f"results/{name}" for name in ("index.html", "reproduce.html", "reproduce/claims.csv")}
     assert names >= documents | results | {"tour.ipynb", "search.js"}
     assert names >= {"envs.html", "envs/model.html"}
@@ -177,16 +177,3 @@ def test_example_of_the_guide_to_scenarios_is_right(tmp_path: Path, monkeypatch:
     assert not result.failed, "".join(said)
 
 
-def test_what_the_guide_says_of_counted_and_delayed_pings_is_right() -> None:
-    env = ProxemicEnv("Counted", "coordinates")
-    env.reset(seed=0)
-    steps = [env.step(4) for _ in range(5)]
-    assert [round(float(step[0][2]) * 4) for step in steps] == [1, 2, 3, 4, 4]  # type: ignore[index]
-    assert [step[4]["wrong_pings"] for step in steps] == [1, 2, 3, 4, 5]
-    assert [step[2] for step in steps] == [False] * 4 + [True]
-
-    env = ProxemicEnv("Delayed")
-    env.reset(seed=0)
-    steps = [env.step(action) for action in (4, 0, 0)]  # at (0, 0), the start, and against the wall
-    assert [EVENTS[step[4]["event"]] for step in steps] == ["wrong_ping", "move", "move"]
-    assert [step[4]["issuer_reward"] for step in steps] == [0.0, -1.0, 0.0]
