@@ -82,6 +82,11 @@ class Opened:
         for menu, value in (("scenario", scenario), ("learner", LABELS[algorithm, observation])):
             self.panel(side, f"select[name={menu}]").select_option(value)
 
+    def choose_both(self, *names: str) -> None:
+        """Chooses the same in both panels."""
+        for side in ("left", "right"):
+            self.choose(side, *names)
+
     def to_map(self, place: int) -> None:
         """Moves the slider to a place."""
         self.page.locator("#step").fill(str(place))

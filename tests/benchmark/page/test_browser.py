@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
@@ -24,7 +25,8 @@ from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Open, Open
 from tests.benchmark.populations import population as blank
 
 Learners = dict[tuple[str, str, str], Population]
-Everything = tuple[Path, dict[str, Population]]  # a folder, and the policies there by scenario
+Everything = tuple[Path, dict[str, Population]]  # a folder, and the runs there by scenario
+Explore = Callable[..., tuple[Opened, Population]]
 
 
 def number(text: str) -> float:
@@ -60,8 +62,7 @@ def test_explorer_shows_what_was_stored(
     population = learners[key]
     observed = cell[0] * population.model.scenario.grid.columns + cell[1]
     chosen = shown_maps(population)[place]
-    for side in ("left", "right"):
-        opened.choose(side, *key)
+    opened.choose_both(*key)
     n_maps = len(shown_maps(population))
     assert opened.page.locator("#step").is_visible() == (n_maps > 1)
     if n_maps > 1:
@@ -99,8 +100,7 @@ def fills(opened: Opened, side: str = "left") -> list[str]:
 
 
 def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_page: Open) -> None:
-    for side in ("left", "right"):
-        opened.choose(side, "S2", *TABLE)
+    opened.choose_both("S2", *TABLE)
     opened.walk(3)
     assert "3 steps from" in opened.panel("left", ".walked").inner_text()
     opened.to_map(0)
@@ -134,8 +134,7 @@ def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
 
 
 def test_scale_ends_at_the_limits_of_every_back_end(opened: Opened, learners: Learners) -> None:
-    for side in ("left", "right"):
-        opened.choose(side, "S2", *TABLE)
+    opened.choose_both("S2", *TABLE)
     population = learners["S2", *TABLE]
     values = population.agents[0]["values"][shown_maps(population)].astype(float)
     low, high = colour_limits(values[:, ~population.model.is_over[population.model.fresh_state]])
@@ -306,12 +305,10 @@ def violations(opened: Opened, context: str | None = None) -> list[tuple[str, st
     return [(each["id"], each["nodes"][0]["html"]) for each in found]
 
 
-SEEN = {
-    **dict.fromkeys(
-        ("Turning", "MoodyHidden", "Walls", "TwoPeople", "Counted", "Delayed", "Anywhere"), "index"
-    ),
-    "Walking": "offset",
-}
+SEEN = dict.fromkeys(
+    ("Turning", "MoodyHidden", "Walls", "TwoPeople", "Counted", "Delayed", "Anywhere"), "index"
+)
+SEEN["Walking"] = "offset"
 
 
 @pytest.fixture(scope="module")
@@ -332,6 +329,17 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everythi
     (folder / "mine" / FILE).write_bytes(compressed(packed(shown)))
     build.write(folder, "mine")
     return folder / "mine", populations
+
+
+@pytest.fixture
+def explore(everything: Everything, open_page: Open) -> Explore:
+    """Opens policies of one or two of these scenarios; returns the page, and the runs of the left one."""
+
+    def open_at(left: str, right: str = "") -> tuple[Opened, Population]:
+        agents = [f"{name}.a-table_b.{SEEN[name]}" for name in (left, right or left)]
+        return open_page(everything[0], f"#explorer={'~'.join(agents)}~600~policy"), everything[1][left]
+
+    return open_at
 
 
 def assert_optimum(opened: Opened, population: Population, states: NDArray[np.integer], cell: int) -> None:
@@ -358,28 +366,20 @@ def colour_of(share: float) -> str:
 
 
 @pytest.mark.parametrize("name", SEEN)
-def test_every_scenario_is_walked_and_solved_as_in_python(
-    everything: Everything, open_page: Open, name: str
-) -> None:
-    folder, populations = everything
-    population = populations[name]
-    model, greedy = population.model, population.agents[0]["greedy"][-1]
-    agent = f"{name}.a-table_b.{SEEN[name]}"
-    opened = open_page(folder, f"#explorer={agent}~{agent}~600~policy")
+def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, name: str) -> None:
+    opened, population = explore(name)
+    model = population.model
     block = model.start - model.cell[model.start] + np.arange(len(model.position))
     assert_optimum(opened, population, block, int(np.flatnonzero(~model.is_over[block])[-1]))
-    assert_walks(opened, population, greedy)
+    assert_walks(opened, population, population.agents[0]["greedy"][-1])
     n_walls = int(model.scenario.grid.is_wall.sum())
     assert opened.panel("left", ".map svg > g:first-child rect[fill='#55555f']").count() == n_walls
-    people = model.scenario.people[0][0]
-    assert opened.panel("left", ".map .things polygon[points]").count() == len(people) * (
-        1 + model.scenario.has_front
-    )
+    n_signs = len(model.scenario.people[0][0]) * (1 + model.scenario.has_front)
+    assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
 
 
-def test_another_draw_of_chance_takes_another_walk(everything: Everything, open_page: Open) -> None:
-    agent = "MoodyHidden.a-table_b.index"
-    opened = open_page(everything[0], f"#explorer={agent}~{agent}~600~policy")
+def test_another_draw_of_chance_takes_another_walk(explore: Explore) -> None:
+    opened, _ = explore("MoodyHidden")
     walks = set()
     for _ in range(5):
         opened.walk(30)
@@ -388,19 +388,17 @@ def test_another_draw_of_chance_takes_another_walk(everything: Everything, open_
     assert len(walks) > 1
 
 
-def test_the_person_is_moved_by_pointer_keys_and_menus(everything: Everything, open_page: Open) -> None:
-    folder, populations = everything
-    population = populations["Anywhere"]
-    model = population.model
-    agent = "Anywhere.a-table_b.index"
-    opened = open_page(folder, f"#explorer={agent}~{agent}~600~policy")
+def test_the_person_is_moved_by_pointer_keys_and_menus(
+    explore: Explore, everything: Everything, open_page: Open
+) -> None:
+    opened, population = explore("Anywhere")
     cells, menu = opened.panel("left", ".map svg > g:first-child > g"), "select[name=person]"
-    places = [row * 12 + column for row, column in model.scenario.places]
+    places = [row * 12 + column for row, column in population.model.scenario.places]
 
     def assert_at(person: int) -> None:
         for side in ("left", "right"):  # which show the same room
             assert opened.panel(side, menu).input_value() == str(person)
-        assert_optimum(opened, population, model.states_of(places.index(person)), 100)
+        assert_optimum(opened, population, population.model.states_of(places.index(person)), 100)
 
     opened.panel("left", ".map").scroll_into_view_if_needed()
     cells.nth(places[0]).hover()
@@ -418,27 +416,23 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(everything: Everything, o
     assert_at(2 * 12 + 6)
     # The address keeps it, and a walk starts from where episodes start with the person there.
     opened.page.wait_for_function(f"location.hash.includes('.{places.index(2 * 12 + 6) * 5}~')")
-    again = open_page(folder, opened.page.evaluate("location.hash"))
+    again = open_page(everything[0], opened.page.evaluate("location.hash"))
     assert again.panel("right", menu).input_value() == str(2 * 12 + 6)
     assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
 
 
-def test_phase_and_wrong_pings_are_chosen(everything: Everything, open_page: Open) -> None:
-    folder, populations = everything
-    turning, counted = populations["Turning"], populations["Counted"]
-    opened = open_page(folder, "#explorer=Turning.a-table_b.index~Counted.a-table_b.index~600~policy")
+def test_phase_and_wrong_pings_are_chosen(explore: Explore, everything: Everything) -> None:
+    opened, turning = explore("Turning", "Counted")
     opened.panel("left", "select[name=phase]").select_option(label="looks down")
     assert_optimum(opened, turning, turning.model.states_of(2), 20)
     opened.choose("left", "Counted", *TABLE)
     opened.panel("left", "select[name=pings]").select_option("3")
-    assert_optimum(opened, counted, 3 * 120 + np.arange(120), 20)
+    assert_optimum(opened, everything[1]["Counted"], 3 * 120 + np.arange(120), 20)
     assert opened.panel("right", "select[name=pings]").input_value() == "3"  # the same room
 
 
-def test_hidden_parts_are_named(everything: Everything, open_page: Open) -> None:
-    opened = open_page(
-        everything[0], "#explorer=MoodyHidden.a-table_b.index~Anywhere.a-table_b.index~600~policy"
-    )
+def test_hidden_parts_are_named(explore: Explore) -> None:
+    opened, _ = explore("MoodyHidden", "Anywhere")
     hidden = [opened.panel(side, ".about").inner_text() for side in ("left", "right")]
     assert ["It does not see the phase" in text for text in hidden] == [True, False]
     assert violations(opened, "#explorer") == []
@@ -446,9 +440,8 @@ def test_hidden_parts_are_named(everything: Everything, open_page: Open) -> None
 
 def test_first_pair_ends_differently(everything: Everything, open_page: Open, tmp_path: Path) -> None:
     model = everything[1]["Anywhere"].model
-    best = greedy_masks(solve(model, 1.0, 200).q, 1e-9)
     masks = np.zeros((2, model.n_observations), dtype=np.uint8)
-    masks[:, model.observation[::-1]] = best[::-1]
+    masks[:, model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
     fails_at = 70  # place in which the first agent PINGs at once, again and again
     masks[0, model.observation[model.states_of(fails_at)]] = 1 << ACTIONS.index("PING")
     shown = [
@@ -499,8 +492,7 @@ def test_maps_of_the_same_size_follow_each_other(opened: Opened) -> None:
 def test_cells_without_preference_are_hatched_and_scores_below_zero_drawn_at_zero(
     opened: Opened, learners: Learners
 ) -> None:
-    for side in ("left", "right"):
-        opened.choose(side, "S2", *TABLE)
+    opened.choose_both("S2", *TABLE)
     population = learners["S2", *TABLE]
     shown = population.map_indices[shown_maps(population)]
     greedy, scores = population.agents[0]["greedy"][shown], population.unbounded_scores[0, shown]

@@ -175,5 +175,3 @@ def test_example_of_the_guide_to_scenarios_is_right(tmp_path: Path, monkeypatch:
     result = doctest.DocTestRunner().run(test, out=said.append)
     assert result.attempted == 5
     assert not result.failed, "".join(said)
-
-
