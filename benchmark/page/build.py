@@ -41,9 +41,7 @@ _TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
-_MARK: Final = (
-    "\ue000"  # around the name of an item, which its HTML replaces at the end; FOLD: shown on demand
-)
+_MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
 _SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
@@ -55,16 +53,16 @@ _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
 _TEMPORARY: Final = ("*_smoke", "*_partial", "*_seeds_*")  # folders that the list of results leaves out
 
 
-def chapters(results: Path) -> list[str]:
-    """Lists the folders that the page of all chapters shows; none if no experiment is there."""
-    names = [name for name in CHAPTERS if (results / name / MANIFEST).exists()]
-    return [*names, *([SPEED] if names and (results / SPEED / MANIFEST).exists() else [])]
-
-
 def published(results: Path) -> list[Path]:
     """Lists the folders of published results that are there, in order of importance."""
     folders = [results / name for name in (*PUBLISHED, SPEED)]
     return [folder for folder in folders if (folder / MANIFEST).exists()]
+
+
+def chapters(results: Path) -> list[str]:
+    """Lists the folders that the page of all chapters shows; none if no experiment is there."""
+    names = [folder.name for folder in published(results) if folder.name in (*CHAPTERS, SPEED)]
+    return names if names != [SPEED] else []
 
 
 def write(results: Path, experiment: str | None = None) -> Path:
@@ -97,21 +95,17 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
     Raises:
       InputError: There is nothing to show.
     """
-    if experiment is not None and experiment not in CHAPTERS:
-        page, parts = results / experiment / "index.html", [_Part(results / experiment, "")]
-    else:
-        page, parts = (
-            results / "index.html",
-            [_Part(results / name, f"{name}/") for name in chapters(results)],
-        )
-    if not parts:
+    has_own_page = experiment not in (None, *CHAPTERS)
+    folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
+    if not folders:
         others = ", ".join(sorted(path.parent.name for path in results.glob(f"*/{MANIFEST}")))
         hint = f"; the page of {others} is in its folder" if others else ""
         raise InputError(
             f"{results}: there are no results of {' or '.join(CHAPTERS)} to report; make reproduce and make "
             f"compare-deep make them{hint}."
         )
-    yield page, _render(parts)
+    page = (folders[0] if has_own_page else results) / "index.html"
+    yield page, _render([_Part(folder, "" if has_own_page else f"{folder.name}/") for folder in folders])
     yield results / "README.md", _index(results)
 
 
@@ -206,7 +200,7 @@ class _Part:
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links from the page to what can be reached from it."""
         bare = ""  # the file of a link that leads nowhere from the page, which is then named
-        for token in [child for each in tokens for child in (each.children or [])]:
+        for token in [child for block in tokens for child in (block.children or [])]:
             target = str(token.attrGet("href") or "")
             if token.type == "link_close" and bare:
                 token.type, token.content, bare = "text", f" ({bare})", ""

@@ -88,25 +88,24 @@ def _accepted(schema: Schema) -> str:
     if values := _values(schema):
         return " or ".join(json.dumps(value) for value in values)
     match schema.get("type"):
-        case "array" if "prefixItems" in schema:
-            items = [_accepted(item) for item in schema["prefixItems"]]
-            return "[ROW, COLUMN]" if items == ["whole number"] * 2 else f"[{', '.join(items)}]"
         case "array":
-            number = _range(schema, "minItems", "maxItems", " item").removeprefix(", ")
-            inner = _accepted(schema["items"]).replace("[a table]", "[tables]")
-            return f"list of {inner}{number and f' ({number})'}"
+            return _accepted_list(schema)
         case "object" if isinstance(schema.get("additionalProperties"), dict):
             return f"{_accepted(schema['additionalProperties'])} for each name"
-        case "object":
-            return "a table"
         case "integer" | "number" as kind:
             word = "whole number" if kind == "integer" else "number"
             return word + _range(schema, "minimum", "maximum")
-        case "boolean":
-            return "true or false"
-        case "string":
-            return "text"
-    return "anything"
+        case other:
+            return {"object": "a table", "boolean": "true or false", "string": "text"}.get(other, "anything")
+
+
+def _accepted_list(schema: Schema) -> str:
+    if "prefixItems" in schema:
+        items = [_accepted(item) for item in schema["prefixItems"]]
+        return "[ROW, COLUMN]" if items == ["whole number"] * 2 else f"[{', '.join(items)}]"
+    number = _range(schema, "minItems", "maxItems", " item").removeprefix(", ")
+    inner = _accepted(schema["items"]).replace("[a table]", "[tables]")
+    return f"list of {inner}{number and f' ({number})'}"
 
 
 def _range(schema: Schema, least: str, most: str, unit: str = "") -> str:
