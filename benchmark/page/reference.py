@@ -87,7 +87,7 @@ def _accepted(schema: Schema) -> str:
         return " or ".join(dict.fromkeys(words))
     if values := _values(schema):
         return " or ".join(json.dumps(value) for value in values)
-    match schema.get("type"):
+    match schema.get("type", ""):
         case "array":
             return _accepted_list(schema)
         case "object" if isinstance(schema.get("additionalProperties"), dict):
