@@ -10,12 +10,12 @@ import gzip
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import jinja2
 import pandas as pd
@@ -121,15 +121,14 @@ class _Part:
         self.root = f"results/{path.name}/"  # in the repository
         self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
 
-    def report(self, templates: jinja2.Environment) -> dict[str, Any]:
+    def report(self, templates: jinja2.Environment) -> dict[str, object]:
         """Returns what the page shows of the report, by the page's templates."""
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
         lead = items.get(document.report.lead)
-        if lead is not None and not document.has_figure(lead):
-            lead = None
+        lead = lead if lead is not None and document.has_figure(lead) else None
 
-        def content(match: "re.Match[str]") -> str:
+        def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
@@ -147,9 +146,6 @@ class _Part:
         markdown = document.render(
             lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
         )
-        sections = self._sections(markdown)
-        for section in sections:  # their HTML is ours
-            section["body"] = Markup(_MARKED.sub(content, section["body"]))
         description = self.inline(inert(manifest["description"]))
         making = templates.get_template("made.html").render(
             made=manifest, description=description, manifest=self.link(MANIFEST)
@@ -164,7 +160,7 @@ class _Part:
             "description": description,
             "note": self.inline(inert(manifest.get("note", ""))),
             "findings": [self.inline(inert(finding.text)) for finding in document.findings],
-            "sections": sections,
+            "sections": self._sections(markdown, content),
             "readme": self.link("README.md"),
             "made": manifest,
             "partial": self.inline(manifest.get("partial") or ""),
@@ -216,8 +212,13 @@ class _Part:
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
 
-    def _sections(self, markdown: str) -> list[dict[str, Any]]:
-        """Returns a document's sections: heading, id and body of each; what stands first has no heading."""
+    def _sections(self, markdown: str, content: Callable[[re.Match[str]], str]) -> list[dict[str, object]]:
+        """Returns a document's sections; what stands first has no heading.
+
+        Args:
+          markdown: The document, with marks around the names of items.
+          content: Returns the HTML of a marked item.
+        """
         sections = []
         for text in _SECTIONS.split(f"\n{markdown}\n"):
             heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
@@ -226,12 +227,16 @@ class _Part:
             for token in tokens:
                 token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
             if heading or tokens:
-                key = f"{self.name}-{_slug(heading)}" if heading else ""
-                shown = {"heading": self.inline(heading), "id": key, "body": self._html(tokens)}
-                sections.append({**shown, "is_folded": heading == _FOLDED})
+                section = {
+                    "heading": self.inline(heading),
+                    "id": f"{self.name}-{_slug(heading)}" if heading else "",
+                    "is_folded": heading == _FOLDED,
+                    "body": Markup(_MARKED.sub(content, self._html(tokens))),
+                }
+                sections.append(section)
         return sections
 
-    def _table(self, item: Item) -> dict[str, Any] | None:
+    def _table(self, item: Item) -> dict[str, object] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
         shown = self.document.shown(item) if self.document.has_table(item) else pd.DataFrame()
         if shown.empty:
@@ -308,7 +313,7 @@ def _render(parts: Sequence[_Part]) -> str:
             horizon=first.get("horizon"),
             agents=explored,
             command="make report" if len(parts) > 1 else first["command"],
-            year=max(report["year"] for report in reports),
+            year=max(str(report["year"]) for report in reports),
             css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
             js=Markup(_script()),
             data=_base64(explorer.compressed(tables)),
