@@ -17,7 +17,7 @@ from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
-from benchmark.experiments import Experiment
+from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item
 from benchmark.reports.replication.agents import all_agents, disjoint_sets, few_agents
 from envs import ACTIONS
@@ -172,7 +172,7 @@ def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, ob
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
     groups = [*few_agents(experiment, records).values()]
     if disjoint_sets(experiment, records):
-        groups += all_agents(experiment, records).values()
+        groups += all_agents(experiment, records, DEFAULT_CONDITION).values()
     for agents in groups:
         model = agents.model
         row: dict[str, object] = {"scenario": agents.scenario, "agents": len(agents.seeds)}
