@@ -87,9 +87,9 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
     meanings=_SPREAD
     | {
         "mean": "mean over agents of the largest Q of the visited cell",
-        "table_mean": "the same of the largest Q of the whole table",
-        "table_min": "its smallest over agents",
-        "table_max": "its largest over agents",
+        "table_mean": "mean over agents of the largest Q of the table",
+        "table_min": "smallest over agents of the largest Q of the table",
+        "table_max": "largest over agents of the largest Q of the table",
     },
 )
 def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:

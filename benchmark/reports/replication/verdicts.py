@@ -80,12 +80,9 @@ def headline(folder: Folder) -> str | None:
     most = frame["agents"].max()
     rows = weakest(frame[frame["agents"] == most])
     parts = [(verdict, rows[rows["verdict"] == verdict]) for verdict in VERDICTS]
-    counts = [
-        f"{verdict} {link(f'{len(judged)}', 'claims', judged)}" for verdict, judged in parts if len(judged)
-    ]
-    return (
-        f"Verdicts on the paper's {len(rows)} claims, with {most:,} agents per scenario: {', '.join(counts)}."
-    )
+    counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
+    scope = f"the paper's {len(rows)} claims, with {most:,} agents per scenario"
+    return f"Verdicts on {scope}: {', '.join(counts)}."
 
 
 @item(
