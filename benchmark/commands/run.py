@@ -13,7 +13,6 @@ from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.executors import ExecutorFactory, load_executor
-from benchmark.execution.plan import plan
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
@@ -92,7 +91,7 @@ def _train(
             stack.callback(cluster.cancel)
             # A worker finds its next job waiting.
             jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
-        display = stack.enter_context(Display(name, runs, store.ended(), plan(todo)))
+        display = stack.enter_context(Display(name, runs, store.ended()))
         logs = options.tensorboard
         errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
     statuses = store.statuses()

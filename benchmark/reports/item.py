@@ -10,8 +10,8 @@
     def _(table, experiment): ...
 
 The function of a table, and that of a figure, take those of the arguments that they name: `runs` and `curves`
-(see `benchmark.analysis.frames`), `experiment`, and `records`, which returns the `Records` of a population; a
-figure also `table` (its own) and `tables` (all, by name). The folder of results, its README, the page and the
+(see `benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
+`is_partial`, which says whether runs are missing; a figure also `table` (its own) and `tables` (all, by name). The folder of results, its README, the page and the
 certificate iterate over items; nothing else lists them.
 """
 
@@ -132,7 +132,7 @@ class Item:
 def called(function: Callable[..., T], data: Data, **more: object) -> T:
     """Calls a function with those arguments that it names, see the module's docstring."""
     given = {"runs": data.runs, "curves": data.curves, "experiment": data.experiment}
-    known = {**given, "records": data.records, **more}
+    known = {**given, "records": data.records, "is_partial": data.is_partial, **more}
     return function(**{name: known[name] for name in inspect.signature(function).parameters})
 
 

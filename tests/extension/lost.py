@@ -1,25 +1,25 @@
-"""An item of a comparison, with a table, a figure and a sentence: runs without any success."""
+"""An item of a comparison, with a table and a figure: runs without any success."""
 
-from typing import Any
+from collections.abc import Iterator
 
+import pandas as pd
+from matplotlib.figure import Figure
+
+from benchmark.analysis.frames import by_population
 from benchmark.analysis.intervals import proportion
 from benchmark.drawing.style import figure_of
-from benchmark.drawing.tables import link
 from benchmark.reports.item import item
 
 
-@item("lost", "runs without any success", {"scenario": "", "learner": "", "share": "share of runs"})
-def lost(runs: Any) -> Any:
-    return [cell.row(share=proportion(cell.final("success") == 0)) for cell in runs]
+@item("lost", "runs without any success", {"scenario": "", "learner": "", "share": "share of runs"},
+      meanings={"share": "share of the runs that never succeed after training"})  # fmt: skip
+def lost(runs: pd.DataFrame) -> Iterator[dict[str, object]]:
+    for keys, rows in by_population(runs):
+        yield {**keys, "share": proportion((rows["success"] == 0).to_numpy())}
 
 
 @lost.figure("Share of runs without any success.")
-def _(tables: Any, _: Any) -> Any:
+def _(table: pd.DataFrame) -> Figure:
     with figure_of(1, 1, (4.0, 2.0)) as (figure, axes):
-        axes[0, 0].bar(tables["lost"].index, tables["lost"]["share"])
+        axes[0, 0].bar(table.index, table["share"])
     return figure
-
-
-@lost.sentence
-def _(table: Any, _: Any) -> str:
-    return f"Mean share without any success: {link(f'{table.share.mean():.3g}', 'lost', table)}."

@@ -7,10 +7,9 @@ of its cells, or between means of cells over scenarios.
 
 from pathlib import Path
 
-from benchmark.reports.comparison import results, training
+from benchmark.reports.comparison import results, scenarios, training
 from benchmark.reports.comparison.classes import classes
 from benchmark.reports.comparison.declared import check, forecast
-from benchmark.reports.comparison.runs import load
 from benchmark.reports.item import Report
 
 __all__ = ["REPORT"]
@@ -19,9 +18,9 @@ REPORT = Report(
     name="comparison",
     question="When does deep RL earn its keep over a table?",
     check=check,
-    load=load,
     items=(
         results.contrasts,
+        results.outcomes,
         results.summary,
         results.aggregate,
         classes,
@@ -31,8 +30,8 @@ REPORT = Report(
         training.ahead,
         results.verdicts,
         results.effects,
-        results.scenarios,
-        results.region,
+        scenarios.scenarios,
+        scenarios.region,
         training.wrong_pings,
         training.cost,
         results.scores,
@@ -44,4 +43,5 @@ REPORT = Report(
     forecast=forecast,
     lead="summary",
     packages=("rliable",),
+    can_be_partial=True,
 )

@@ -2,16 +2,18 @@
 
 from collections.abc import Iterator
 from itertools import product
-from typing import Any, Final
+from typing import Final
 
 import pandas as pd
 
 from benchmark.analysis.intervals import proportion
 from benchmark.drawing.tables import decimals_of, inert, link
-from benchmark.reports.comparison import words
-from benchmark.reports.comparison.declared import Learner
-from benchmark.reports.comparison.runs import Runs
+from benchmark.experiments import Experiment, Learner
+from benchmark.reports.comparison import figures
+from benchmark.reports.comparison.cells import MEANINGS, place_of, populations
+from benchmark.reports.comparison.verdicts import Row
 from benchmark.reports.item import item, number
+from envs.observations import seen_as
 
 _KINDS: Final = {"tabular": "table", "deep": "net"}  # by family
 _POLICIES: Final = ("greedy", "stochastic")
@@ -21,51 +23,66 @@ _SEEN: Final = ("cells", "offset")
 @item(
     "classes",
     "exploratory: for each class, success of the learner that did best in the search",
+    meanings={
+        **MEANINGS,
+        "kind": "table or net",
+        "sees": "whether it observes cells or the offset",
+        "learner": "the learner of this class with the largest `search_area`",
+        "search_area": "mean area under its curve of success on fresh runs of the search",
+    },
 )
-def classes(runs: Runs) -> Iterator[dict[str, Any]]:
-    """`search_area` is the mean area under the curve of success on fresh runs of the search.
+def classes(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Finds the best learner of each class, if there are both policies and some learners see the offset.
 
-    Learners without a search take no part. Where the issuer is not seen, both forms of observation are the
-    same, and only that of cells has a row.
+    Where the issuer is not seen, both forms of observation are the same, and only that of cells has a row.
     """
-    best: dict[tuple[str, str, str], Learner] = {}
-    for cell in runs.own:
-        search = runs.searches.get(cell.learner)
-        seen = _SEEN[cell.learner.observation.startswith("offset")]
-        key = _KINDS[runs.declared.families[cell.learner]], cell.policy, seen
-        if search is not None and (key not in best or search.score > runs.searches[best[key]].score):
-            best[key] = cell.learner
-    if {policy for _, policy, _ in best} != {*_POLICIES} or "offset" not in {seen for *_, seen in best}:
+    cells = {}
+    classes: dict[tuple[str, str, str], list[Learner]] = {}
+    for names, learner, rows in populations(runs, experiment):
+        cells[rows["scenario"].iloc[0], rows["condition"].iloc[0], learner.name] = place_of(names), rows
+        if learner.chosen is not None and not learner.reference_for:
+            classes.setdefault(_class_of(learner), []).append(learner)
+    if {policy for _, policy, _ in classes} != {*_POLICIES} or "offset" not in {sees for *_, sees in classes}:
         return
-    cells = {(cell.scenario, cell.condition, cell.learner): cell for cell in runs}
-    for scenario, condition in dict.fromkeys((cell.scenario, cell.condition) for cell in runs):
-        for key in product(_KINDS.values(), _POLICIES, _SEEN):
-            if key not in best:
+    best = {key: max(learners, key=_area) for key, learners in classes.items()}
+    for scenario, condition in dict.fromkeys(key[:2] for key in cells):
+        for kind, policy, sees in product(_KINDS.values(), _POLICIES, _SEEN):
+            if (kind, policy, sees) not in best:
                 continue
-            cell = cells[scenario, condition, best[key]]
-            kind, policy, seen = key
-            if seen == "cells" or "offset" in cell.population.model.scenario.observe:
+            learner = best[kind, policy, sees]
+            names, rows = cells[scenario, condition, learner.name]
+            population = experiment.population(condition, scenario, learner.name)
+            if sees == "cells" or "offset" in seen_as(population.scenario, learner.observation).observe:
                 yield {
-                    **cell.place,
+                    **names,
                     "kind": kind,
                     "policy": policy,
-                    "sees": seen,
-                    "learner": str(cell.learner),
-                    "search_area": runs.searches[cell.learner].score,
-                    "n": cell.n,
-                    "success": proportion(cell.final("success")),
+                    "sees": sees,
+                    "learner": learner.name,
+                    "search_area": _area(learner),
+                    "n": len(rows),
+                    "success": proportion(rows["success"].to_numpy()),
                 }
+
+
+def _area(learner: Learner) -> float:
+    assert learner.chosen is not None
+    return learner.chosen.score
+
+
+def _class_of(learner: Learner) -> tuple[str, str, str]:
+    return _KINDS[learner.family], learner.declared.policy, _SEEN[learner.observation.startswith("offset")]
 
 
 @classes.shown
 def _(table: pd.DataFrame) -> pd.DataFrame:
-    """Shows two by two classes side by side: a row per place and what is seen, below the learners' names."""
+    """Shows two by two classes side by side, by scenario and what is seen, below the learners' names."""
     learners: dict[str, dict[str, str]] = {}  # by what they see
     shown: dict[tuple[str, str], dict[str, str]] = {}
     digits = decimals_of(table["success"], is_bounded=True)
-    for _, row in table.iterrows():
-        place, sees, title = words.place(row), row["sees"], f"{row['policy']} {row['kind']}"
+    for _, row in figures.labelled(table).iterrows():
+        scenario, sees, title = row["scenario"], row["sees"], f"{row['policy']} {row['kind']}"
         learners.setdefault(sees, {"scenario": "learner", "sees": sees})[title] = inert(row["learner"])
-        at = shown.setdefault((place, sees), {"scenario": place, "sees": sees})
-        at[title] = link(number(row["success"], digits), "classes", row)
+        entries = shown.setdefault((scenario, sees), {"scenario": scenario, "sees": sees})
+        entries[title] = link(number(row["success"], digits), "classes", row)
     return pd.DataFrame([*learners.values(), *shown.values()]).fillna("-")

@@ -1,266 +1,191 @@
 """What a comparison decides, as its experiment declares it."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Final, NamedTuple
 
-from agents import load_algorithm
 from benchmark.analysis.contrasts import runs_for_any_equivalence
-from benchmark.experiments import Experiment, Reporting, family_of
+from benchmark.analysis.frames import keys_of
+from benchmark.experiments import Experiment, Learner, Reporting
 from benchmark.experiments.schema import MOST_CONTRASTS
 from envs import InputError
 from envs.inputs import unknown_name
 
 # Scenarios times conditions: curves of so many take minutes to draw, and are about 30,000 pixels high.
-MOST_PLACES: Final = 300
+MOST_PANELS: Final = 300
 MOST_ROWS: Final = 1_000  # of contrasts: 60,000 pixels, and Pillow reads no image that is much higher
+AXES: Final = ("learner", "scenario", "condition")  # columns, in the order in which a side names them
+
+Side = Mapping[str, str]  # the columns that a side of a contrast names, with their values
 
 
-class Learner(NamedTuple):
-    """An algorithm with settings, as the experiment names it, with one form of observation."""
+class Pair(NamedTuple):
+    """The two sides of a contrast or an effect, which name the same columns."""
 
-    algorithm: str
-    observation: str
-
-    @classmethod
-    def of(cls, name: str) -> Self:
-        """Returns the learner of this name, as `str` gives it."""
-        algorithm, _, observation = name.partition(", ")
-        return cls(algorithm, observation)
-
-    def __str__(self) -> str:
-        """Its name for readers."""
-        return f"{self.algorithm}, {self.observation}"
+    x: Side
+    y: Side
 
 
-class Side(NamedTuple):
-    """Cells of the table of scenarios, conditions and learners: those with the names that are not None."""
-
-    scenario: str | None = None
-    condition: str | None = None
-    learner: Learner | None = None
-
-    @property
-    def axes(self) -> frozenset[str]:
-        """The axes on which it names a cell."""
-        return frozenset(axis for axis, name in self._asdict().items() if name is not None)
+def side_name(side: Side) -> str:
+    """Returns the name of a side in tables, such as "dqn, one_hot @ S1"."""
+    return " @ ".join(side[axis] for axis in AXES if axis in side)
 
 
-@dataclass(frozen=True)
-class Declared:
-    """The contrasts and effects of a comparison."""
+def reporting_of(experiment: Experiment) -> Reporting:
+    """Returns what is declared; if that is nothing, every deep learner is compared with the first table.
 
-    reporting: Reporting  # as declared; by default every deep learner against the first table
-    contrasts: Sequence[tuple[Side, Side]]
-    effects: Sequence[tuple[Side, Side, str]]
-    families: Mapping[Learner, str]
+    Raises:
+      InputError: There are too many deep learners for that.
+    """
+    reporting = experiment.report
+    assert reporting is not None
+    if reporting.contrasts or reporting.baseline or reporting.effects:
+        return reporting
+    own = [learner for learner in experiment.learners.values() if not learner.reference_for]
+    tables = [learner.name for learner in own if learner.family == "tabular"]
+    deep = [learner.name for learner in own if learner.family == "deep"]
+    if len(deep) > MOST_CONTRASTS:
+        raise InputError(
+            f"{experiment.argument}: report: there are {len(deep)} deep learners; accepted: a key "
+            f"contrasts in [report], unless there are at most {MOST_CONTRASTS}."
+        )
+    if not tables:
+        return reporting
+    pairs = tuple((name, tables[0]) for name in deep)
+    return reporting.model_copy(update={"baseline": (tables[0],) if deep else (), "contrasts": pairs})
 
-    @property
-    def baselines(self) -> list[Learner]:
-        """The tables that deep learners have to beat; none if the question is another."""
-        return [Learner.of(name) for name in self.reporting.baseline]
 
-    @property
-    def decisive(self) -> list[Learner]:
-        """The deep learners that are compared with the baselines wherever both are."""
-        sides = [Side(learner=baseline) for baseline in self.baselines]
-        found = [x.learner for x, y in self.contrasts if y in sides and x.learner]
-        return [learner for learner in dict.fromkeys(found) if self.families[learner] == "deep"]
+def contrasts_of(experiment: Experiment) -> list[Pair]:
+    """Returns the contrasts with their sides resolved.
 
-    @property
-    def compared(self) -> list[Learner]:
-        """The learners of the contrasts."""
-        sides = [side.learner for pair in self.contrasts for side in pair]
-        return [learner for learner in self.families if learner in sides]
-
-    def n_pooled(self, n_scenarios: int) -> int:
-        """Returns over how many scenarios every verdict is at least."""
-        is_pooled = self.reporting.pool == "scenarios" and not any(x.scenario for x, _ in self.contrasts)
-        return n_scenarios if is_pooled else 1
-
-    @classmethod
-    def from_manifest(cls, manifest: Mapping[str, Any]) -> Self:
-        """Returns it as a manifest has it.
-
-        Raises:
-          LookupError: The manifest is one of another version of this project.
-        """
-        facts = manifest["facts"]
-        reporting = Reporting.model_validate_json(facts["declared"])
-        families = {Learner.of(name): family for name, family in facts["learners"].items()}
-        return cls._resolved(reporting, families, facts["axes"], manifest["experiment"])
-
-    @classmethod
-    def of(cls, experiment: Experiment) -> Self:
-        """Returns what an experiment decides.
-
-        Raises:
-          InputError: A name is unknown, a contrast is of a cell with itself or is declared twice, the
-            baseline is no table, a deep learner is compared with some baselines alone, or there are too many
-            deep learners to compare each with a table.
-        """
-        assert experiment.report is not None
-        families = {
-            Learner(name, observation): family_of(experiment, name)
-            for name, declared in experiment.algorithms.items()
-            for observation in declared.observations
-        }
-        axes = {
-            "scenarios": [Path(name).stem for name in experiment.scenarios],
-            "conditions": [*experiment.conditions],
-        }
-        reporting = experiment.report
-        if not reporting.contrasts and not reporting.baseline and not reporting.effects:
-            references = {name for name, declared in experiment.algorithms.items() if declared.reference_for}
-            own = [learner for learner in families if learner.algorithm not in references]
-            table = next((learner for learner in own if families[learner] == "tabular"), None)
-            deep = [learner for learner in own if families[learner] == "deep"]
-            if len(deep) > MOST_CONTRASTS:
-                raise InputError(
-                    f"{experiment.argument}: report: there are {len(deep)} deep learners; accepted: a key "
-                    f"contrasts in [report], unless there are at most {MOST_CONTRASTS}."
-                )
-            if table is not None and deep:
-                pairs = tuple((str(learner), str(table)) for learner in deep)
-                reporting = reporting.model_copy(update={"baseline": (str(table),), "contrasts": pairs})
-        return cls._resolved(reporting, families, axes, experiment.argument)
-
-    @classmethod
-    def _resolved(
-        cls,
-        reporting: Reporting,
-        families: Mapping[Learner, str],
-        axes: Mapping[str, Sequence[str]],
-        source: str,
-    ) -> Self:
-        """Returns what is declared, with the cells that it names."""
-        scenarios, conditions, learners = axes["scenarios"], axes["conditions"], [*map(str, families)]
-        known = {"scenario": scenarios, "condition": conditions, "learner": learners}
-
-        def side(where: str, name: str) -> Side:
-            found: dict[str, Any] = {}
-            for part in name.split(" @ "):
-                axes = [axis for axis in known if part in known[axis]]
-                if not axes:
-                    names = [f'"{each}"' for each in (*learners, *scenarios, *conditions)]
-                    unknown_name(where, "learner, scenario or condition", f'"{part}"', names)
-                axis = next((axis for axis in axes if axis not in found), None)
-                if axis is None:
-                    raise InputError(f'{where} = "{name}": accepted: at most one {axes[0]} on a side.')
-                if axis == "learner" and families[Learner.of(part)] == "planner":
-                    raise InputError(f'{where} = "{name}": it knows the model; accepted: learners.')
-                found[axis] = Learner.of(part) if axis == "learner" else part
-            return Side(**found)
-
-        def sides(where: str, x: str, y: str, others: Sequence[tuple[Side, Side]]) -> tuple[Side, Side]:
-            pair = side(where, x), side(where, y)
-            if pair[0] == pair[1] or pair[0].axes != pair[1].axes:
-                raise InputError(f"{where} = {[x, y]}: accepted: two different names of the same kind.")
-            if pair in others or pair[::-1] in others:
-                raise InputError(f"{where} = {[x, y]}: it is declared twice; remove one.")
-            return pair
-
-        contrasts: list[tuple[Side, Side]] = []
-        for i, (x, y) in enumerate(reporting.contrasts):
-            contrasts.append(sides(f"{source}: report.contrasts.{i}", x, y, contrasts))
-            if x in reporting.baseline and families[Learner.of(y)] == "deep":
-                raise InputError(
-                    f"{source}: report.contrasts.{i} = {[x, y]}: accepted: the baseline second, since the "
-                    "question is whether deep RL is better."
-                )
-        effects = [
-            (*sides(f"{source}: report.effects.{i}", x, y, []), name)
-            for i, (x, y, name) in enumerate(reporting.effects)
-        ]
-        names = [name for _, _, name in reporting.effects]
-        if repeated := next((name for name in names if names.count(name) > 1), None):
+    Raises:
+      InputError: A side names something unknown, or the sides do not fit together.
+    """
+    reporting, pairs = reporting_of(experiment), list[Pair]()
+    for i, (x, y) in enumerate(reporting.contrasts):
+        where = f"{experiment.argument}: report.contrasts.{i}"
+        pair = _pair(experiment, where, x, y)
+        if pair in pairs or pair[::-1] in pairs:
+            raise InputError(f"{where} = {[x, y]}: it is declared twice; remove one.")
+        if x in reporting.baseline and experiment.learners[y].family == "deep":
             raise InputError(
-                f'{source}: report.effects: "{repeated}" is the name of two; accepted: one each.'
+                f"{where} = {[x, y]}: accepted: the baseline second, since the question is whether deep RL "
+                "is better."
             )
-        made = cls(reporting, contrasts, effects, families)
-        tables = [str(learner) for learner, family in families.items() if family == "tabular"]
-        for name in reporting.baseline:
-            if name not in tables:
-                unknown_name(f"{source}: report.baseline", "table", name, tables)
-            if reporting.baseline.count(name) > 1:
-                raise InputError(f"{source}: report.baseline: {name} is named twice; remove one.")
-            if not made.decisive:
-                raise InputError(
-                    f"{source}: report.contrasts: none compares a deep learner with {name}; "
-                    f'accepted: at least one like ["LEARNER", "{name}"].'
-                )
-            for learner in made.decisive:
-                if (Side(learner=learner), Side(learner=Learner.of(name))) not in contrasts:
-                    raise InputError(
-                        f"{source}: report.contrasts: {learner} is compared with another baseline and not "
-                        f"with {name}; accepted: contrasts with all or none."
-                    )
-        return made
+        pairs.append(pair)
+    return pairs
+
+
+def effects_of(experiment: Experiment) -> dict[str, Pair]:
+    """Returns the effects by name, with their sides resolved.
+
+    Raises:
+      InputError: A side names something unknown, the sides do not fit together, or a name is used twice.
+    """
+    effects: dict[str, Pair] = {}
+    for i, (x, y, name) in enumerate(reporting_of(experiment).effects):
+        if name in effects:
+            raise InputError(
+                f'{experiment.argument}: report.effects: "{name}" is the name of two; accepted: one each.'
+            )
+        effects[name] = _pair(experiment, f"{experiment.argument}: report.effects.{i}", x, y)
+    return effects
+
+
+def compared_learners(experiment: Experiment) -> list[str]:
+    """Lists the learners of the contrasts."""
+    named = {side.get("learner") for pair in contrasts_of(experiment) for side in pair}
+    return [name for name in experiment.learners if name in named]
+
+
+def decisive_learners(experiment: Experiment) -> list[str]:
+    """Lists the deep learners that are compared with baselines wherever both are."""
+    baselines = [{"learner": name} for name in reporting_of(experiment).baseline]
+    found = [x["learner"] for x, y in contrasts_of(experiment) if y in baselines]
+    return [name for name in dict.fromkeys(found) if experiment.learners[name].family == "deep"]
+
+
+def is_own(learner: Learner) -> bool:
+    """Returns whether it is neither a reference implementation nor a planner, which knows the model."""
+    return not learner.reference_for and learner.family != "planner"
 
 
 def check(experiment: Experiment) -> None:
     """Checks what an experiment declares to be compared.
 
     Raises:
-      InputError: See `Declared.of`; or all algorithms are planners, budgets are not in steps, or figures
+      InputError: A side of a contrast or effect is wrong, the baseline is no table, a deep learner is
+        compared with some baselines alone, all algorithms are planners, budgets are not in steps, or figures
         would be too high.
     """
-    compared = Declared.of(experiment)
-    n_rows = len(compared.contrasts) if compared.n_pooled(2) == 1 else 0  # for each of the places
-    n_places = len(experiment.scenarios) * len(experiment.conditions)
-    most = min(MOST_PLACES, MOST_ROWS // max(n_rows, 1))
-    if n_places > most:
+    source, contrasts = experiment.argument, contrasts_of(experiment)
+    effects_of(experiment)
+    _check_baselines(experiment, contrasts)
+    is_pooled = reporting_of(experiment).pool == "scenarios" and not any(
+        "scenario" in x for x, _ in contrasts
+    )
+    n_scenarios, n_conditions = len(experiment.scenarios), len(experiment.conditions)
+    most = min(MOST_PANELS, MOST_ROWS // max(0 if is_pooled else len(contrasts), 1))
+    if n_scenarios * n_conditions > most:
         raise InputError(
-            f"{experiment.argument}: report: {len(experiment.scenarios)} scenarios under "
-            f"{len(experiment.conditions)} conditions with {len(compared.contrasts)} contrasts make figures "
-            f"that are too high; accepted: at most {most} scenarios times conditions."
+            f"{source}: report: {n_scenarios} scenarios under {n_conditions} conditions with "
+            f"{len(contrasts)} contrasts make figures that are too high; accepted: at most {most} scenarios "
+            "times conditions."
         )
-    families = {load_algorithm(declared.algorithm).family for declared in experiment.algorithms.values()}
-    if families == {"planner"}:
-        raise InputError(f"{experiment.argument}: algorithms: accepted: at least one that is not a planner.")
-    for name, declared in experiment.algorithms.items():
-        unit = (experiment.settings | declared.settings).get("budget_unit", "steps")
+    if {learner.family for learner in experiment.learners.values()} == {"planner"}:
+        raise InputError(f"{source}: algorithms: accepted: at least one that is not a planner.")
+    for population in experiment.populations:
+        unit = getattr(population.first.settings, "budget_unit", "steps")
         if unit != "steps":
             raise InputError(
-                f"{experiment.argument}: algorithms.{name}.settings.budget_unit = {unit}: accepted: steps, "
-                "in which a comparison counts."
+                f"{source}: algorithms.{population.learner.variant}.settings.budget_unit = {unit}: "
+                "accepted: steps, in which a comparison counts."
             )
+
+
+def _check_baselines(experiment: Experiment, contrasts: Sequence[Pair]) -> None:
+    source, baselines = experiment.argument, reporting_of(experiment).baseline
+    tables = [name for name, learner in experiment.learners.items() if learner.family == "tabular"]
+    for name in baselines:
+        if name not in tables:
+            unknown_name(f"{source}: report.baseline", "table", name, tables)
+        if baselines.count(name) > 1:
+            raise InputError(f"{source}: report.baseline: {name} is named twice; remove one.")
+        decisive = decisive_learners(experiment)
+        if not decisive:
+            raise InputError(
+                f"{source}: report.contrasts: none compares a deep learner with {name}; "
+                f'accepted: at least one like ["LEARNER", "{name}"].'
+            )
+        for learner in decisive:
+            if ({"learner": learner}, {"learner": name}) not in contrasts:
+                raise InputError(
+                    f"{source}: report.contrasts: {learner} is compared with another baseline and not "
+                    f"with {name}; accepted: contrasts with all or none."
+                )
 
 
 def forecast(experiment: Experiment) -> str:
     """Says before any run if the declared runs cannot show equivalence, even if all succeed; else empty."""
-    declared = Declared.of(experiment)
-    reporting = declared.reporting
-    if not declared.contrasts:
+    reporting, contrasts = reporting_of(experiment), contrasts_of(experiment)
+    if not contrasts:
         return ""
-    sides = [side for pair in declared.contrasts for side in pair]
     n = min(
-        len(experiment.declared_seeds(learner.algorithm, condition))
-        for side in sides
-        for learner in ([side.learner] if side.learner else declared.families)
-        for condition in ([side.condition] if side.condition else experiment.conditions)
+        len(population.seeds)
+        for population in experiment.populations
+        if population.learner.family != "planner"
+        and any(side.items() <= keys_of(population).items() for pair in contrasts for side in pair)
     )
-    n_scenarios = len(experiment.scenarios)
-    n_pooled = declared.n_pooled(n_scenarios)
-    own = [name for name, each in experiment.algorithms.items() if not each.reference_for]
-    n_learners = sum(learner.algorithm in own for learner in declared.families)
-    n_tests = sum(
-        (1 if x.scenario or reporting.pool == "scenarios" else n_scenarios)
-        * (1 if x.condition else len(experiment.conditions))
-        * (1 if x.learner else n_learners)
-        for x, _ in declared.contrasts
-    )
-    return cannot_show(n, n_pooled, n_tests, reporting)
-
-
-def cannot_show(n: int, n_pooled: int, n_tests: int, reporting: Reporting) -> str:
-    """Says if n runs per scenario and learner cannot show equivalence, even if all succeed; else empty.
-
-    A mean is over so many pooled scenarios, and p-values may be adjusted for so many tests.
-    """
+    is_pooled, n_scenarios = reporting.pool == "scenarios", len(experiment.scenarios)
+    sizes = {
+        "learner": sum(map(is_own, experiment.learners.values())),
+        "scenario": 1 if is_pooled else n_scenarios,
+        "condition": len(experiment.conditions),
+    }
+    n_tests = sum(math.prod(sizes[axis] for axis in AXES if axis not in x) for x, _ in contrasts)
     margin, n_adjusted = reporting.margins.success, n_tests if reporting.adjust == "holm" else 1
-    needed = runs_for_any_equivalence(margin, n_pooled, n_adjusted)
+    n_averaged = n_scenarios if is_pooled and not any("scenario" in x for x, _ in contrasts) else 1
+    needed = runs_for_any_equivalence(margin, n_averaged, n_adjusted)
     if n >= needed:
         return ""
     among = f" and {n_adjusted} contrasts" if n_adjusted > 1 else ""
@@ -268,3 +193,32 @@ def cannot_show(n: int, n_pooled: int, n_tests: int, reporting: Reporting) -> st
         f"With {n} runs{among}, equivalence within {margin:g} cannot be shown, even if all runs succeed: "
         f"that takes {needed:,} runs per scenario and learner."
     )
+
+
+def _pair(experiment: Experiment, where: str, x: str, y: str) -> Pair:
+    pair = Pair(_side(experiment, where, x), _side(experiment, where, y))
+    if pair.x == pair.y or pair.x.keys() != pair.y.keys():
+        raise InputError(f"{where} = {[x, y]}: accepted: two different names of the same kind.")
+    return pair
+
+
+def _side(experiment: Experiment, where: str, text: str) -> Side:
+    """Returns the columns that a side names: learner, scenario and condition, joined by " @ "."""
+    known = {
+        "learner": [*experiment.learners],
+        "scenario": [*experiment.scenarios],
+        "condition": [*experiment.conditions],
+    }
+    side: dict[str, str] = {}
+    for part in text.split(" @ "):
+        axes = [axis for axis, names in known.items() if part in names]
+        if not axes:
+            names = [f'"{name}"' for names in known.values() for name in names]
+            unknown_name(where, "learner, scenario or condition", f'"{part}"', names)
+        axis = next((axis for axis in axes if axis not in side), None)
+        if axis is None:
+            raise InputError(f'{where} = "{text}": accepted: at most one {axes[0]} on a side.')
+        if axis == "learner" and experiment.learners[part].family == "planner":
+            raise InputError(f'{where} = "{text}": it knows the model; accepted: learners.')
+        side[axis] = part
+    return side

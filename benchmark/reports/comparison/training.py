@@ -1,58 +1,90 @@
 """Items of a comparison: how learners learn, after how many steps, at whose expense, and at what cost."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmark.analysis.frames import RecordsOf, by_population, by_step, learned
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, combined, proportion, student
 from benchmark.drawing import film
-from benchmark.drawing.tables import link
-from benchmark.reports.comparison import figures, words
-from benchmark.reports.comparison.declared import Declared, Learner
-from benchmark.reports.comparison.runs import CELL, EFFORT, PAIR, Cell, Runs
-from benchmark.reports.explorer import Shown, explorer_item, typical_agent
-from benchmark.reports.folder import Folder
+from benchmark.experiments import Experiment, Population
+from benchmark.reports.comparison import figures
+from benchmark.reports.comparison.cells import (
+    CELL,
+    EFFORT,
+    MEANINGS,
+    PAIR,
+    effort,
+    matched,
+    names_of,
+    own_rows,
+    place_of,
+    populations,
+)
+from benchmark.reports.comparison.declared import (
+    compared_learners,
+    contrasts_of,
+    decisive_learners,
+    reporting_of,
+)
+from benchmark.reports.comparison.verdicts import Row
+from benchmark.reports.explorer import FILE, Shown, compressed, packed, typical_agent
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
-from benchmark.reports.learners import Names
-from envs.words import listed
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
-_MOST_RATIOS: Final = 2  # that a sentence has
 
 
-@item("curves", "success, score and wrong PINGs over training, against environment steps", where=no_rows)
-def curves(runs: Runs) -> pd.DataFrame:
-    """`wrong_pings` are those per 1,000 steps since the evaluation before, with Student's interval."""
+@item(
+    "curves",
+    "success, score and wrong PINGs over training, against environment steps",
+    meanings={"wrong_pings": "wrong PINGs per 1,000 steps of training since the evaluation before"},
+    where=no_rows,
+)
+def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
+    """Of the wrong PINGs, the interval is Student's."""
     frames = []
-    for cell in runs:
-        steps = np.array(cell.steps)
-        columns: dict[str, Any] = {**cell.names, "step": steps}
-        columns |= {name: proportion(cell.results(name)) for name in ("success", "score")}
-        rate = np.diff(cell.population.arrays["disagreements"], axis=1) / np.diff(steps) * 1000
-        rate = np.column_stack([np.full(len(rate), np.nan), rate])  # nothing before the first step
-        wrong = student(rate)
+    for names, _, rows in populations(curves, experiment):
+        steps = rows["step"].unique()
+        columns: Row = {**names, "step": steps}
+        columns |= {name: proportion(by_step(rows, name)) for name in ("success", "score")}
+        rate = np.diff(by_step(rows, "training_wrong_pings"), axis=1) / np.diff(steps) * 1000
+        wrong = student(np.column_stack([np.full(len(rate), np.nan), rate]))  # nothing before the first step
         columns["wrong_pings"] = wrong._replace(low=np.maximum(wrong.low, 0.0))
         frames.append(pd.DataFrame(expanded(columns)))
     return pd.concat(frames, ignore_index=True)
 
 
 @curves.figure("How often each learner succeeds while it learns.")
-def _(tables: Frames, runs: Runs) -> Figure:
-    frame = tables["curves"]
-    few = words.by_place(frame)["scenario"].nunique() <= figures.FEW
-    panels = runs.panels if few else {"": runs.declared.compared or figures.learners_in(frame, runs)}
-    signs = f"; dotted: {ENOUGH:g}"
-    with figures.curve_panels(frame, runs, panels, "success", "success", signs) as (figure, axes):
+def _(table: pd.DataFrame, tables: Frames, experiment: Experiment) -> Figure:
+    frame = figures.labelled(table)
+    drawn = figures.drawn_in(frame, experiment)
+    if frame["scenario"].nunique() <= figures.FEW:
+        panels = _panels(drawn, experiment)
+    else:
+        compared = [name for name in compared_learners(experiment) if name in drawn]
+        panels = {"": {name: drawn[name] for name in compared or drawn}}
+    note = f"; dotted: {ENOUGH:g}{figures.reference_note(drawn, tables, experiment)}"
+    with figures.curve_panels(frame, panels, experiment, "success", "success", note) as (figure, axes):
         for axis in axes:
             axis.axhline(ENOUGH, color="0.35", lw=0.8, ls=":")
             axis.set(ylim=(-0.03, 1.03), yticks=(0, 0.5, 1))
     return figure
+
+
+def _panels(drawn: figures.Drawn, experiment: Experiment) -> Mapping[str, figures.Drawn]:
+    """Returns the learners of each declared group, by its title; those of no group are in every panel."""
+    groups: dict[str, dict[str, Sequence[str]]] = {"": {}}
+    for name, references in drawn.items():
+        groups.setdefault(experiment.learners[name].declared.group, {})[name] = references
+    everywhere = groups.pop("")
+    return {title: everywhere | own for title, own in groups.items()} or {"": everywhere}
 
 
 @drawing(
@@ -60,25 +92,19 @@ def _(tables: Frames, runs: Runs) -> Figure:
     "wrong PINGs per 1,000 steps while agents learn",
     "How often a person is disturbed while agents learn: wrong PINGs per 1,000 steps.",
 )
-def wrong_pings(tables: Frames, runs: Runs) -> Figure | None:
-    """Draws how often the issuer disagreed while agents learned."""
+def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
+    """Draws how often the issuer disagreed while agents learned, without reference implementations."""
     if "curves" not in tables:
         return None
-    frame = tables["curves"]
-    drawn = runs.declared.compared or figures.learners_in(frame, runs)
-    label = "wrong PINGs\nper 1,000 steps"
-    with figures.curve_panels(frame, runs.own, {"": drawn}, "wrong_pings", label) as (figure, axes):
-        shown = frame[figures.is_of_any(frame, drawn, runs.own)]
+    frame = figures.labelled(tables["curves"])
+    own = figures.drawn_in(frame, experiment)
+    compared = [name for name in compared_learners(experiment) if name in own]
+    drawn = dict.fromkeys(compared or own, ())
+    shown, label = figures.rows_of(frame, drawn), "wrong PINGs\nper 1,000 steps"
+    with figures.curve_panels(frame, {"": drawn}, experiment, "wrong_pings", label) as (figure, axes):
         for axis in axes:
             axis.set(ylim=(0, float(shown["wrong_pings"].max()) * 1.05))
     return figure
-
-
-def _first_step(is_good: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Returns the place of the evaluation from which each row, (..., T), stays good to the end; T if none."""
-    n_steps = is_good.shape[-1]
-    bad_before = n_steps - (~is_good)[..., ::-1].argmax(axis=-1)
-    return np.asarray(np.where(is_good.all(axis=-1), 0, bad_before))
 
 
 @item(
@@ -93,71 +119,69 @@ def _first_step(is_good: NDArray[np.bool_]) -> NDArray[np.int_]:
         "step": "step of the mean over runs",
         "final_success": "final mean",
     },
+    meanings={
+        "share": f"share of runs whose success stays at or above {ENOUGH:g}",
+        "median_step": f"median over runs of the evaluation step from which success stays at or above "
+        f"{ENOUGH:g}; inf if most never reach it",
+        "step": f"evaluation step from which the mean success over runs stays at or above {ENOUGH:g}; inf if "
+        "there is none",
+        "below_at": "last evaluation before `step`; empty if there is none",
+        "final_success": "success after training, mean over runs",
+    },
     best="-step",
 )
-def steps(runs: Runs) -> Iterator[dict[str, Any]]:
-    """`step` is that of the mean success over runs, and `below_at` the last evaluation before it."""
-    for cell in runs:
-        success = cell.results("success")
-        when, places = np.array([*cell.steps, np.inf]), _first_step(success >= ENOUGH)
-        first = int(_first_step(success.mean(axis=0) >= ENOUGH))
-        yield cell.row(
-            n=cell.n,
-            budget=cell.steps[-1],
-            share=proportion(places < success.shape[1]),
-            median_step=float(np.median(when[places])),
-            step=float(when[first]),
-            below_at=float(when[first - 1]) if first > 0 else np.nan,
-            final_success=float(success.mean(axis=0)[-1]),
-        )
+def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Computes when runs, and the mean over runs, have learned."""
+    for names, _, rows in populations(curves, experiment):
+        success, when = by_step(rows, "success"), np.array([*rows["step"].unique(), np.inf])
+        mean, indices = success.mean(axis=0), _learned(rows)
+        first = int(learned(mean[None], when[:-1].tolist(), ENOUGH)[0])
+        yield {
+            **names,
+            "n": len(success),
+            "budget": rows["step"].max(),
+            "share": proportion(indices < len(mean)),
+            "median_step": float(np.median(when[indices])),
+            "step": float(when[first]),
+            "below_at": float(when[first - 1]) if first > 0 else np.nan,
+            "final_success": float(mean[-1]),
+        }
 
 
-@steps.sentence
-def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
-    """Says which learner was the first to learn each scenario, tables and nets alike."""
-    families = {name: each["family"] for name, each in folder.manifest["algorithms"].items()}
-    references = [name for name, each in folder.manifest["algorithms"].items() if each["reference_for"]]
-    winners: dict[str, dict[str, pd.DataFrame]] = {}  # by kind and scenario, the rows that say so
-    own = table[~table["algorithm"].isin(references)]
-    for scenario, here in own.groupby(words.scenario_labels(own), sort=False):
-        best = here[(here["step"] == here["step"].min()) & np.isfinite(here["step"])]
-        here_first = {families[name] for name in best["algorithm"]}
-        kind = "both" if len(here_first) > 1 else "".join(here_first) or "none"
-        winners.setdefault(kind, {})[str(scenario)] = best if len(best) else here
-    told = {
-        kind: link(str(len(found)), "steps", *found.values())
-        + f" ({listed([*found])})" * (len(found) <= figures.FEW)
-        for kind, found in winners.items()
-    }
-    kinds = {"tabular": "a table", "deep": "a net", "both": "a table and a net at the same evaluation"}
-    if len(table["scenario"].unique()) > 1:
-        if first := "; ".join(f"{text} in {told[kind]}" for kind, text in kinds.items() if kind in told):
-            start = f"Of {len({*words.scenario_labels(own)})} scenarios"
-            yield f"{start}, the first learner whose mean success stays at or above {ENOUGH:g} is {first}."
-        if "none" in told:
-            yield f"No learner's mean success stays at or above {ENOUGH:g} in {told['none']}."
+def _learned(curves: pd.DataFrame) -> NDArray[np.int_]:
+    """Returns the index of the evaluation from which each run has learned, (N,); T if it never has."""
+    return learned(by_step(curves, "success"), curves["step"].unique().tolist(), ENOUGH)
 
 
-def _medians(cell: Cell, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _medians(
+    first: NDArray[np.int_], steps: NDArray[np.int_], rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns medians over runs of the steps between which a run learns, (RESAMPLES + 1,) each.
 
-    The first is of the runs as they are, the others are resampled. A run that never learns has the budget and
+    They are those of the runs as they are, and then of resamples. A run that never learns has the budget and
     infinity.
+
+    Args:
+      first: (N,) index of the evaluation from which each run has learned.
+      steps: (T,) of evaluations.
+      rng: For resamples.
     """
-    when, first = np.array([0.0, *cell.steps, np.inf]), _first_step(cell.results("success") >= ENOUGH)
-    drawn = np.vstack([np.arange(cell.n), rng.integers(cell.n, size=(RESAMPLES, cell.n))])
+    when, n = np.array([0.0, *steps, np.inf]), len(first)
+    sample = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
     with np.errstate(invalid="ignore"):
-        return np.median(when[first][drawn], axis=1), np.median(when[first + 1][drawn], axis=1)
+        return np.median(when[first][sample], axis=1), np.median(when[first + 1][sample], axis=1)
 
 
-def _ratio(x: Cell, y: Cell) -> dict[str, Any]:
+def _ratio(x: pd.DataFrame, y: pd.DataFrame) -> Row:
     """Returns how many times as many steps y needs as x, with an interval over runs and evaluations.
 
     Where half of the runs never learn, the budget stands in place of the median, and the ratio is a bound.
     It is empty if neither learns, or if one of them succeeds before the first step.
     """
-    rng = np.random.default_rng([BOOTSTRAP_SEED, *x.scenario.encode()])
-    (x_low, x_high), (y_low, y_high) = _medians(x, rng), _medians(y, rng)
+    rng = np.random.default_rng([BOOTSTRAP_SEED, *x["scenario"].iloc[0].encode()])
+    (x_low, x_high), (y_low, y_high) = (
+        _medians(_learned(rows), rows["step"].unique(), rng) for rows in (x, y)
+    )
     steps = float(x_high[0]), float(y_high[0])
     if min(steps) in (0, math.inf):
         return {}
@@ -165,7 +189,7 @@ def _ratio(x: Cell, y: Cell) -> dict[str, Any]:
         lows, highs = y_low / x_high, y_high / x_low
     low = np.percentile(np.where(np.isnan(lows), 0.0, lows)[1:], 2.5, method="lower")
     high = np.percentile(np.where(np.isnan(highs), np.inf, highs)[1:], 97.5, method="higher")
-    ratio = min(steps[1], y.steps[-1]) / min(steps[0], x.steps[-1])
+    ratio = min(steps[1], y["step"].max()) / min(steps[0], x["step"].max())
     return {"x_step": steps[0], "y_step": steps[1], "ratio": Estimate(ratio, float(low), float(high))}
 
 
@@ -173,79 +197,71 @@ def _ratio(x: Cell, y: Cell) -> dict[str, Any]:
     "speedups",
     f"exploratory: how many times as many steps y needs as x until half of the runs stay at {ENOUGH:g}",
     {**PAIR, "x_step": "steps of x", "y_step": "steps of y", "ratio": "ratio, y to x"},
+    meanings={
+        "step": f"median step of runs from which success stays at or above {ENOUGH:g}; inf if most "
+        "never learn",
+        "ratio": "steps of y divided by those of x; where half of the runs never learn, their budget counts, "
+        "and the ratio is a bound",
+    },
     where=lambda frame: frame[frame["ratio"] >= 1],
     best="ratio",
 )
-def speedups(runs: Runs) -> Iterator[dict[str, Any]]:
-    """Of every deep learner against every table, and of every table against every deep learner."""
-    families = runs.declared.families
-    for x in runs.own:
-        for y in runs.own:
-            if x.place == y.place and families[x.learner] != families[y.learner] and (ratio := _ratio(x, y)):
-                yield {**x.place, "x": str(x.learner), "y": str(y.learner), **ratio}
+def speedups(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Compares every deep learner with every table, and every table with every deep learner."""
+    cells = [
+        (place_of(names), learner, rows)
+        for names, learner, rows in populations(curves, experiment)
+        if not learner.reference_for
+    ]
+    for (where, x, x_rows), (other, y, y_rows) in product(cells, cells):
+        if where == other and x.family != y.family and (ratio := _ratio(x_rows, y_rows)):
+            yield {**where, "x": x.name, "y": y.name, **ratio}
 
 
-@speedups.sentence
-def _(table: pd.DataFrame, folder: Folder) -> Iterator[str]:
-    """Compares in each scenario the fastest net with the fastest table, in whichever direction."""
-    families, names = Declared.from_manifest(folder.manifest).families, folder.names
-    found: dict[str, dict[str, pd.Series]] = {"deep": {}, "tabular": {}}
-    for scenario, here in table.groupby(words.scenario_labels(table), sort=False):
-        fastest = here.sort_values(["y_step", "x_step"], kind="stable").iloc[0][["x", "y"]]
-        for _, row in here[here["x"].isin(fastest) & here["y"].isin(fastest)].iterrows():
-            if row["ratio_low"] > 1:
-                found[families[Learner.of(row["x"])]][str(scenario)] = row
-    for family, (side, other) in {"deep": ("net", "table"), "tabular": ("table", "net")}.items():
-        if rows := found[family]:
-            where = f"{link(str(len(rows)), 'speedups', *rows.values())} scenarios"
-            if len(rows) <= _MOST_RATIOS:
-                where = listed(f"{scenario} ({_times(row, names)})" for scenario, row in rows.items())
-            yield (
-                f"Exploratory: until half of the runs stay at a success of {ENOUGH:g}, the fastest {other} "
-                f"needs more steps than the fastest {side} in {where}, by 95 % intervals over runs and "
-                "evaluations, not adjusted."
-            )
+@item(
+    "ahead",
+    "exploratory: at which steps one learner of a contrast succeeds more often than the other",
+    meanings={
+        "n": "runs of x or y, the smaller number",
+        "steps_ahead": "number of evaluation steps at which x is ahead",
+        "first_step": "first evaluation step at which x is ahead, that is, the 95 % interval of the "
+        "difference in mean success, not adjusted, lies above 0; inf if it never is",
+        "last_step": "last evaluation step at which x is ahead; inf if it never is",
+        "largest_difference": "largest difference in mean success, x minus y",
+        "largest_at": "evaluation step of the largest difference in mean success",
+        "largest": "mean success at the step of the largest difference",
+    },
+)
+def ahead(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Compares the two learners of each contrast in both directions, at steps at which both are evaluated."""
+    cells: list[dict[str, object]] = []
+    means: list[dict[int, float]] = []
+    for keys, rows in by_population(own_rows(curves, experiment)):
+        cells.append({**keys, "n": rows["seed"].nunique(), "index": len(means)})
+        means.append(dict(zip(rows["step"].unique(), by_step(rows, "success").mean(axis=0), strict=True)))
+    axes = [name for name in names_of(experiment) if name in ("scenario", "condition")]
+    for pair in contrasts_of(experiment):
+        sides = (side.to_dict("records") for side in matched(pd.DataFrame(cells), pair))
+        for x, y in zip(*sides, strict=True):
+            for one, other in ((x, y), (y, x)) if x["learner"] != y["learner"] else ():
+                row: Row = {axis: one[axis] for axis in axes}
+                row |= {"x": one["learner"], "y": other["learner"], "n": min(x["n"], y["n"])}
+                yield row | _ahead(means[one["index"]], means[other["index"]], [one["n"], other["n"]])
 
 
-def _times(row: pd.Series, names: Names) -> str:
-    """Returns how many times as many steps y needs as x, and who they are."""
-    bound = "at least " * math.isinf(row["y_step"])
-    times = link(f"{bound}{words.times(row['ratio'])}", "speedups", row)
-    ends = f"[{words.times(row['ratio_low'])}, {words.times(row['ratio_high'])}]"
-    return f"{times} times {ends}: {names.told(row['y'])} against {names.told(row['x'])}"
-
-
-@item("ahead", "exploratory: at which steps one learner of a contrast succeeds more often than the other")
-def ahead(runs: Runs) -> Iterator[dict[str, Any]]:
-    """A step counts if the 95 % interval of the difference of the means, not adjusted, lies above 0.
-
-    Only steps at which both are evaluated count. `first_step` and `last_step` are infinite if none does.
-    """
-    for x, y in runs.declared.contrasts:
-        for pair in runs.matched(x, y):
-            if x.learner != y.learner:
-                yield from (_ahead(*pair), _ahead(*pair[::-1]))
-
-
-def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
-    """Returns when x is ahead of y in a scenario."""
-    sizes = [x.n, y.n]
-    means = [dict(zip(cell.steps, cell.results("success").mean(axis=0), strict=True)) for cell in (x, y)]
-    common = {step: (means[0][step], means[1][step]) for step in x.steps if step in means[1]}
-    ahead = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
-    most = max(common, key=lambda step: common[step][0] - common[step][1])
+def _ahead(x: Mapping[int, float], y: Mapping[int, float], sizes: Sequence[int]) -> Row:
+    """Returns at which steps the mean success of x is above that of y, given the means by step."""
+    common = {step: (x[step], y[step]) for step in x if step in y}
+    found = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
+    most = max(common, key=lambda step: x[step] - y[step])
     return {
-        **x.place,
-        "x": str(x.learner),
-        "y": str(y.learner),
-        "n": min(sizes),
-        "steps_ahead": len(ahead),
-        "first_step": float(ahead[0]) if ahead else np.inf,
-        "last_step": float(ahead[-1]) if ahead else np.inf,
-        "largest_difference": common[most][0] - common[most][1],
+        "steps_ahead": len(found),
+        "first_step": float(found[0]) if found else np.inf,
+        "last_step": float(found[-1]) if found else np.inf,
+        "largest_difference": x[most] - y[most],
         "largest_at": most,
-        "largest_x": common[most][0],
-        "largest_y": common[most][1],
+        "largest_x": x[most],
+        "largest_y": y[most],
     }
 
 
@@ -261,55 +277,80 @@ def _ahead(x: Cell, y: Cell) -> dict[str, Any]:
         "peak_memory_mb": "peak memory (MB)",
         **EFFORT,
     },
+    meanings={
+        **MEANINGS,
+        "cpu_time_s": "CPU seconds of training, median over runs",
+        "cpu_time_s_min": "CPU seconds of the fastest run",
+        "cpu_time_s_max": "CPU seconds of the slowest run",
+        "steps_per_cpu_s": "environment steps of training per CPU second",
+        "updates": "updates of a table, or gradient steps of a net, median over runs",
+        "parameters": "learned parameters",
+        "peak_memory_mb": "peak memory of the process in MB, median over runs",
+    },
     is_measured=True,
     best="-cpu_time_s",
 )
-def cost(runs: Runs) -> Iterator[dict[str, Any]]:
-    """Medians over all scenarios, and the range of CPU time."""
-    for learner, cells in runs.learners.items():
-        provenance = [run for cell in cells for run in cell.population.provenance]
-        seconds = np.array([run["cpu_time_s"][-1] for run in provenance])
-        memory = [run["peak_memory_mb"] for run in provenance if run["peak_memory_mb"] is not None]
+def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Computes medians over all scenarios and conditions, and the range of CPU time."""
+    for name, rows in own_rows(runs, experiment).groupby("learner", sort=False):
+        seconds, learner = rows["cpu_time_s"].to_numpy(), experiment.learners[str(name)]
         yield {
-            **learner._asdict(),
-            "runs": len(seconds),
+            "algorithm": learner.variant,
+            "observation": learner.observation,
+            "runs": len(rows),
             "cpu_time_s": np.median(seconds),
             "cpu_time_s_min": seconds.min(),
             "cpu_time_s_max": seconds.max(),
-            "steps_per_cpu_s": cells[0].population.settings.budget / np.median(seconds),
-            "updates": np.median(np.concatenate([cell.population.arrays["updates"] for cell in cells])),
-            "parameters": int(cells[0].population.arrays["parameters"][0]),
-            "peak_memory_mb": np.median(memory) if memory else np.nan,
-            **runs.effort(learner),
+            "steps_per_cpu_s": rows["budget"].iloc[0] / np.median(seconds),
+            "updates": np.median(rows["updates"].to_numpy()),
+            "parameters": rows["parameters"].iloc[0],
+            "peak_memory_mb": rows["peak_memory_mb"].median(),
+            **effort(learner),
         }
 
 
 @writing(
     "learning", "animation of learning: a table and a net, each the agent of the median seed", "learning.webp"
 )
-def learning(runs: Runs, directory: Path) -> None:
+def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes an animation: typical agents of a table and of a net, in every scenario.
 
     They are the first baseline and the first net that is compared with it, or else the first of each.
     """
-    learners = [*runs.declared.baselines, *runs.declared.decisive, *(cell.learner for cell in runs.own)]
+    drawn = _drawn(runs, experiment)
+    first = [*reporting_of(experiment).baseline, *decisive_learners(experiment)]
+    learners = [*first, *(population.learner.name for population in drawn)]
     rows: list[list[film.Film]] = []
     for family in ("tabular", "deep"):
-        chosen = next((each for each in learners if runs.declared.families[each] == family), None)
-        rows.append([_film(runs, cell) for cell in runs if cell.learner == chosen])
-    film.write(film.learning([row for row in rows if row]), directory / "learning.webp")
+        chosen = next((name for name in learners if experiment.learners[name].family == family), None)
+        rows.append([_film(each, records) for each in drawn if each.learner.name == chosen])
+    film.write(film.learning([row for row in rows if row]), path)
 
 
-def _film(runs: Runs, cell: Cell) -> film.Film:
-    """Returns the film of a cell's typical agent."""
-    agent = typical_agent(cell.population)
-    learner, seed = runs.names(*cell.learner), cell.population.seeds[agent]
-    title = f"{cell.scenario}: {learner}, seed {seed} (median)"
-    return film.film_of(title, cell.population, agent)
+def _film(population: Population, records: RecordsOf) -> film.Film:
+    """Returns the film of a population's typical agent."""
+    found = records(population)
+    agent = typical_agent(found)
+    title = f"{population.scenario.name}: {population.learner.title}, seed {found.seeds[agent]} (median)"
+    return film.film_of(title, found, agent)
 
 
-def _shown(runs: Runs) -> list[Shown]:
-    return [Shown(*cell.learner, cell.population) for cell in runs.own]
+@writing(
+    "agents", "what the explorer on the page shows: values, policies and scenarios, as compressed JSON", FILE
+)
+def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
+    """Writes what all learners know, but for reference implementations."""
+    shown = [
+        Shown(each.learner.variant, each.learner.observation, records(each))
+        for each in _drawn(runs, experiment)
+    ]
+    path.write_bytes(compressed(packed(shown)))
 
 
-agents = explorer_item(_shown)
+def _drawn(runs: pd.DataFrame, experiment: Experiment) -> list[Population]:
+    """Lists the populations, but for those of reference implementations."""
+    return [
+        experiment.population(rows["condition"].iloc[0], names["scenario"], learner.name)
+        for names, learner, rows in populations(runs, experiment)
+        if not learner.reference_for
+    ]

@@ -16,9 +16,10 @@ unless neither learned. All else is *undecided*. Contrasts that name scenarios o
 their own, and no part in the outcome.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
-from typing import Any, Final, Literal
+from itertools import product
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,19 +30,24 @@ from benchmark.analysis.contrasts import (
     MIXED,
     NO_VERDICT,
     UNDECIDED,
-    VERDICTS,
     WORSE,
     Means,
     contrast,
     decide,
     holm,
     mixed,
-    runs_to_decide,
 )
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
-from benchmark.reports.comparison.declared import Declared, Learner, Side
-from benchmark.reports.comparison.runs import Cell, Runs, means_of
-from envs.words import listed
+from benchmark.experiments import Experiment
+from benchmark.reports.comparison.cells import cells_of, matched
+from benchmark.reports.comparison.declared import (
+    Pair,
+    contrasts_of,
+    decisive_learners,
+    effects_of,
+    reporting_of,
+    side_name,
+)
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
 Outcome = Literal[
@@ -55,215 +61,196 @@ Outcome = Literal[
     "unequal budgets",
     "no verdict",
 ]
-Pairs = Sequence[tuple[Cell, Cell]]  # of a row: x and y in every scenario
+Row = dict[str, Any]
+ALPHA: Final = 1 - LEVEL
 
 
-def contrasts_of(runs: Runs) -> list[dict[str, Any]]:
+class Case(NamedTuple):
+    """What a row compares: cells of x and of y, one of each in every scenario."""
+
+    names: dict[str, str]  # the columns that name the row
+    x: pd.DataFrame
+    y: pd.DataFrame
+
+    @property
+    def fewest_runs(self) -> int:
+        """How many runs the smallest cell has."""
+        return int(min(self.x["n"].min(), self.y["n"].min()))
+
+    def sides(self, endpoint: str) -> tuple[Means, Means]:
+        """Returns the means of x and of y by scenario."""
+        x, y = (Means([*cells[endpoint]], [*cells["n"]]) for cells in (self.x, self.y))
+        return x, y
+
+
+def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> list[Row]:
     """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
-    declared, reporting = runs.declared, runs.declared.reporting
+    reporting, cells = reporting_of(experiment), cells_of(runs, experiment)
     is_pooled = reporting.pool == "scenarios"
-    cases = [case for x, y in declared.contrasts for case in _cases(runs, x, y, is_pooled=is_pooled)]
+    cases = [
+        case
+        for pair in contrasts_of(experiment)
+        for case in _cases(cells, pair, experiment, is_pooled=is_pooled)
+    ]
     if not is_pooled:
-        cases.sort(key=lambda case: runs.scenarios.index(case[1][0][0].scenario))
-    rows = [names | difference(pairs) for names, pairs in cases]
-    fewest = [min(cell.n for pair in pairs for cell in pair) for _, pairs in cases]
+        order = [*experiment.scenarios]
+        cases.sort(key=lambda case: order.index(case.x["scenario"].iloc[0]))
+    rows: list[Row] = [{**case.names, **_difference(case)} for case in cases]
+    allowed = [not is_partial and case.fewest_runs >= reporting.fewest_runs for case in cases]
     adjust = holm if reporting.adjust == "holm" else list
-    for side in "xy" if rows else ():
-        values = adjust([row.pop(f"p_random_{side}") for row in rows])
-        for row, value in zip(rows, values, strict=True):
-            row[f"p_random_{side}"] = value
+    for key in ("p_random_x", "p_random_y") if rows else ():
+        for row, p in zip(rows, adjust([row.pop(key) for row in rows]), strict=True):
+            row[key] = p
     for endpoint in ENDPOINTS:
         margin: float = getattr(reporting.margins, endpoint)
-        sides = [_sides(pairs, endpoint) for _, pairs in cases]
+        sides = [case.sides(endpoint) for case in cases]
         found = [contrast(x, y, margin) for x, y in sides]
-        allowed = [not runs.is_incomplete and n >= reporting.fewest_runs for n in fewest]
         decided = decide(found, is_allowed=allowed, adjust=adjust)
-        for row, n, (x, y), each, outcome in zip(rows, fewest, sides, found, decided, strict=True):
-            row |= {"n": n, f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-            for key, value in (asdict(each) | dict(outcome)).items():
+        for case, row, (x, y), one, decision in zip(cases, rows, sides, found, decided, strict=True):
+            row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
+            for key, value in (asdict(one) | dict(decision)).items():
                 ending = f"difference_{key}" if key.startswith(("low", "high")) else key
                 row[f"{endpoint}_{ending}"] = value
             row[f"{endpoint}_margin"] = margin
-            verdict, apart = _over_scenarios(row[f"{endpoint}_verdict"], x, y, margin)
+            verdict, apart = _over_scenarios(str(decision["verdict"]), x, y, margin)
             row[f"{endpoint}_verdict"] = verdict
             row[f"{endpoint}_largest"] = max(a - b for a, b in zip(x.means, y.means, strict=True))
-            row[f"{endpoint}_except"] = ", ".join(runs.scenarios[i] for i in apart)
+            row[f"{endpoint}_except"] = ", ".join(case.x["scenario"].iloc[apart])
     return rows
 
 
-def effects_of(runs: Runs) -> list[dict[str, Any]]:
-    """Returns the effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
-    rows = []
-    for x, y, name in runs.declared.effects:
-        for names, pairs in _cases(runs.own, x, y, is_pooled=False):
-            row = {"effect": name} | names | difference(pairs)
+def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Yields the effects, a row for each pair of cells that differ by it, with intervals not adjusted."""
+    cells = cells_of(runs, experiment)
+    references = [name for name, learner in experiment.learners.items() if learner.reference_for]
+    own = cells[~cells["learner"].isin(references)]
+    for name, pair in effects_of(experiment).items():
+        for case in _cases(own, pair, experiment, is_pooled=False):
+            row: Row = {"effect": name, **case.names, **_difference(case)}
             del row["random_success"]  # the sides may differ in it
             for endpoint in ENDPOINTS:
-                sides = _sides(pairs, endpoint)
-                found = contrast(*sides, margin=0.5)  # of which the interval does not depend
-                row |= {f"{endpoint}_x": sides[0].mean, f"{endpoint}_y": sides[1].mean}
+                x, y = case.sides(endpoint)
+                found = contrast(x, y, margin=0.5)  # of which the interval does not depend
+                row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
                 row[f"{endpoint}_difference"] = Estimate(found.difference, found.low, found.high)
-            rows.append(row)
-    return rows
+            yield row
 
 
-def difference(pairs: Pairs) -> dict[str, Any]:
-    """Returns what a row says besides its endpoints: sizes, policies, wrong PINGs, and the random policy."""
-    row: dict[str, Any] = {"n": min(cell.n for pair in pairs for cell in pair)}
-    rates, share = [], 1 / len(pairs)
-    for side, cells in zip("xy", zip(*pairs, strict=True), strict=True):
-        row[f"policy_{side}"] = cells[0].policy
-        row["random_success"] = random = share * sum(cell.random_success for cell in cells)
-        means = [float(cell.final("success").mean()) for cell in cells]
-        row[f"p_random_{side}"] = p_above([share] * len(cells), means, [cell.n for cell in cells], random)
-        rates.append([cell.wrong_pings for cell in cells])
-        row[f"wrong_pings_{side}"] = float(np.mean([rate.value for rate in rates[-1]]))
-    value = row["wrong_pings_x"] - row["wrong_pings_y"]
-    reach = share * float(np.linalg.norm([rate.high - rate.value for side in rates for rate in side]))
-    return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
+def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> Iterator[Row]:
+    """Yields the outcome, or that of each scenario and condition, if there are baselines."""
+    reporting = reporting_of(experiment)
+    if not reporting.baseline:
+        return
+    baselines, decisive = reporting.baseline, decisive_learners(experiment)
+    every = contrast_rows(runs, experiment, is_partial)
+    rows = [row for row in every if row["x"] in decisive and row["y"] in baselines]
+    axes = {"scenario": [*experiment.scenarios]} if reporting.pool == "none" else {}
+    axes |= {"condition": [*experiment.conditions]} if len(experiment.conditions) > 1 else {}
+    for values in product(*axes.values()):
+        names = dict(zip(axes, values, strict=True))
+        here = pd.DataFrame([row for row in rows if names.items() <= row.items()])
+        yield {**names, "outcome": outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
 
 
-def outcome(declared: Declared, rows: pd.DataFrame, summary: pd.DataFrame | None = None) -> Outcome:
-    """Decides by contrasts with baselines, all of one scenario or pooled; see the module's docstring.
+def outcome(
+    rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame
+) -> Outcome:
+    """Decides by contrasts of one scenario, or pooled ones; see the module's docstring.
 
-    The table `summary` has the budgets, which are taken to be equal without it.
+    Args:
+      rows: Contrasts; only those of decisive learners with baselines count.
+      baselines: The learners that deep learners have to beat.
+      decisive: The deep learners that are compared with all baselines.
+      runs: Rows with `learner`, `condition` and `budget`.
     """
-    rows, alpha = decisive_rows(declared, rows), 1 - LEVEL
-    verdicts = standings(declared, rows)
-    if NO_VERDICT in set(verdicts) or len(verdicts) < len(declared.decisive):
+    rows = rows[rows["x"].isin(decisive) & rows["y"].isin(baselines)]
+    verdicts = standings(rows, baselines)
+    if NO_VERDICT in set(verdicts) or len(verdicts) < len(decisive):
         return "no verdict"
-    if ((rows["p_random_x"] > alpha) & (rows["p_random_y"] > alpha)).all():
+    if ((rows["p_random_x"] > ALPHA) & (rows["p_random_y"] > ALPHA)).all():
         return "neither learned"
-    if summary is not None and _budgets_differ(rows, summary):
+    if _budgets_differ(rows, runs):
         return "unequal budgets"
-    won = winners(rows)
+    won = _winners(rows)
     if _is_alike(won).any():
         return "earns"
     if len(won):
-        return "another class" if (won["p_random_y"] <= alpha).any() else "no table learned"
-    is_better = (verdicts == BETTER) & (rows.groupby("x")["p_random_x"].max() <= alpha)
-    is_lost = verdicts.isin([WORSE, EQUIVALENT]) | is_worse_in_some(rows).groupby(rows["x"]).any()
+        return "another class" if (won["p_random_y"] <= ALPHA).any() else "no table learned"
+    is_better = (verdicts == BETTER) & (rows.groupby("x")["p_random_x"].max() <= ALPHA)
+    is_lost = verdicts.isin([WORSE, EQUIVALENT]) | _is_worse_in_some(rows).groupby(rows["x"]).any()
     if is_better.any() or (MIXED in set(verdicts) and not is_lost.all()):
         return "mixed"
     return "does not earn" if is_lost.all() else "undecided"
 
 
-def standings(declared: Declared, rows: pd.DataFrame) -> "pd.Series[str]":
+def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     """Returns each learner's verdict on success against all baselines, by its name, from rows of one place.
 
     It is better only if it is better than all, worse if it is worse than at least one, and equivalent if it
     is equivalent to at least one and worse than none. Learners that are not compared with all are left out.
     """
-    baselines = {str(baseline) for baseline in declared.baselines}
+    tables = {*baselines}
     order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, UNDECIDED, BETTER)  # the first that there is
     found = {}
-    for x, against in rows[rows["y"].isin(baselines)].groupby("x", sort=False):
-        if set(against["y"]) == baselines:
+    for x, against in rows[rows["y"].isin(tables)].groupby("x", sort=False):
+        if set(against["y"]) == tables:
             found[str(x)] = min(against["success_verdict"], key=order.index)
     return pd.Series(found, dtype=str)
 
 
-def runs_needed(declared: Declared, rows: pd.DataFrame, n_tests: int) -> int:
-    """Returns how few runs would decide on a scenario that is undecided, if all means stayed as they are.
-
-    One learner that is better than all baselines is enough; otherwise each has to be worse than one of them,
-    or equivalent to it. It is 0 if no number of runs would do.
-
-    Args:
-      declared: What is compared.
-      rows: The contrasts of the scenario.
-      n_tests: For how many contrasts p-values are adjusted.
-    """
-    rows, margin = decisive_rows(declared, rows), declared.reporting.margins.success
-    undecided = [x for x, found in standings(declared, rows).items() if found == UNDECIDED]
-    won, lost = [], [0]
-    for _, against in rows[rows["x"].isin(undecided)].groupby("x"):
-        is_ahead = against["success_difference"].to_numpy() >= margin
-        needed = [
-            runs_to_decide([row["success_x"]], [row["success_y"]], margin, n_tests, is_better_enough=ahead)
-            for (_, row), ahead in zip(against.iterrows(), is_ahead, strict=True)
-        ]
-        if is_ahead.all():
-            won.append(max(needed))
-        else:
-            lost.append(min(n for n, ahead in zip(needed, is_ahead, strict=True) if not ahead))
-    return min(won, default=max(lost))
-
-
-def is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
+def _is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
     """Returns which rows are mixed although x is nowhere better by the margin: it is worse in places."""
     is_nowhere_better = (rows["success_largest"] < rows["success_margin"]) & (rows["success_difference"] <= 0)
     return (rows["success_verdict"] == MIXED) & is_nowhere_better
 
 
-def winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the contrasts of each x that is better in all: in success, than random, not worse in score.
-
-    If some x has the same class of policy as a baseline that has learned, it is those of such x alone.
-    """
-    is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= 1 - LEVEL)
+def _winners(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the contrasts of each x that is better in all: in success, than random, not worse in score."""
+    is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= ALPHA)
     is_won = is_better & ~rows["score_verdict"].isin([WORSE, MIXED])
-    won = rows[is_won.groupby(rows["x"]).transform("all")]
-    is_alike = _is_alike(won).groupby(won["x"]).transform("any")
-    return won[is_alike] if is_alike.any() else won
+    return rows[is_won.groupby(rows["x"]).transform("all")]
 
 
 def _is_alike(rows: pd.DataFrame) -> "pd.Series[bool]":
     """Returns in which rows y has the same class of policy as x, and is better than the random policy."""
-    return (rows["policy_x"] == rows["policy_y"]) & (rows["p_random_y"] <= 1 - LEVEL)
+    return (rows["policy_x"] == rows["policy_y"]) & (rows["p_random_y"] <= ALPHA)
 
 
-def _budgets_differ(rows: pd.DataFrame, summary: pd.DataFrame) -> bool:
+def _budgets_differ(rows: pd.DataFrame, runs: pd.DataFrame) -> bool:
     """Returns whether the learners of contrasts under one condition had different budgets."""
-    names = summary["algorithm"] + ", " + summary["observation"]
-    is_compared = names.isin([*rows["x"], *rows["y"]])
+    is_compared = runs["learner"].isin([*rows["x"], *rows["y"]])
     if "condition" in rows:
-        is_compared &= summary["condition"].isin(rows["condition"])
-    return bool(summary.loc[is_compared, "budget"].nunique() > 1)
+        is_compared &= runs["condition"].isin(rows["condition"])
+    return bool(runs.loc[is_compared, "budget"].nunique() > 1)
 
 
-def decisive_rows(declared: Declared, rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the contrasts of deep learners with the baselines."""
-    is_deep = rows["x"].isin([str(learner) for learner in declared.decisive])
-    return rows[is_deep & rows["y"].isin([str(baseline) for baseline in declared.baselines])]
+def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled: bool) -> Iterator[Case]:
+    """Yields the pairs of cells that two sides name, by what names their row."""
+    x, y = matched(cells, pair)
+    keys = ["scenario"] if "scenario" not in pair.x and not is_pooled else []
+    keys += ["condition"] if "condition" not in pair.x and len(experiment.conditions) > 1 else []
+    keys += ["algorithm", "observation"] if "learner" not in pair.x else []
+    sides = {"x": side_name(pair.x), "y": side_name(pair.y)}
+    for _, rows in x.groupby([x[key] for key in keys] or np.zeros(len(x)), sort=False):
+        yield Case({key: rows[key].iloc[0] for key in keys} | sides, rows, y.loc[rows.index])
 
 
-def counted(rows: pd.DataFrame) -> str:
-    """Counts the verdicts on success in words."""
-    counts = []
-    for verdict in VERDICTS:
-        if n := int((rows["success_verdict"] == verdict).sum()):
-            verb = ("has" if n == 1 else "have") if verdict == NO_VERDICT else "is" if n == 1 else "are"
-            counts.append(f"{n} {verb} {verdict}")
-    return listed(counts or ["none is there"])
-
-
-def _cases(runs: Runs, x: Side, y: Side, *, is_pooled: bool) -> list[tuple[dict[str, str], Pairs]]:
-    """Returns the pairs of cells that two sides name, by what names their row."""
-    cases: dict[tuple[tuple[str, str], ...], list[tuple[Cell, Cell]]] = {}
-    for cell, other in runs.matched(x, y):
-        names: dict[str, str] = {}
-        if x.scenario is None and not is_pooled:
-            names["scenario"] = cell.scenario
-        if x.condition is None and cell.has_conditions:
-            names["condition"] = cell.condition
-        if x.learner is None:
-            names |= cell.learner._asdict()
-        names |= {"x": _name(x), "y": _name(y)}
-        cases.setdefault(tuple(names.items()), []).append((cell, other))
-    return [(dict(names), pairs) for names, pairs in cases.items()]
-
-
-def _name(side: Side) -> str:
-    """Returns how readers call a side."""
-    named: list[str | Learner | None] = [side.learner, side.scenario, side.condition]
-    return " @ ".join(str(name) for name in named if name is not None)
-
-
-def _sides(pairs: Pairs, endpoint: str) -> tuple[Means, Means]:
-    """Returns the means of x and of y by scenario."""
-    x, y = (means_of(cells, endpoint) for cells in zip(*pairs, strict=True))
-    return x, y
+def _difference(case: Case) -> Row:
+    """Returns what a row says besides its endpoints: sizes, policies, wrong PINGs, and the random policy."""
+    row: Row = {"n": case.fewest_runs}
+    share = 1 / len(case.x)
+    rates = []
+    for side, cells in (("x", case.x), ("y", case.y)):
+        row[f"policy_{side}"] = cells["policy"].iloc[0]
+        row["random_success"] = random = share * sum(cells["random_success"])
+        means, sizes = [*cells["success"]], [*cells["n"]]
+        row[f"p_random_{side}"] = p_above([share] * len(cells), means, sizes, random)
+        rates.append(float(np.mean(cells["wrong_pings"].to_numpy())))
+        row[f"wrong_pings_{side}"] = rates[-1]
+    value = rates[0] - rates[1]
+    reaches = [*case.x["wrong_pings_reach"], *case.y["wrong_pings_reach"]]
+    reach = share * float(np.linalg.norm(reaches))
+    return row | {"wrong_pings_difference": Estimate(value, value - reach, value + reach)}
 
 
 def _over_scenarios(verdict: str, x: Means, y: Means, margin: float) -> tuple[str, list[int]]:
@@ -274,13 +261,13 @@ def _over_scenarios(verdict: str, x: Means, y: Means, margin: float) -> tuple[st
     """
     if len(x.means) == 1 or verdict not in (BETTER, WORSE, EQUIVALENT):
         return verdict, []
-    each = [
+    alone = [
         contrast(Means([a], [n]), Means([b], [m]), margin)
         for a, n, b, m in zip(x.means, x.sizes, y.means, y.sizes, strict=True)
     ]
-    if contradicting := mixed(verdict, [one.difference for one in each], margin):
+    if contradicting := mixed(verdict, [one.difference for one in alone], margin):
         return MIXED, contradicting
-    lows, highs = [one.low_90 for one in each], [one.high_90 for one in each]
+    lows, highs = [one.low_90 for one in alone], [one.high_90 for one in alone]
     apart = set() if verdict == WORSE else {i for i, low in enumerate(lows) if low <= -margin}
     if verdict != BETTER:
         apart |= {i for i, high in enumerate(highs) if high >= margin}

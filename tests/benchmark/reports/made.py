@@ -1,26 +1,40 @@
-"""Comparisons made by hand, for tests of what reports compute from them and say of them."""
+"""Comparisons made by hand, for tests of what reports compute from them."""
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import MappingProxyType, SimpleNamespace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from agents import load_algorithm
+from agents.dynamic_programming import evaluate
+from agents.policy import uniform_policy
 from agents.tabular.learner import TabularAlgorithm
 from agents.tabular.updates import Q_LEARNING
+from benchmark.analysis.frames import keys_of
+from benchmark.analysis.records import Records
 from benchmark.drawing.tables import write_csv
+from benchmark.experiments import Experiment, Learner, Population, Reporting
+from benchmark.experiments.schema import Variant
+from benchmark.experiments.search import Chosen
 from benchmark.reports.comparison import REPORT
-from benchmark.reports.comparison.declared import Declared, Learner
-from benchmark.reports.comparison.runs import Cell, Runs
+from benchmark.reports.data import Data
 from benchmark.reports.document import Document
 from benchmark.reports.draw import tables_of
 from benchmark.reports.item import Item
-from tests.benchmark.populations import population
+from envs import compile_scenario, load_scenario
 
 BUDGET, POINTS = 400, 5  # steps of training, and how many evaluations
-_ALGORITHMS = {"tabular": "q_learning", "deep": "compiled_dqn", "planner": "memoryless"}
+_COLUMNS = (
+    "steps", "wrong_pings", "uncomfortable_steps", "greedy_success", "target_cells_marked", "cells_marked",
+    "region_overlap",
+)  # fmt: skip
+_ALGORITHMS = {"tabular": "q_learning", "deep": f"{__name__}:NET", "planner": "memoryless"}
 
 
 class _Net(TabularAlgorithm):
@@ -36,11 +50,28 @@ class Made(NamedTuple):
     family: str
     success: float | Sequence[float]  # share of runs, the first of which succeed
     n: int = 100  # runs in each scenario
-    score: float | Sequence[float] | None = None  # of every run; by default as its success
+    score: float | None = None  # of every run; by default as its success
     policy: str = "greedy"
     reference_for: str = ""
     budget: int = BUDGET
     every_run: bool = False  # whether the success is that of every run instead of a share of them
+
+
+class Cell(NamedTuple):
+    """The runs of a learner in a scenario under a condition."""
+
+    name: str
+    success: ArrayLike  # (N,) after training, or (N, T)
+    scenario: str = "S1"
+    family: str = "tabular"
+    policy: str = "greedy"
+    budget: int = BUDGET
+    score: ArrayLike | None = None  # by default as success
+    condition: str = "default"
+    observation: str = "index"
+    reference_for: str = ""
+    wrong_pings: ArrayLike = 0  # (N, T) of training, since its start
+    runs: Mapping[str, ArrayLike] = {}  # further columns of the table `runs`
 
 
 def over_training(final: ArrayLike) -> NDArray[np.float64]:
@@ -49,134 +80,147 @@ def over_training(final: ArrayLike) -> NDArray[np.float64]:
     return values if values.ndim == 2 else np.column_stack([np.zeros((len(values), POINTS - 1)), values])
 
 
-def cell(
-    name: str,
-    success: ArrayLike,
-    scenario: str = "S1",
-    family: str = "tabular",
-    policy: str = "greedy",
-    budget: int = BUDGET,
-    *,
-    score: ArrayLike | None = None,
-    condition: str = "default",
-    observation: str = "index",
-    **arrays: Any,
-) -> Cell:
-    """Returns runs with this success and score, (N,) after training or (N, T)."""
-    success = over_training(success)
-    score = success if score is None else over_training(score)
-    prefix = "" if policy == "greedy" else "stochastic_"
-    random, optimal = population(scenario).anchors["grid_return"]
-    arrays = {
-        f"{prefix}success": success,
-        f"{prefix}grid_return": random + score * (optimal - random),
-        **arrays,
-    }
-    algorithm = _ALGORITHMS[family]
-    made = population(
-        scenario, len(success), algorithm, budget=budget, every=budget // 4, observation=observation, **arrays
-    )
-    return Cell(scenario, condition, Learner(name, observation), made, policy, condition != "default")
+@lru_cache
+def random_success(scenario: str) -> float:
+    """Returns how often the random policy succeeds."""
+    model = compile_scenario(load_scenario(scenario))
+    return float(evaluate(model, uniform_policy(model), 200).success)
 
 
-def runs_of(
+def data_of(
     cells: Sequence[Cell],
     contrasts: Sequence[tuple[str, str]] = (),
-    baseline: str | Sequence[str] = "",
+    baseline: Sequence[str] = (),
     *,
-    references: Mapping[str, str] | None = None,
-    missing: str = "",
-    planners: Sequence[Cell] = (),
+    is_partial: bool = False,
+    chosen: Mapping[str, Chosen] = MappingProxyType({}),
+    records: Mapping[str, Records] = MappingProxyType({}),
     **reporting: Any,
-) -> Runs:
-    """Returns a comparison of cells; contrasts and baselines name learners without their observation."""
-    axes = {
-        "scenarios": list(dict.fromkeys(each.scenario for each in cells)),
-        "conditions": list(dict.fromkeys(each.condition for each in cells)),
-    }
-    learners = {str(each.learner): each.population.algorithm.family for each in cells}
+) -> Data:
+    """Returns a comparison of cells.
+
+    Args:
+      cells: In any order.
+      contrasts: Pairs of sides; learners that see the index are named without it.
+      baseline: Learners.
+      is_partial: Whether runs are missing.
+      chosen: What a search has chosen, by variant.
+      records: Those of a scenario, whoever is asked for.
+      reporting: Other keys of `[report]`.
+    """
+    learners = {f"{cell.name}, {cell.observation}": _learner(cell, chosen.get(cell.name)) for cell in cells}
 
     def side(name: str) -> str:
         parts = [f"{part}, index" if f"{part}, index" in learners else part for part in name.split(" @ ")]
         return " @ ".join(parts)
 
-    reporting["effects"] = [(side(x), side(y), name) for x, y, name in reporting.get("effects", ())]
-    pairs = [(side(x), side(y)) for x, y in contrasts]
-    baselines = side(baseline) if isinstance(baseline, str) else [side(name) for name in baseline]
-    declared = {"kind": "comparison", "contrasts": pairs, "baseline": baselines, **reporting}
-    facts = {"declared": json.dumps(declared), "learners": learners, "axes": axes}
-    return Runs(
-        cells,
-        planners,
-        Declared.from_manifest({"facts": facts, "experiment": "made"}),
-        groups={},
-        references={Learner(x, "index"): Learner(y, "index") for x, y in (references or {}).items()},
-        missing=missing,
+    reporting["effects"] = tuple((side(x), side(y), name) for x, y, name in reporting.get("effects", ()))
+    pairs, tables = [(side(x), side(y)) for x, y in contrasts], [side(name) for name in baseline]
+    report = Reporting(kind="comparison", contrasts=tuple(pairs), baseline=tuple(tables), **reporting)
+    conditions = {cell.condition: SimpleNamespace(name=cell.condition, axes={}) for cell in cells}
+    declared = SimpleNamespace(
+        name="made", argument="made", horizon=200, report=report, conditions=conditions
     )
+    scenarios = {cell.scenario: load_scenario(cell.scenario) for cell in cells}
+    runs, curves, populations = [], [], []
+    for cell in cells:
+        success = over_training(cell.success)
+        score = success if cell.score is None else over_training(cell.score)
+        wrong = np.broadcast_to(np.asarray(cell.wrong_pings), success.shape)
+        seeds, steps = range(len(success)), np.linspace(0, cell.budget, success.shape[1], dtype=int)
+        learner, condition = learners[f"{cell.name}, {cell.observation}"], conditions[cell.condition]
+        made: Any = (condition, scenarios[cell.scenario], learner, None, seeds)
+        populations.append(Population(*made))
+        ends = {"success": success, "score": score.clip(0, 1), "unbounded_score": score}
+        about = {
+            "policy": cell.policy,
+            "budget": cell.budget,
+            "random_success": random_success(cell.scenario),
+        }
+        columns = dict.fromkeys(_COLUMNS, 0) | about | {"diverged_at": np.inf, "seed": seeds}
+        columns |= {name: values[:, -1] for name, values in ends.items()}
+        columns |= {"training_wrong_pings": wrong[:, -1], **cell.runs}
+        runs.append(pd.DataFrame(keys_of(populations[-1]) | columns))
+        over = {"seed": np.repeat(seeds, len(steps)), "step": np.tile(steps, len(seeds))}
+        over |= {name: values.ravel() for name, values in (ends | {"training_wrong_pings": wrong}).items()}
+        curves.append(pd.DataFrame(keys_of(populations[-1]) | over))
+    experiment = Experiment(cast(Any, declared), Path("made.toml"), learners, scenarios, populations)
+    return Data(
+        experiment,
+        pd.concat(runs, ignore_index=True),
+        pd.concat(curves, ignore_index=True),
+        lambda population: records[population.scenario.name],
+        is_partial=is_partial,
+    )
+
+
+def _learner(cell: Cell, chosen: Chosen | None) -> Learner:
+    declared = Variant(
+        algorithm=_ALGORITHMS[cell.family],
+        observations=(cell.observation,),
+        seeds=len(np.asarray(cell.success)),
+        policy=cast(Any, cell.policy),
+        reference_for=cell.reference_for,
+    )
+    algorithm = load_algorithm(_ALGORITHMS[cell.family])
+    return Learner(cell.name, cell.observation, declared, algorithm, cell.family, chosen)
 
 
 def compared(
     learners: Mapping[str, Made],
     contrasts: Sequence[tuple[str, str]] = (),
-    baseline: str | Sequence[str] = "",
+    baseline: Sequence[str] = (),
     scenarios: Sequence[str] = ("S1", "S2", "S3"),
     **more: Any,
-) -> Runs:
-    """Returns a comparison of learners; without contrasts, of each with every baseline."""
+) -> Data:
+    """Returns a comparison of learners; without contrasts, of each but references with every baseline."""
     cells = []
     for name, made in learners.items():
-        success, score = (
-            each if isinstance(each, Sequence) else [each] * len(scenarios)
-            for each in (made.success, made.score)
-        )
-        for scenario, share, each in zip(scenarios, success, score, strict=False):
-            assert share is not None
-            reached = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
-            scored = None if each is None else np.full(made.n, each)
-            own = made.family, made.policy, made.budget
-            cells.append(cell(name, reached, scenario, *own, score=scored))
-    baselines = [baseline] * bool(baseline) if isinstance(baseline, str) else baseline
-    others = [name for name in learners if name not in baselines]
-    pairs = contrasts or [(name, table) for name in others for table in baselines]
-    references = {name: made.reference_for for name, made in learners.items() if made.reference_for}
-    return runs_of(cells, pairs, baseline, references=references, **more)
+        shares = made.success if isinstance(made.success, Sequence) else [made.success] * len(scenarios)
+        for scenario, share in zip(scenarios, shares, strict=False):
+            success = np.full(made.n, share) if made.every_run else np.arange(made.n) < round(share * made.n)
+            score = None if made.score is None else np.full(made.n, made.score)
+            own = made.family, made.policy, made.budget, score
+            cells.append(Cell(name, success, scenario, *own, reference_for=made.reference_for))
+    others = [name for name, made in learners.items() if name not in baseline and not made.reference_for]
+    pairs = contrasts or [(name, table) for name in others for table in baseline]
+    return data_of(cells, pairs, baseline, **more)
 
 
 def item(name: str) -> Item:
     """Returns an item of the comparison."""
-    return next(each for each in REPORT.items if each.name == name)
+    return next(found for found in REPORT.items if found.name == name)
 
 
-def folder_of(path: Path, runs: Runs, *names: str) -> Document:
-    """Writes tables and the manifest of a comparison, as its folder of results has them; by default all."""
+def table(name: str, data: Data) -> pd.DataFrame:
+    """Returns a table of the comparison."""
+    found = item(name).table(data)
+    assert found is not None
+    return found
+
+
+def folder_of(path: Path, data: Data, *names: str) -> Document:
+    """Writes these tables of a comparison and its manifest, as its folder of results has them."""
     path.mkdir(parents=True, exist_ok=True)
-    items = [each for each in REPORT.items if not names or each.name in names]
-    for name, frame in tables_of(items, runs).items():
+    for name, frame in tables_of([item(name) for name in names], data).items():
         write_csv(frame, path / f"{name}.csv")
-    references = {str(check): str(checked.algorithm) for check, checked in runs.references.items()}
-    algorithms = {
-        each.learner.algorithm: {
-            "family": each.population.algorithm.family,
-            "packages": [],
-            "policy": each.policy,
-            "reference_for": references.get(str(each.learner), ""),
-            "settings": each.population.specification["settings"],
-        }
-        for each in runs
-    }
+    experiment = data.experiment
+    assert experiment.report is not None
+    algorithms: dict[str, Any] = {}
+    for learner in experiment.learners.values():
+        about = learner.declared.model_dump(mode="json", include={"title", "policy", "tuned_by", "seeds"})
+        about |= {"family": learner.family, "runs": about.pop("seeds"), "settings": {}, "changed": []}
+        algorithms.setdefault(learner.variant, about)["settings"][learner.observation] = {}
+    texts = dict.fromkeys(("description", "note", "command", "partial", "search"), "")
     manifest = {
+        **texts,
         "experiment": "made",
-        "description": "Made by hand.",
-        "note": "",
-        "command": "none",
         "argument": "made",
-        "report": runs.declared.reporting.model_dump(mode="json"),
-        "facts": runs.facts,
-        "scenarios": {name: {} for name in runs.scenarios},
+        "report": experiment.report.model_dump(mode="json"),
+        "scenarios": {name: {} for name in experiment.scenarios},
         "algorithms": algorithms,
-        "partial": runs.note,
         "horizon": 200,
-        "runs": 1,
+        "runs": len(data.runs),
         "looks": [],
     }
     (path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")

@@ -1,12 +1,20 @@
 """What a comparison declares, what follows if it declares none, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from benchmark.experiments import Experiment, family_of, load_experiment
-from benchmark.reports.comparison.declared import Declared, Learner, check, forecast
-from benchmark.reports.comparison.runs import Runs
+from benchmark.experiments import Experiment, load_experiment
+from benchmark.reports.comparison.declared import (
+    check,
+    contrasts_of,
+    decisive_learners,
+    effects_of,
+    forecast,
+    reporting_of,
+    side_name,
+)
 from benchmark.reports.draw import report_of
 from envs import InputError
 from tests.benchmark.reports.conftest import experiment_of
@@ -24,7 +32,6 @@ algorithms.net = { algorithm = "compiled_dqn", observations = ["one_hot", "coord
 algorithms.net_sb3 = { reference_for = "net", algorithm = "dqn", seeds = 20 }
 sweep.noise = { high = {}, low = { settings = { time_limit = 40 } } }
 """
-TABLE, NET = Learner("table", "index"), Learner("net", "one_hot")
 CONTRAST = '["net, one_hot", "table, index"]'
 
 
@@ -34,18 +41,17 @@ def declared(tmp_path: Path, reporting: str = "") -> Experiment:
 
 def test_figures_that_would_be_too_high_are_refused_before_the_runs(tmp_path: Path) -> None:
     """Four contrasts that are not pooled, each a row in every scenario and condition: 250 of them."""
-    text = 'pool = "none"\nbaseline = "table, index"\ncontrasts = [["net, one_hot", "table, index"], '
-    text += '["net, coordinates", "table, index"], ["table, index", "other, index"], '
-    text += '["net, one_hot", "net, coordinates"]]'
+    text = f"""
+    pool = "none"
+    baseline = "table, index"
+    contrasts = [{CONTRAST}, ["net, coordinates", "table, index"], ["table, index", "other, index"],
+                 ["net, one_hot", "net, coordinates"]]
+    """
     experiment = declared(tmp_path, text)
-    for n in (125, 126):  # times two conditions
-        scenarios = [f"S{i}" for i in range(n)]
-        many = experiment.model_copy(update={"scenarios": scenarios})
-        if n == 125:
-            check(many)
-        else:
-            with pytest.raises(InputError, match=r"126 scenarios under 2 .* at most 250 scenarios"):
-                check(many)
+    scenario = experiment.scenarios["S1"]
+    check(replace(experiment, scenarios={str(i): scenario for i in range(125)}))  # times two conditions
+    with pytest.raises(InputError, match=r"126 scenarios under 2 .* at most 250 scenarios"):
+        check(replace(experiment, scenarios={str(i): scenario for i in range(126)}))
 
 
 def of_nets(path: Path, algorithm: str, forms: list[str], rest: str) -> Experiment:
@@ -75,7 +81,7 @@ def test_a_net_without_hidden_layers_over_one_hot_cells_is_a_table(
     tmp_path: Path, algorithm: str, forms: list[str], layers: list[int], family: str
 ) -> None:
     experiment = of_nets(tmp_path, algorithm, forms, f"settings.policy_kwargs.net_arch = {layers}")
-    assert family_of(experiment, "x") == family
+    assert {learner.family for learner in experiment.learners.values()} == {family}
 
 
 def test_no_condition_makes_a_table_of_a_net(tmp_path: Path) -> None:
@@ -86,40 +92,37 @@ def test_no_condition_makes_a_table_of_a_net(tmp_path: Path) -> None:
 
 
 def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:
-    found = Declared.of(declared(tmp_path))
-    assert found.baselines == [Learner("other", "index")]
-    assert found.decisive == [NET, Learner("net", "coordinates")]  # a check is no learner of its own
-    assert [y.learner for _, y in found.contrasts] == found.baselines * 2
-    assert (found.reporting.margins.success, found.reporting.margins.score) == (0.1, 0.05)
-    reporting = found.reporting
+    experiment = declared(tmp_path)
+    nets = ["net, one_hot", "net, coordinates"]  # a reference is no learner of its own
+    reporting = reporting_of(experiment)
+    assert reporting.baseline == ("other, index",)
+    assert decisive_learners(experiment) == nets
+    assert contrasts_of(experiment) == [({"learner": net}, {"learner": "other, index"}) for net in nets]
+    assert (reporting.margins.success, reporting.margins.score) == (0.1, 0.05)
     assert (reporting.fewest_runs, reporting.pool, reporting.adjust) == (10, "scenarios", "holm")
 
 
-@pytest.mark.parametrize(
-    ("baseline", "baselines"),
-    [('"table, index"', [TABLE]), ('["table, index", "other, index"]', [TABLE, Learner("other", "index")])],
-)
-def test_declared_contrasts_are_taken_and_survive_the_manifest(
-    tmp_path: Path, baseline: str, baselines: list[Learner]
-) -> None:
+@pytest.mark.parametrize("baseline", ['"table, index"', '["table, index", "other, index"]'])
+def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
     more = f"""
     baseline = {baseline}
-    contrasts = [{CONTRAST}, ["net, one_hot", "other, index"], ["table, index", "other, index"],
-                 ["net, one_hot @ S1", "net, one_hot @ S2"], ["default/noise=high", "default/noise=low"]]
-    margins = {{ success = 0.2 }}
-    fewest_runs = 30
+    contrasts = [{CONTRAST}, ["net, one_hot", "other, index"],
+                 ["S1 @ net, one_hot", "net, one_hot @ S2"], ["default/noise=high", "default/noise=low"]]
+    effects = [["S1", "S2", "size"]]
     """
     experiment = declared(tmp_path, more)
-    found = Declared.of(experiment)
-    assert (found.baselines, found.decisive) == (baselines, [NET])
-    assert [sorted(x.axes) for x, _ in found.contrasts] == [
-        ["learner"], ["learner"], ["learner"], ["learner", "scenario"], ["condition"]
-    ]  # fmt: skip
-    assert found.contrasts[3][1] == ("S2", None, NET)
-    facts = Runs([], [], found, {}, {}).facts | {
-        "axes": {"scenarios": ["S1", "S2"], "conditions": [*experiment.conditions]}
-    }
-    assert Declared.from_manifest({"facts": facts, "experiment": "mine"}) == found
+    net = {"learner": "net, one_hot"}
+    contrasts = [
+        (net, {"learner": "table, index"}),
+        (net, {"learner": "other, index"}),
+        (net | {"scenario": "S1"}, net | {"scenario": "S2"}),
+        ({"condition": "default/noise=high"}, {"condition": "default/noise=low"}),
+    ]
+    assert contrasts_of(experiment) == contrasts
+    assert effects_of(experiment) == {"size": ({"scenario": "S1"}, {"scenario": "S2"})}
+    assert decisive_learners(experiment) == ["net, one_hot"]
+    assert side_name(contrasts[2][0]) == "net, one_hot @ S1"
+    report_of(experiment)  # which checks it
 
 
 @pytest.mark.parametrize(
@@ -164,23 +167,25 @@ def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str
     assert [name for name in ["mine.toml", *names] if name not in str(caught.value)] == []
 
 
-def test_experiments_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
-    experiment = declared(tmp_path)
-    names = [f"net_{i}" for i in range(5)]  # two observations each
-    many = experiment.algorithms | dict.fromkeys(names, experiment.algorithms["net"])
-    search = experiment_of(tmp_path / "planner.toml", BASE.partition("algorithms.other")[0] + """
-        algorithms.search = { algorithm = "memoryless", observations = ["index"], seeds = 2 }
-        report = "comparison"
-    """)  # fmt: skip
-    episodes = experiment.model_copy(update={"settings": experiment.settings | {"budget_unit": "episodes"}})
-    for refused, word in (
-        (experiment.model_copy(update={"algorithms": many}), "contrasts"),
-        (search, "planner"),
-        (episodes, "budget_unit"),
-        (experiment.model_copy(update={"report": None}), "report"),
-    ):
-        with pytest.raises(InputError, match=word):
-            report_of(refused)
+PLANNER = 'algorithms.search = { algorithm = "memoryless", observations = ["index"], seeds = 2 }'
+NETS = "".join(
+    f'algorithms.net_{i} = {{ algorithm = "compiled_dqn", observations = ["one_hot"], seeds = 20 }}\n'
+    for i in range(8)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (BASE.replace("sweep.noise", f"{NETS}sweep.noise") + 'report = "comparison"', "10 deep learners"),
+        (BASE.partition("algorithms.other")[0] + f'{PLANNER}\nreport = "comparison"', "planner"),
+        (BASE.replace("200 }", '200, budget_unit = "episodes" }') + 'report = "comparison"', "budget_unit"),
+        (BASE, "report"),
+    ],
+)
+def test_experiments_that_cannot_be_compared_are_refused(tmp_path: Path, text: str, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        report_of(experiment_of(tmp_path / "mine.toml", text))
 
 
 def test_forecast_says_before_any_run_that_equivalence_cannot_be_shown(tmp_path: Path) -> None:
