@@ -103,10 +103,10 @@ def rows_of(experiment: Experiment, frame: pd.DataFrame) -> dict[Population, pd.
     named = {(keys["condition"], keys["learner"]): rows for keys, rows in by_population(frame)}
     found = {}
     for population in experiment.populations:
-        rows = named.get((population.condition.name, population.learner.name))
-        if rows is not None:
-            seeds, start = rows["seed"].unique(), population.seeds.start
-            n = int((seeds == start + np.arange(len(seeds))).sum())
+        rows = named.get((population.condition.name, population.learner.name), frame[:0])
+        seeds, start = rows["seed"].unique(), population.seeds.start
+        n = int((seeds == start + np.arange(len(seeds))).sum())
+        if n:
             found[population] = rows[rows["seed"] < start + n]
     return found
 
