@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmark.experiments import Experiment, choices, load_experiment
@@ -100,17 +101,12 @@ def test_trials_stay_the_same_when_a_search_is_lengthened() -> None:
 
 def test_trials_fill_the_space_evenly() -> None:
     """Of 64 points of a Sobol sequence in each dimension, one is in every 64th of the range."""
-    drawn = trials("dqn", SPACE, 64)[1:]
-    shares = {
-        "learning_rate": [np.log10(each["learning_rate"]) / 2 + 1 for each in drawn],
-        "epsilon": [each["epsilon"] / 0.5 for each in drawn],
-    }
-    for values in shares.values():
-        assert sorted(np.array(values) * 64 // 1) == pytest.approx(
-            np.arange(64), abs=1
-        )  # rounded to 3 digits
-    assert [each["policy_kwargs.net_arch"] for each in drawn].count([8]) == 32
-    assert all(isinstance(each["every"], int) and 10 <= each["every"] <= 1000 for each in drawn)
+    drawn = pd.DataFrame(trials("dqn", SPACE, 64)[1:])
+    for shares in (np.log10(drawn["learning_rate"]) / 2 + 1, drawn["epsilon"] / 0.5):
+        assert sorted(shares * 64 // 1) == pytest.approx(np.arange(64), abs=1)  # rounded to 3 digits
+    assert [*drawn["policy_kwargs.net_arch"]].count([8]) == 32
+    assert drawn["every"].dtype == int
+    assert drawn["every"].between(10, 1000).all()
 
 
 def test_every_learner_of_a_variant_has_the_same_trials(search: Experiment) -> None:

@@ -1,5 +1,7 @@
 """The report of a map: real runs of tables, and made ones with known ends."""
 
+import shutil
+import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -146,7 +148,7 @@ def test_a_contrast_gets_more_runs_until_it_is_decided(made: Path) -> None:
 def test_runs_of_a_seed_have_the_same_places_and_permuting_is_nothing_to_a_table(made: Path) -> None:
     experiment = load_experiment(made.parent / "small.toml")
     curves: dict[tuple[str, str], list[bytes]] = {}
-    places: dict[str, list[object]] = {}
+    places: dict[str, list[tuple[tuple[int, int], ...]]] = {}
     with Store(made.parent / "runs.db", read_only=True) as store:
         for population in experiment.populations:
             condition, runs = population.condition.name, population.runs(range(2))
@@ -165,11 +167,27 @@ def test_document_and_figures(made: Path) -> None:
     document = Document(made)
     check_links(document, fewest=2)
     assert document.headline is not None
-    start = "Over the 3 points of the grid `places`, the shared table of offsets compared with the table: "
+    start = "Over the points of the grid `places`, the shared table of offsets compared with the table: "
     assert plain(document.headline).startswith(f"{start}faster at ")
     assert (made / "map.svg").is_file()
     assert {*pd.read_csv(made / "reference.csv")["y"]} == {"check, index"}
     assert "at most 5 %" in (made / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_map_can_be_drawn_while_runs_are_missing(made: Path, tmp_path: Path) -> None:
+    for name in ("small.toml", "runs.db"):
+        shutil.copy(made.parent / name, tmp_path)
+    sixth = load_experiment(tmp_path / "small.toml").populations[0].runs()[5]
+    with sqlite3.connect(tmp_path / "runs.db") as store:
+        store.execute("DELETE FROM runs WHERE digest = ?", [sixth.digest])
+    command = ["report", str(tmp_path / "small.toml"), "--results", str(tmp_path)]
+    assert main(command) == 2
+    assert main([*command, "--partial"]) == 0
+    cells, contrasts = (
+        pd.read_csv(tmp_path / "small_partial" / f"{name}.csv") for name in ("cells", "contrasts")
+    )
+    assert cells["n"].iloc[0] == 5  # those before the missing one
+    assert "places 1" not in {*contrasts.loc[contrasts["grid"] == "places", "point"]}
 
 
 # Maps made by hand: 100,000 steps for the shared table, 1,000,000 for the other one
