@@ -18,7 +18,7 @@ from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.item import Frames, drawing
 
-_COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; to be told apart in grey by the signs
+_COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; signs tell them apart in grey
 _LOWEST: Final = 100  # steps that are drawn
 _DARK: Final = 0.62  # share of the scale from which on ink is white
 _MOST: Final = float(np.log(16.0))  # logarithm of the ratio from which on colours do not differ
@@ -125,7 +125,7 @@ def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.Da
 
 def _style(experiment: Experiment, learner: Learner) -> dict[str, Any]:
     """Returns colour, marker and dash of a learner that is no reference."""
-    own = [each.variant for each in experiment.learners.values() if not each.reference_for]
+    own = [other.variant for other in experiment.learners.values() if not other.reference_for]
     return learner_style(learner.variant, learner.observation, [*dict.fromkeys(own)])
 
 

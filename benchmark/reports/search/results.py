@@ -136,7 +136,9 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
             for scale in (axis.xaxis, steps.xaxis):
                 scale.set_minor_locator(NullLocator())
             axis.set_title(_TITLES[family], fontweight="bold")
-            handles = [Line2D([], [], label=each.title, **_style(experiment, each)) for each in learners]
+            handles = [
+                Line2D([], [], label=learner.title, **_style(experiment, learner)) for learner in learners
+            ]
             place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
             axis.legend(handles=handles, **place_below, ncols=2, frameon=False, handlelength=3)
         axes[0, 0].set_ylabel(_AREA)
@@ -174,9 +176,9 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
 )
 def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the effort of each search; `cpu_ms` is the mean time that a run of the search trains."""
-    for name, found in chosen_by(experiment, runs).items():
-        effort = found.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
-        cpu_ms = 1000 * found.cpu_time_s / found.runs
+    for name, result in chosen_by(experiment, runs).items():
+        effort = result.model_dump(include={"trials", "runs", "steps", "cpu_time_s"})
+        cpu_ms = 1000 * result.cpu_time_s / result.runs
         yield _names(experiment.learners[name]) | effort | {"cpu_ms": cpu_ms}
 
 
@@ -246,13 +248,13 @@ def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     for learner in experiment.learners.values():
         groups = of_stage[of_stage["learner"] == learner.name].groupby(["setting", "value"], sort=False)
         areas = {key: np.split(rows["area"].to_numpy(), len(experiment.scenarios)) for key, rows in groups}
-        for (setting, value), found in areas.items():
+        for (setting, value), parts in areas.items():
             yield _names(learner) | {
                 "setting": setting or "none",
                 "value": value or "as chosen",
-                "n": sum(map(len, found)),
-                "area": mean(found),
-                "difference": gain(found, areas["", ""]),
+                "n": sum(map(len, parts)),
+                "area": mean(parts),
+                "difference": gain(parts, areas["", ""]),
             }
 
 
@@ -266,7 +268,7 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     with figure_of(len(variants), n_columns, (11.0, height + 0.6)) as (figure, axes):
         axes[0, 0].get_gridspec().set_height_ratios([n + 1.5 for n in n_settings])
         for i, (row, variant) in enumerate(zip(axes, variants, strict=True)):
-            learners = [each for each in experiment.learners.values() if each.variant == variant]
+            learners = [learner for learner in experiment.learners.values() if learner.variant == variant]
             for axis in row[len(learners) :]:
                 axis.set_axis_off()
             for axis, learner in zip(row, learners, strict=False):
@@ -309,7 +311,8 @@ def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, colour: str) 
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
     """Tabulates what was declared before the search."""
-    defaults = {each.learner.variant: each.first.settings for each in reversed(experiment.populations)}
+    populations = reversed(experiment.populations)
+    defaults = {population.learner.variant: population.first.settings for population in populations}
     for name, declared in experiment.declared.algorithms.items():
         for key, axis in declared.search.items():
             yield {
@@ -370,23 +373,23 @@ def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
 
 def mean(areas: Sequence[Areas]) -> Estimate:
     """Returns the mean over scenarios of means over runs, given the numbers in [0, 1] of each scenario."""
-    share, means = 1 / len(areas), [float(each.mean()) for each in areas]
+    share, means = 1 / len(areas), [float(part.mean()) for part in areas]
     return Estimate(
-        float(np.mean(means)), *combined([share] * len(areas), means, [len(each) for each in areas])
+        float(np.mean(means)), *combined([share] * len(areas), means, [len(part) for part in areas])
     )
 
 
 def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
     """Returns the difference of two such means, x minus y, as of independent runs.
 
-    Scenarios in which both sides are the same runs add nothing, to the width of the interval neither.
+    Scenarios in which both sides are the same runs change neither the difference nor its interval.
     """
     apart = [pair for pair in zip(x, y, strict=True) if pair[0] is not pair[1]]
-    sides, weights = [each for pair in apart for each in pair], [1 / len(x), -1 / len(x)] * len(apart)
-    means = [float(each.mean()) for each in sides]
+    sides, weights = [side for pair in apart for side in pair], [1 / len(x), -1 / len(x)] * len(apart)
+    means = [float(side.mean()) for side in sides]
     if not apart:
         return Estimate(0.0, 0.0, 0.0)
-    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [len(each) for each in sides]))
+    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [len(side) for side in sides]))
 
 
 def expected_best(areas: Areas, weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -407,11 +410,11 @@ def expected_best(areas: Areas, weights: NDArray[np.float64]) -> NDArray[np.floa
     half = areas.shape[2] // 2
     parts = [areas[:, :, part].mean(axis=(1, 2)) for part in (slice(half), slice(half, None))]
     b = np.arange(1, len(areas) + 1)
-    found = []
+    halves = []
     for by, counted in (parts, parts[::-1]):
         order = np.argsort(by, kind="stable")  # the worst first
         up_to = weights[..., order].cumsum(axis=-1) / weights.sum(axis=-1, keepdims=True)
         below = np.concatenate([np.zeros_like(up_to[..., :1]), up_to[..., :-1]], axis=-1)
         is_best = up_to[..., None] ** b - below[..., None] ** b  # (..., trials, b)
-        found.append((is_best * counted[order][:, None]).sum(axis=-2))
-    return np.asarray(np.mean(found, axis=0))
+        halves.append((is_best * counted[order][:, None]).sum(axis=-2))
+    return np.asarray(np.mean(halves, axis=0))
