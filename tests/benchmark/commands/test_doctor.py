@@ -41,7 +41,6 @@ def examine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
 
 def about(subject: str, lines: list[str]) -> list[str]:
-    """Returns the findings about something, without its name."""
     return [line.replace(f" {subject} ", " ", 1) for line in lines if line.split()[1] == subject]
 
 

@@ -14,7 +14,6 @@ from benchmark.experiments import RunSpecification, load_experiment, specificati
 
 
 def record(run: RunSpecification, seconds: float, peak_mb: float, where: str = "") -> Record:
-    """Returns a record of a run that took so long."""
     measured = {"wall_time_s": seconds, "peak_memory_mb": peak_mb, "machine": where or machine()}
     arrays: dict[str, NDArray[Any]] = {"greedy": np.zeros(4, np.uint8), "values": np.zeros(4, np.float32)}
     return Record(run.digest, run.content, "done", measured, arrays)
