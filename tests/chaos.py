@@ -91,16 +91,16 @@ class Chaos:
             with Store(self.results / "runs.db", read_only=True) as store:
                 if problem := store.problem():
                     raise Broken(f"the store is damaged: {problem}")
-                found = arrays_of(store.get(sorted(store.ended())))
+                stored = arrays_of(store.get(sorted(store.ended())))
         except NoRunsError:
-            found = {}
-        if lost := self._kept - found.keys():
+            stored = {}
+        if lost := self._kept - stored.keys():
             raise Broken(f"{len(lost)} runs are lost")
-        for digest, arrays in found.items():
+        for digest, arrays in stored.items():
             if arrays != self.expected.get(digest):
                 raise Broken(f"run {digest[:12]} is different")
-        self._kept = {*found}
-        return len(found)
+        self._kept = {*stored}
+        return len(stored)
 
     def finish(self) -> None:
         """Executes what is missing undisturbed, checks that nothing is repeated or left, and starts anew."""

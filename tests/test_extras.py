@@ -214,9 +214,9 @@ def test_what_is_imported_is_declared() -> None:
 def test_contributing_names_the_extra_of_every_dependency() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     rows = text.partition("| package | extra | why |\n|---|---|---|\n")[2].splitlines()
-    told: dict[str | None, set[str]] = {}
+    documented: dict[str | None, set[str]] = {}
     for packages, extra, _ in (row.strip("|").split("|") for row in rows):
-        told.setdefault(extra.strip(" `") or None, set()).update(packages.strip().split(", "))
+        documented.setdefault(extra.strip(" `") or None, set()).update(packages.strip().split(", "))
     declared = {extra: requirements(extra) for extra in (None, *PROJECT["optional-dependencies"])}
     declared["deep"] -= BOUNDED
-    assert told == declared
+    assert documented == declared

@@ -132,7 +132,7 @@ def stored(tmp_path: Path, n: int = 5) -> list[str]:
     failed = Record(records[-1].digest, records[-1].specification, "failed", {}, {}, "ValueError: planted")
     with Store(tmp_path / "runs.db") as store:
         store.add([*records[:-1], failed])
-    return [each.digest for each in records[:-1]]
+    return [run.digest for run in runs[:-1]]
 
 
 def test_runs_are_counted_and_verified(

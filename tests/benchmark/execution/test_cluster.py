@@ -97,12 +97,12 @@ class Machines:
         """Waits until these workers are there, and no others, and returns their addresses."""
         with Client(self.address, set_as_default=False) as client:
 
-            def found() -> dict[str, str]:
-                workers = client.scheduler_info()["workers"]
-                return {worker["name"]: address for address, worker in workers.items()}
+            def workers() -> dict[str, str]:
+                known = client.scheduler_info()["workers"]
+                return {worker["name"]: address for address, worker in known.items()}
 
-            until(lambda: found().keys() == set(names))
-            return found()
+            until(lambda: workers().keys() == set(names))
+            return workers()
 
     def tasks(self) -> int:
         with Client(self.address, set_as_default=False) as client:
@@ -165,7 +165,8 @@ def test_runs_are_the_same_as_here_even_if_a_worker_is_killed(
     assert f"{len(expected)} runs done, 0 were done already" in capsys.readouterr().out
     with Store(tmp_path / "runs.db", read_only=True) as store:
         assert len(store.statuses()) == len(expected)
-        for stored, record in zip(store.get([each.digest for each in expected]), expected, strict=True):
+        records = store.get([record.digest for record in expected])
+        for stored, record in zip(records, expected, strict=True):
             assert stored.status == record.status == "done"
             assert arrays_of([stored]) == arrays_of([record])
             assert stored.provenance["machine"].startswith("Elsewhere")
