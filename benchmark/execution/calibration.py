@@ -53,7 +53,7 @@ def estimate(runs: Sequence[RunSpecification], store: Store | None, jobs: int, c
 def _stored(populations: Collection[str], store: Store) -> dict[str, list[Provenance]]:
     """Returns the provenance of stored runs of such a machine, by population."""
     stored: dict[str, list[Provenance]] = {}
-    with suppress(InputError):  # it is damaged where it is read
+    with suppress(InputError):  # the file is damaged
         for digest, content in store.contents().items():
             with suppress(InputError, TypeError, ValueError):  # a damaged record
                 if (population := population_of(content)) in populations:

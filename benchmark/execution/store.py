@@ -145,8 +145,8 @@ class _Packed(Arrays):
 class Store:
     """An open `runs.db`, used as a context manager.
 
-    If SQLite finds that the file is damaged and it may be written, it is replaced by one with the intact
-    records; the damaged one is kept beside it, with a message on stderr.
+    A file that SQLite finds damaged is replaced by one with the intact records, if it may be written; the
+    damaged one is kept beside it, with a message on stderr.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
@@ -286,7 +286,7 @@ class Store:
         return False
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
-        """Removes the damaged records of these runs, of those that have ended; returns how many.
+        """Removes the damaged records of those of these runs that have ended; returns how many.
 
         If the structure of the file is damaged, it is replaced by one with the intact records first.
         """

@@ -1,4 +1,4 @@
-"""Packages that are there and cannot be imported: every command says which, and what repairs it."""
+"""Packages that are there and cannot be imported: every command says which, and what repairs them."""
 
 import os
 import subprocess
