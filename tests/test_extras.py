@@ -67,7 +67,6 @@ def python(
 
 
 def needs(what: str, package: str, extra: str, mark: str) -> str:
-    """Returns a pattern of the message that a package is missing."""
     return (
         rf"{what} needs the package {package}, which is not installed; "
         rf"pip install 'proxemic-benchmark\[{extra}\]' installs it \(in a checkout: make \.venv/{mark}\)\.\n"

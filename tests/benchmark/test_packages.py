@@ -1,4 +1,4 @@
-"""Packages that are there and cannot be imported: every command says which, and what repairs it."""
+"""Packages that are there and cannot be imported: every command says which, and what repairs them."""
 
 import os
 import subprocess
@@ -32,7 +32,6 @@ def sentence(package: str, reason: str) -> str:
 
 
 def benchmark(folder: Path, package: str, content: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Runs a command where a package has another content."""
     (folder / package).mkdir()
     (folder / package / "__init__.py").write_text(content, encoding="utf-8")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
