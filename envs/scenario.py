@@ -7,7 +7,7 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field, ValidationError, WrapValidator, mode
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
 from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, require, unknown_name
-from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, zones
+from envs.regions import HEADINGS, ZONES, Cell, Egg, Heading, Regions, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
@@ -50,7 +50,7 @@ Place = Annotated[Cell | tuple[Cell, ...] | Literal["anywhere"], WrapValidator(_
 class Grid(Table):
     """Size of the floor, the cell in which episodes start, and walls."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"walls", "metres_per_cell"})
+    omitted_at_default: ClassVar[Set[str]] = {"walls", "metres_per_cell"}
 
     rows: Annotated[int, Field(ge=1, le=1000)]
     """Number of rows; together at most 100,000 cells."""
@@ -162,7 +162,7 @@ class Walk(Table):
 class Issuer(Table):
     """The person whose personal space matters, and the reward that this person adds to every PING."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"heading", "walk", "places", "unseen", "permuted"})
+    omitted_at_default: ClassVar[Set[str]] = {"heading", "walk", "places", "unseen", "permuted"}
 
     position: Place
     """Where the issuer stands when an episode starts."""
@@ -183,7 +183,7 @@ class Issuer(Table):
 class Person(Table):
     """Another person with regions, who stays in one cell."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"heading"})
+    omitted_at_default: ClassVar[Set[str]] = {"heading"}
 
     position: Cell
     """Where the person stands."""
@@ -211,7 +211,7 @@ class Phase(Table):
     does not give is as in the scenario's other tables.
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"position", "heading", "regions", "steps", "next"})
+    omitted_at_default: ClassVar[Set[str]] = {"position", "heading", "regions", "steps", "next"}
 
     name: Annotated[Line, Field(min_length=1, max_length=40)]
     """Name of the phase, for pictures and for `next`."""
@@ -263,7 +263,7 @@ class Scenario(Table):
     unless the scenario says otherwise.
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase", "draw"})
+    omitted_at_default: ClassVar[Set[str]] = {"observe", "others", "phases", "first_phase", "draw"}
 
     name: Name
     """The stem of the file."""
@@ -472,8 +472,8 @@ class Scenario(Table):
     @property
     def has_front(self) -> bool:
         """Whether it matters where someone looks."""
-        people = {person for stages in self.people for stage in stages for person in stage}
-        return any(shape.has_front for person in people for shape in person.regions.shapes)
+        regions = {person.regions for stages in self.people for stage in stages for person in stage}
+        return any(isinstance(shape, Egg) for each in regions for shape in each.shapes)
 
     @property
     def moves(self) -> bool:

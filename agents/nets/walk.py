@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.nets.arithmetic import inlined
-from agents.process import Process, Stream, U, draw_number, draw_outcome, draw_reward, draw_start, process_of
+from agents.process import Process, Stream, U, draw_number, draw_start, draw_step, process_of
 from agents.sb3.settings import Sb3Settings
 from envs import Model
 
@@ -99,15 +99,16 @@ def take(walk: Walk, e: int, action: int, steps: Steps, at: int) -> None:
     and the start.
     """
     process, state, stream = walk.process, U(walk.state[e]), _words(walk.stream)
-    i = U(process.first[state]) + U(action) * U(process.n_outcomes)
-    reward = process.outcomes[i].reward
-    walk.disagreements[0] += process.outcomes[i].is_wrong_ping
-    if process.is_noisy and process.outcomes[i].noise > 0.0:
-        reward, stream = draw_reward(reward, process.outcomes[i].noise, stream)
-    if process.n_outcomes > 1:
-        i, stream = draw_outcome(i, process.outcomes, stream)
+    first, outcomes, n_outcomes, is_noisy = (
+        process.first,
+        process.outcomes,
+        process.n_outcomes,
+        process.is_noisy,
+    )
+    reward, i, stream = draw_step(first, outcomes, n_outcomes, is_noisy, state, U(action), stream)
     walk.stream[0], walk.stream[1], walk.stream[2], walk.stream[3] = stream
-    following, terminates = state + U(process.outcomes[i].state_change), process.outcomes[i].terminates
+    walk.disagreements[0] += outcomes[i].is_wrong_ping
+    following, terminates = state + U(outcomes[i].state_change), outcomes[i].terminates
     walk.state[e] = following
     walk.steps[e] += 1
     truncates = not terminates and walk.steps[e] >= walk.time_limit

@@ -18,13 +18,11 @@ from tests.agents.test_tabular import MOVES
 
 N = 60
 STEPS = (0, 750, 1500)
-DECAYS = {"final_learning_rate": 0.1, "learning_rate_fraction": 0.5, "final_epsilon": 0.1,
-          "epsilon_fraction": 0.7, "initial_value": -0.5}  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("scenario", "overrides", "changes"),
-    [("S1", MOVES, {"visit_exponent": 0.6}), ("S2", {}, DECAYS)],
+    [("S1", MOVES, {}), ("S2", {}, {"initial_value": -0.5})],
 )
 def test_it_learns_as_the_compiled_learner_does(
     scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
@@ -45,7 +43,7 @@ def test_it_learns_as_the_compiled_learner_does(
         lambda training: evaluate(model, mask_policy(training.greedy[:, -1]), 200).grid_return,
     ):
         # Other random numbers, the same distribution: so large a difference comes up once in 10,000.
-        assert stats.ks_2samp(quantity(compiled), quantity(plain)).pvalue > 1e-4
+        assert stats.ks_2samp(quantity(compiled), quantity(plain), method="asymp").pvalue > 1e-4
     assert (plain.values[:, 0] == changes.get("initial_value", 0)).all()
     assert np.array_equal(plain.values[:, -1], plain.q.astype(np.float32))
     assert (np.diff(plain.cpu_time_s) > 0).all()

@@ -159,7 +159,7 @@ def shared(after): return SHARE * after.highest
 rule = UpdateRule(shared)
 model = compile_scenario(load_scenario("S1"))
 training = train(model, Settings(budget=2000), [SeedSequence(0)], Schedule(2000), rule)
-stats = compile_kernel(rule, draws_outcomes=False, counts_visits=False).stats
+stats = compile_kernel(rule).stats
 result = sum(stats.cache_hits.values()), training.q.sum()
 """
 
