@@ -58,15 +58,15 @@ def load_algorithm(name: str, source: str = "agents") -> Algorithm:
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, ALGORITHMS, "module:attribute")
-    found = imported(ALGORITHMS.get(name, name), source, "algorithm")
-    if is_sb3_class(found):
+    algorithm = imported(ALGORITHMS.get(name, name), source, "algorithm")
+    if is_sb3_class(algorithm):
         try:
-            return algorithm_of(found, name)
+            return algorithm_of(algorithm, name)
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
-    if not isinstance(found, Algorithm):
+    if not isinstance(algorithm, Algorithm):
         raise InputError(
             f"{source}: {name} is not an algorithm; accepted: an agents.contract.Algorithm, or a subclass of "
             "stable_baselines3.common.base_class.BaseAlgorithm."
         )
-    return found
+    return algorithm

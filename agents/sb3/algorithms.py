@@ -49,9 +49,9 @@ class Sb3Algorithm(SequentialAlgorithm):
     ) -> dict[str, Any]:
         """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
-            self.load()
-            from agents.sb3 import training
-        return training.train_agent(self, model, settings, observation, seed, schedule, log)
+            cls = self.load()
+            from agents.sb3.training import train_agent
+        return train_agent(cls, model, settings, observation, seed, schedule, log, has_modes=self.has_modes)
 
 
 DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)

@@ -337,7 +337,7 @@ def _deep_rows(smoke: bool, workers: Processes) -> list[Row]:
         steps = _stepping(native(n_envs), n_ours), _stepping(DummyVecEnv([make_env] * n_envs), n_other)
         rows.append(Row(f"vec_env_{n_envs}", "steps", steps, "stable_baselines3's DummyVecEnv"))
 
-    agent = make_agent(methods["dqn"], dqn, native(1))
+    agent = make_agent(methods["dqn"].load(), dqn, native(1))
     table = np.eye(120, dtype=np.float32)  # all one-hot observations in S1
     many = partial(policy_table, agent, torch.as_tensor(table))
     each = cycle(table)

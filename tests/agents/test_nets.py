@@ -174,7 +174,7 @@ def stock_agent(name: str, settings: Any, observation: str, model: Model, seed: 
     )
     vec_env: Any = ExactVecEnv(env)
     vec_env._generator = chance = Chance(sequences([seed])[0], env, limit)
-    stock: Any = make_agent(method, settings, vec_env)
+    stock: Any = make_agent(method.load(), settings, vec_env)
     stock.policy.double()
     for module in stock.policy.modules():
         if type(module).__name__ == "FlattenExtractor":

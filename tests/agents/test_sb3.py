@@ -158,7 +158,7 @@ def test_settings_have_sb3s_names_and_defaults(name: str) -> None:
 @pytest.mark.parametrize("name", SETTINGS)
 def test_default_net_is_sb3s(name: str) -> None:
     settings = METHODS[name].settings.model_validate({"budget": 10240})
-    ours = make_agent(METHODS[name], settings, vec_env(1))
+    ours = make_agent(METHODS[name].load(), settings, vec_env(1))
     theirs = METHODS[name].load()("MlpPolicy", vec_env(1))
     assert str(ours.policy) == str(theirs.policy)
     groups = [
@@ -173,7 +173,9 @@ def test_default_net_is_sb3s(name: str) -> None:
 def test_replay_buffer_is_as_large_as_the_budget() -> None:
     assert DqnSettings(budget=400).arguments["buffer_size"] == 400
     assert DqnSettings(budget=400, buffer_size=50).arguments["buffer_size"] == 50
-    agent: Any = make_agent(METHODS["dqn"], DqnSettings(budget=400, n_envs=4, train_freq=1), vec_env(4))
+    agent: Any = make_agent(
+        METHODS["dqn"].load(), DqnSettings(budget=400, n_envs=4, train_freq=1), vec_env(4)
+    )
     assert agent.replay_buffer.observations.nbytes == 400 * 2 * 4
 
 
