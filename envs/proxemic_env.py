@@ -3,6 +3,7 @@
 import bisect
 import operator
 from collections.abc import Mapping
+from functools import cached_property
 from itertools import accumulate
 from typing import Any, Final
 
@@ -131,10 +132,19 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.s = self.model.start  # the hidden state, called `s` as in toy-text; it may be set
         self._event = 0
 
-    @property
+    @cached_property
     def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
         """`P[s][a] = [(probability, next state, mean reward, terminated)]` over the hidden states."""
-        return self.model.P
+        return {
+            state: {
+                action: [
+                    (probability, next_state, t.grid_reward + t.issuer_reward, t.terminated)
+                    for probability, next_state in zip(t.probability, t.next_states, strict=True)
+                ]
+                for action, t in enumerate(self.model.transitions(state))
+            }
+            for state in range(len(self.model.observation))
+        }
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
