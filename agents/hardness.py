@@ -29,11 +29,7 @@ class Hardness(NamedTuple):
 
 
 def hardness(model: Model, horizon: int) -> Hardness:
-    """Measures a scenario in which only the start of an episode is random.
-
-    Args:
-      model: Compiled for the form of observation.
-      horizon: Steps until truncation, at least 1.
+    """Measures a scenario, compiled for a form of observation, under a time limit.
 
     Raises:
       ValueError: What follows an action is random.

@@ -52,10 +52,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"offset"`, `"offset_one_hot"`, `"offset_coordinates"`: the same, with the issuer's cell relative to the
       agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
 
-    The issuer's cell has a value for each cell in which the issuer may be. What varies and does not follow
-    from the observation is hidden, as the number of wrong PINGs is in all shipped scenarios except `Counted`.
-    Observed, this number is at most `ping_limit - 1`, since the PING that reaches the limit ends the episode:
-    after the fifth wrong PING in `Counted`, the observation still has 4, and `info["wrong_pings"]` is 5.
+    The issuer's cell has a value for each cell in which the issuer may be. The observed number of wrong PINGs
+    is at most `ping_limit - 1`, since the PING that reaches the limit ends the episode. What varies and does
+    not follow from the observation is hidden.
 
     ## Starting State
     One of the scenario's starts, all equally likely, with no wrong PING so far. A start is a cell of the
@@ -70,11 +69,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     in the uncomfortable region and -0.1 for any other move.
 
     The person moves, turns or changes mood after the agent's action. Event and rewards of a step follow from
-    the state before that: a move into a cell that is uncomfortable until the person turns away costs -0.8.
-    `info["zone"]` and the observation are those afterwards.
-
-    A person whose next cell is the agent's waits: the clock stands still for that step, so that all that the
-    person does later comes a step later.
+    the state before that, `info["zone"]` and the observation from the state after it. A person whose next
+    cell is the agent's waits, and does all that follows a step later.
 
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING

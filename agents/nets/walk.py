@@ -93,10 +93,9 @@ def _restart(walk: Walk, e: int) -> None:
 
 @inlined
 def take(walk: Walk, e: int, action: int, steps: Steps, at: int) -> None:
-    """Takes a step in an env, keeps it at a place of `steps`, and starts an episode if one ends.
+    """Takes a step in an env, keeps it at an index of `steps`, and starts an episode if one ends.
 
-    Drawn are, in this order and only where there is something to draw, the noise of the reward, the outcome
-    and the start.
+    It draws, in this order and only if needed, the noise of the reward, the outcome and the start.
     """
     process, state, stream = walk.process, U(walk.state[e]), _words(walk.stream)
     first, outcomes, n_outcomes, is_noisy = (

@@ -64,7 +64,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class; one that is not finite raises a ValueError."""
+    """Returns `policy_table` of an agent of any class; raises a ValueError if there is none."""
     name = type(agent.policy).__name__
     try:
         table = policy_table(agent, observations)

@@ -1,7 +1,6 @@
 """Trains populations of independent agents that each learn a table of action values.
 
-An algorithm is an update rule, see `agents.tabular.updates`; the settings, the kernel and the results are the
-same for all rules.
+An algorithm is an update rule, see `agents.tabular.updates`; all else is the same for all rules.
 """
 
 import math
@@ -100,14 +99,8 @@ def train(
 ) -> TabularTraining:
     """Trains one agent per seed, see `agents.contract.Algorithm.train`.
 
-    Args:
-      model: Compiled scenario.
-      settings: The learner's settings.
-      seeds: One per agent.
-      schedule: In units of the budget.
-      update: What the agents learn by.
-      record_table: Whether to record the largest value of the whole table, too.
-      threads: How many threads to use; no result depends on it.
+    With `record_table`, the largest value of the whole table is recorded, too. No result depends on the
+    number of threads.
 
     Raises:
       ValueError: No seed or thread, a schedule for another budget, or traces without their settings.
