@@ -46,15 +46,13 @@ ALGORITHMS: Final = {
 
 
 def load_algorithm(name: str, source: str = "agents") -> Algorithm:
-    """Imports an algorithm.
+    """Imports an algorithm by its name in `ALGORITHMS` or by `module:attribute`.
 
-    Args:
-      name: A key of `ALGORITHMS`, or `module:attribute` of any other algorithm, or of a class of agents like
-        those of Stable-Baselines3, of which an algorithm is made.
-      source: The file that has the name, for the message.
+    The attribute may be a class of agents like those of Stable-Baselines3, of which an algorithm is made.
 
     Raises:
-      InputError: The name is unknown, the module cannot be imported, or the object is not an algorithm.
+      InputError: The name is unknown, the module cannot be imported, or the object is not an algorithm. The
+        message begins with the source of the name.
     """
     if name not in ALGORITHMS and ":" not in name:
         unknown_name(source, "algorithm", name, ALGORITHMS, "module:attribute")

@@ -191,10 +191,7 @@ class SequentialAlgorithm(Algorithm):
 def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> dict[str, NDArray[Any]]:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
-    Args:
-      tables: (T, O, A) action values or probabilities; NaN from where the agent diverged.
-      schedule: When they were taken.
-      is_value: Whether they are action values.
+    The tables (T, O, A) have action values or probabilities, NaN from where the agent diverged.
     """
     is_lost = np.asarray(np.isnan(tables).any(axis=(1, 2)))
     # As in Stable-Baselines3, the first of several best actions is greedy.

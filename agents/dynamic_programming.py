@@ -91,7 +91,6 @@ def unseen_places(model: Model) -> NDArray[np.float64]:
 
 
 def _uniform(model: Model, states: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Returns the uniform distribution over some states, (S,)."""
     start = np.zeros(len(model.observation))
     start[states] = 1 / len(states)
     return start
@@ -104,14 +103,12 @@ def evaluate(
 
     Args:
       model: Compiled scenario; O observations, A actions.
-      policy: Action probabilities, (..., O, A) float64, rows summing to one; leading axes are a
-        batch of policies.
+      policy: Action probabilities, (..., O, A); leading axes are a batch of policies.
       horizon: Steps until truncation, at least 1.
       start: Probability of starting in each state, (S,); by default that of the model.
 
     Raises:
-      ValueError: `policy` was built for another model or its rows are not probabilities, `horizon` is below
-        1, or `start` is not a distribution over states in which the episode goes on.
+      ValueError: An argument is not as described.
     """
     shape = (model.n_observations, model.next_state.shape[1])
     policy = np.asarray(policy, dtype=np.float64)

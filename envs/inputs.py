@@ -107,7 +107,7 @@ class Table(BaseModel):
     # whose digests must stay the same.
     omitted_at_default: ClassVar[Set[str]] = frozenset()
 
-    def _given(self) -> dict[str, Any]:
+    def _given(self) -> dict[str, object]:
         """The values by key, without cached properties, which are neither compared nor copied nor pickled."""
         return {key: self.__dict__[key] for key in type(self).model_fields}
 
@@ -269,7 +269,7 @@ def _check_texts(value: object, source: str, key: str = "", depth: int = 1) -> N
             _check_texts(item, source, f"{key}.{i}", depth + 1)
 
 
-def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str) -> dict[str, Any]:
+def override(data: Mapping[str, object], overrides: Mapping[str, object], source: str) -> dict[str, Any]:
     """Returns a copy of nested tables with some values replaced, by dotted key: `{"grid.start": [8, 6]}`.
 
     A key that passes through a value that is not a table, or through too many tables, raises an InputError.
@@ -288,17 +288,13 @@ def override(data: Mapping[str, Any], overrides: Mapping[str, Any], source: str)
     return dict(result)
 
 
-def parse(cls: type[TableT], data: Mapping[str, Any], source: str, **given: Any) -> TableT:
-    """Checks tables, as read from TOML, and returns them as a typed object.
+def parse(cls: type[TableT], data: Mapping[str, object], source: str, **given: object) -> TableT:
+    """Checks tables, as read from TOML, and returns them as an object of a class.
 
-    Args:
-      cls: Class of the object.
-      data: The tables.
-      source: Their file, for the message.
-      **given: Values that are not in the file; the file must not contain these keys.
+    Values in `given` must not be in the tables.
 
     Raises:
-      InputError: Names the file, the key, its value and what is accepted.
+      InputError: Names the source, which is the tables' file, the key, its value and what is accepted.
     """
     for key in given:
         if key in data:

@@ -125,7 +125,6 @@ class Model:
 
     @cached_property
     def _is_fresh(self) -> NDArray[np.bool_]:
-        """(S,) whether a state has no wrong PING so far and no feedback to come."""
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
         return np.asarray(np.arange(len(self.observation)) % block < len(self.position))
 
@@ -182,12 +181,7 @@ class Model:
 
 
 def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbers:
-    """Returns the issuer's reward for a draw. Also works on arrays, and inside numba.
-
-    Args:
-      mean: Mean reward.
-      noise: Half-width of the uniform noise.
-      uniform: A draw from [0, 1).
+    """Returns the issuer's reward for a draw from [0, 1), also of arrays and inside numba.
 
     >>> draw_issuer_reward(0.0, 1.0, 0.25)
     -0.5

@@ -106,7 +106,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self,
         scenario: ScenarioLike = "S1",
         observation: str = "index",
-        overrides: Mapping[str, Any] | None = None,
+        overrides: Mapping[str, object] | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Compiles the scenario.
@@ -203,11 +203,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
             self._window = None
 
     def _observe(self) -> Observation:
-        """Returns a copy of the agent's observation."""
         observation = self._observations[self._observed[self.s]]
         return observation if isinstance(observation, int) else observation.copy()
 
 
 def _info(*values: float) -> dict[str, Any]:
-    """Returns the info of a step."""
     return dict(zip(_INFO, values, strict=True))

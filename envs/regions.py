@@ -112,15 +112,7 @@ class Regions(Table):
 def zones(
     regions: Regions, heading: Heading, cell: Cell, size: tuple[int, int], metres_per_cell: float = 1.0
 ) -> NDArray[np.int8]:
-    """Returns the zone of every cell around a person, (C,) index into ZONES.
-
-    Args:
-      regions: Of the person.
-      heading: Where the person looks.
-      cell: Where the person stands.
-      size: Rows and columns of the grid.
-      metres_per_cell: The width of a cell, for lengths in metres.
-    """
+    """Returns the zone of every cell around a person, (C,) index into ZONES; `size` is that of the grid."""
     window = _window(regions, heading, size, metres_per_cell if regions.unit == "metres" else 1.0)
     top, left = size[0] - 1 - cell[0], size[1] - 1 - cell[1]
     return window[top : top + size[0], left : left + size[1]].ravel()
@@ -155,8 +147,7 @@ def _holds(shape: AnyShape, ahead: NDArray[np.float64], aside: NDArray[np.float6
 def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDArray[np.int_]:
     """Returns the Chebyshev distance of every cell from the target region around a person, (C,).
 
-    The region counts as complete even if the grid's edge, with so many rows and columns, cuts it. Regions
-    that are not given by their radii raise an InputError.
+    The region counts as complete even if the grid's edge cuts it. Shapes raise an InputError.
     """
     if regions.uncomfortable_radius is None or regions.target_radius is None:
         raise InputError("regions: the distance from the target region needs radii.")
@@ -167,10 +158,7 @@ def target_distance(regions: Regions, cell: Cell, size: tuple[int, int]) -> NDAr
 
 
 def outlines(inside: NDArray[np.bool_]) -> tuple[Loop, ...]:
-    """Returns the border of a set of cells as closed loops. Cells beyond the grid count as outside.
-
-    Args:
-      inside: Cells of the set, (rows, columns).
+    """Returns the border of a set of cells, (rows, columns), as closed loops; beyond the grid is outside.
 
     >>> outlines(np.array([[False, True, True]]))
     (((0, 1), (0, 3), (1, 3), (1, 1)),)

@@ -451,7 +451,6 @@ class Scenario(Table):
 
     @property
     def _observed_sizes(self) -> list[int]:
-        """How many values each observed component has."""
         sizes = {
             "agent": self.grid.rows * self.grid.columns,
             "offset": len(self.grid.offset),
@@ -522,7 +521,6 @@ class Scenario(Table):
         return bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
 
     def _people(self, place: Cell, stage: Phase) -> tuple[Someone, ...]:
-        """Returns the issuer in a phase, and the others."""
         heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
         issuer = Someone(stage.position or place, heading, regions, self.issuer.feedback)
         others = [Someone(who.position, who.heading, who.regions, who.feedback) for who in self.others]
@@ -589,7 +587,7 @@ class Scenario(Table):
         require(not self.is_delayed, where, "any other kind")
 
     def _check_cells(self) -> None:
-        """Checks that everyone stands on the grid, on floor, and alone."""
+        """Checks that everyone stands alone, on floor."""
         rows, columns = self.grid.size
         others, walk = [person.position for person in self.others], self.issuer.walk
         places = {
@@ -671,7 +669,7 @@ def _shared_by(geometry: str) -> dict[str, Any]:  # noqa: ARG001
     return {}
 
 
-ScenarioLike = str | Path | Scenario | Mapping[str, Any]
+ScenarioLike = str | Path | Scenario | Mapping[str, object]
 
 
 def _cells(place: Any, grid: Grid) -> list[Cell]:
@@ -694,7 +692,7 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
 
 
-def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None = None) -> Scenario:
     """Reads a scenario and checks it.
 
     Args:
@@ -703,7 +701,7 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
       overrides: New values by dotted key, for example `{"issuer.position": [8, 6]}`.
 
     Raises:
-      InputError: One sentence that names the file, the key, its value and what is accepted.
+      InputError: For each mistake a sentence that names the file, the key, its value and what is accepted.
 
     >>> load_scenario("S1").issuer.position
     (6, 8)

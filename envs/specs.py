@@ -13,7 +13,7 @@ from envs.scenario import Scenario
 class JsonSpec:
     """An env's attribute `spec`, which Gymnasium assigns; a path becomes a string, a `Scenario` a mapping."""
 
-    def __get__(self, env: Any, _: type | None = None) -> EnvSpec | None:
+    def __get__(self, env: object, _: type | None = None) -> EnvSpec | None:
         """Returns the spec; None if the env was not made by Gymnasium."""
         return getattr(env, "_spec", None)
 

@@ -3,7 +3,7 @@
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, SupportsIndex
 
 import gymnasium
 import numpy as np
@@ -31,9 +31,12 @@ _INFO: Final = {
 }
 
 Info = dict[str, Any]
+Actions = NDArray[np.integer]
+Observations = NDArray[Any]  # (N, ...)
+Draw = Callable[[], NDArray[np.float64]]  # draws numbers from [0, 1)
 
 
-class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     """N proxemic envs that step together; `ProxemicEnv` describes them.
 
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
@@ -48,7 +51,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         num_envs: int = 1,
         scenario: ScenarioLike = "S1",
         observation: str = "index",
-        overrides: Mapping[str, Any] | None = None,
+        overrides: Mapping[str, object] | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
@@ -130,7 +133,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         *,
         seed: int | np.integer | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[NDArray[Any], Info]:
+    ) -> tuple[Observations, Info]:
         """Starts episodes; returns observations, (N, ...), and the info of the envs that were reset.
 
         Args:
@@ -154,8 +157,8 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return self.observe(), _with_masks(info, mask)
 
     def step(
-        self, actions: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
+        self, actions: Actions
+    ) -> tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Takes an action in every env.
 
         Args:
@@ -218,18 +221,14 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return tuple(render.to_image(scene, agent) for scene, agent in zip(scenes, cell, strict=True))
 
     def advance(
-        self, actions: NDArray[Any], draw: Callable[[], NDArray[np.float64]]
+        self, actions: Actions, draw: Draw
     ) -> tuple[
         NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]
     ]:
         """Moves every env by one action: the core of `step`, without checks, resets and info.
 
-        Args:
-          actions: (N,) integers, 0 to 4.
-          draw: Draws from [0, 1), (N,): first for noisy rewards, then for outcomes if there are several.
-
-        Returns:
-          (N,) `state * A + action` before the move, grid's and issuer's rewards, terminated, truncated.
+        It draws (N,) numbers for noisy rewards, and then for outcomes if there are several. It returns (N,)
+        `state * A + action` before the move, the grid's and the issuer's rewards, terminated, and truncated.
         """
         taken = self._state * len(ACTIONS) + actions
         issuer_reward = self._issuer_reward.take(taken)
@@ -244,13 +243,13 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         truncated = self._steps >= self._limit
         return taken, self._grid_reward.take(taken), issuer_reward, self._terminated.take(taken), truncated
 
-    def restart(self, envs: NDArray[np.intp], draw: Callable[[], NDArray[np.float64]]) -> None:
+    def restart(self, envs: NDArray[np.intp], draw: Draw) -> None:
         """Moves the agents of these envs, (n,), to a start, of several by draws from [0, 1), (n,)."""
         n = len(self._starts)
         self._state[envs] = self._starts[(draw() * n).astype(np.intp) if n > 1 else 0]
         self._steps[envs] = 0
 
-    def observe(self) -> NDArray[Any]:
+    def observe(self) -> Observations:
         """Returns a copy of the observations, (N, ...)."""
         return self._table.take(self._observation.take(self._state), axis=0)
 
@@ -289,7 +288,7 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             info[name][envs] = 0
         info["zone"][envs] = self._zone[self._state[envs]]
 
-    def _checked_mask(self, mask: Any) -> NDArray[np.bool_]:
+    def _checked_mask(self, mask: object) -> NDArray[np.bool_]:
         if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             given = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
             raise InputError(f"reset_mask: {given}; accepted: a bool array of shape ({self.num_envs},).")
@@ -307,10 +306,10 @@ class ProxemicVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return [None if item is None else operator.index(item) for item in seed]
 
 
-def _positive(name: str, value: Any, accepted: str) -> int:
+def _positive(name: str, value: SupportsIndex | None, accepted: str) -> int:
     """Returns a whole number from 1 as a Python integer."""
     try:
-        number = operator.index(value)
+        number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         number = 0
     if number < 1:

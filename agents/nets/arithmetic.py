@@ -1,12 +1,10 @@
 """Arithmetic whose bits are the same on every processor, in compiled code.
 
-Sums, products, quotients and square roots are rounded as IEEE 754 says, everywhere. What differs between
-processors and libraries is the order in which products of matrices are summed up, whether a product and a sum
-are rounded once or twice, and the last digit of `exp`, `log` and `tanh`. Here all of that is fixed: a number
-of a product is one chain of fused multiplications and additions, in the order of the inner index. It does not
-depend on how many rows are multiplied together, nor on the width of the vector registers.
-
-Arrays may be of float32, in which nets are trained, or float64.
+IEEE 754 fixes how sums, products, quotients and square roots are rounded. What differs between processors and
+libraries is the order in which products of matrices are summed up, whether a product and a sum are rounded
+once or twice, and the last digit of `exp`, `log` and `tanh`. Here all of that is fixed: a number of a product
+is one chain of fused multiplications and additions, in the order of the inner index, however many rows are
+multiplied together and however wide the vector registers are. Arrays are of float32, or in tests of float64.
 """
 
 import math

@@ -107,7 +107,7 @@ class PpoAgent(Agent):
             net.draw_orthogonal(mlp, self.parameters.values, self.drawing, (_GAIN, gain), room)
         constants = {name: getattr(settings, name) for name in Constants._fields}
         endless = {name: constants[name] or math.inf for name in ("clip_range_vf", "target_kl")}
-        table = n_observations, N_ACTIONS
+        table, numbers = (n_observations, N_ACTIONS), np.zeros((3, settings.rollout), kind)
         return Ppo(
             constants=Constants(**constants | endless),
             actor=actor,
@@ -116,9 +116,7 @@ class PpoAgent(Agent):
             policy=Probabilities(np.zeros(table, kind), np.zeros(table, kind), net.memo_of(n_observations)),
             values=net.values_of(n_observations, kind),
             steps=room_for_steps(settings.rollout),
-            rollout=Rollout(
-                *(np.zeros(settings.rollout, kind) for _ in range(3)), np.arange(settings.rollout)
-            ),
+            rollout=Rollout(numbers[0], numbers[1], numbers[2], np.zeros(settings.rollout, np.int64)),
             batch=Batch(
                 observed=np.zeros(n_rows, np.int32),
                 distinct=net.distinct_of(n_observations, n_rows),

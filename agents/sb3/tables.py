@@ -92,12 +92,7 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
     """Reads the policy of a model that was saved by `model.save`.
 
     Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
-
-    Args:
-      path: The .zip file.
-      algorithm: The import path of its class, for example `"stable_baselines3:DQN"`.
-      model: Compiled scenario with O observations.
-      observation: The form of observation that it was trained with, see `envs.observations`.
+    `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`.
 
     Raises:
       InputError: The file cannot be loaded as this class; or see `agent_table`.

@@ -67,13 +67,6 @@ class Hidden(A2C):
         super().__init__(policy, env, n_steps=2 * n_steps, **kwargs)
 
 
-class Episodic(DQN):
-    """Trains after whole episodes by default."""
-
-    def __init__(self, *args: Any, train_freq: tuple[int, str] = (1, "episode"), **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs | {"train_freq": train_freq})
-
-
 class Mute(DQN):
     """Its policy has neither values nor probabilities."""
 
@@ -183,7 +176,6 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
     written = json.loads(settings_of(f"{HERE}:Stepwise").model_dump_json())
     assert (written["warm_up"], written["schedule"]) == (50, None)  # a function: the class's own default
     assert settings_of(f"{HERE}:Demanding", factor=2).arguments == {"factor": 2}
-    assert settings_of(f"{HERE}:Episodic", train_freq=5).rollout == 5
 
 
 @pytest.mark.parametrize(
@@ -195,7 +187,6 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
         ("stable_baselines3:A2C", {"seed": 3}, "unknown key seed"),
         ("stable_baselines3:A2C", {"policy_kwargs": {"ortho_int": True}}, "A2C cannot be made: .*ortho_int"),
         (f"{HERE}:Demanding", {}, "the key factor is missing"),
-        (f"{HERE}:Episodic", {}, "train_freq = .*integer"),
         # Classes that cannot be trained
         ("stable_baselines3:SAC", {}, "SAC cannot be made: The algorithm only supports .*Box.* Discrete"),
         ("sb3_contrib:RecurrentPPO", {"n_steps": 100}, "RecurrentPPO cannot be made: .*MlpPolicy"),
@@ -213,12 +204,6 @@ def test_what_cannot_be_trained_is_refused(name: str, values: dict[str, Any], ex
 def test_packages_are_those_of_the_class_and_its_bases() -> None:
     assert load_algorithm("sb3_contrib:TRPO").packages == ("sb3_contrib", "stable_baselines3", "torch")
     assert load_algorithm(f"{HERE}:Stepwise").packages == ("stable_baselines3", "torch")
-
-
-def test_looking_at_a_class_draws_no_random_numbers() -> None:
-    before = torch.get_rng_state()
-    settings_of("stable_baselines3:A2C", n_steps=25)
-    assert torch.equal(torch.get_rng_state(), before)
 
 
 def test_missing_packages_get_a_sentence_and_names_need_no_torch() -> None:
@@ -257,13 +242,6 @@ def test_saved_models_of_another_package_become_tables(tmp_path: Path) -> None:
     assert np.array_equal(table.argmax(axis=1), actions)
 
 
-class Lever(gymnasium.Env[Any, Any]):
-    """An env with the observations of S1 and two actions."""
-
-    observation_space = gymnasium.spaces.Box(0.0, 1.0, (2,), np.float32)
-    action_space = gymnasium.spaces.Discrete(2)
-
-
 def test_saved_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     dqn, path = "stable_baselines3:DQN", tmp_path / "model.zip"
 
@@ -281,8 +259,6 @@ def test_saved_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     check("it holds the policy DQNPolicy, which sb3_contrib:QRDQN does not have; acc", "sb3_contrib:QRDQN")
     check("is not a class of saved models; accepted: a subclass", "agents.sb3.algorithms:DQN")
     check("unknown form picture", observation="picture")
-    A2C("MlpPolicy", Lever(), device="cpu").save(path)
-    check(r"action_space = Discrete\(2\); accepted", "stable_baselines3:A2C", "coordinates")
     model: Any = saved(path, DQN, "coordinates")
     with torch.no_grad():
         next(model.policy.q_net.parameters()).fill_(float("nan"))

@@ -58,28 +58,14 @@ ANYWHERE = compile_scenario(
 )
 SCENES = {"S1": S1, "moods": MOODY, "noisy moods": NOISY_MOODY, "anywhere": ANYWHERE}
 AGENTS: dict[str, Any] = {"compiled_dqn": DqnAgent, "compiled_ppo": PpoAgent}
+SHARED: dict[str, Any] = {
+    "budget": 400, "time_limit": 30, "gamma": 0.875, "policy_kwargs": PolicyArguments(net_arch=(24, 16)),
+}  # fmt: skip
 SETTINGS: dict[str, Any] = {
     "compiled_dqn": DqnSettings(
-        budget=400,
-        time_limit=30,
-        train_freq=2,
-        learning_rate=1e-3,
-        gamma=0.875,
-        target_update_interval=50,
-        exploration_fraction=0.8,
-        policy_kwargs=PolicyArguments(net_arch=(24, 16)),
+        train_freq=2, learning_rate=1e-3, target_update_interval=50, exploration_fraction=0.8, **SHARED
     ),
-    "compiled_ppo": PpoSettings(
-        budget=400,
-        time_limit=30,
-        n_envs=2,
-        n_steps=20,
-        batch_size=20,
-        n_epochs=10,
-        gamma=0.875,
-        gae_lambda=0.75,
-        policy_kwargs=PolicyArguments(net_arch=(24, 16)),
-    ),
+    "compiled_ppo": PpoSettings(n_envs=2, n_steps=20, batch_size=20, n_epochs=10, gae_lambda=0.75, **SHARED),
 }
 OBSERVATIONS = ["one_hot", "coordinates"]
 N_AGENTS = 3
@@ -322,13 +308,8 @@ def test_ppo_is_stable_baselines3s(
     settings = settings_of("compiled_ppo", **changes)
     ours = agent_of("compiled_ppo", observation, model, np.float64, **changes)
     stock, chance = stock_agent("compiled_ppo", settings, observation, model, seed=0)
-    policy = stock.policy
-    nets = (
-        policy.mlp_extractor.policy_net,
-        policy.action_net,
-        policy.mlp_extractor.value_net,
-        policy.value_net,
-    )
+    policy, extractor = stock.policy, stock.policy.mlp_extractor
+    nets = extractor.policy_net, policy.action_net, extractor.value_net, policy.value_net
     set_weights(linear_layers(*nets), ours.weights())
     ours.advance(400)
 
@@ -620,7 +601,3 @@ def test_parameters_and_updates_by_hand() -> None:
     assert training.parameters.tolist() == [2 * hidden + 16 * 5 + 5 + 16 + 1] * 3
     assert training.updates.tolist() == [400 // 40 * 10 * 2] * 3
     assert trained("compiled_dqn", gradient_steps=0).updates.tolist() == [0] * 3
-    cells, phases, pings = 49, 2, 5
-    hidden = (cells + phases + pings) * 24 + 24 + 24 * 16 + 16
-    training = trained("compiled_dqn", model=MOODY)
-    assert training.parameters.tolist() == [hidden + 16 * 5 + 5] * 3

@@ -1,6 +1,5 @@
 """Q-learning in plain Python: by hand, and against the compiled learner."""
 
-import random
 from typing import Any
 
 import numpy as np
@@ -58,16 +57,6 @@ def test_first_updates_by_hand() -> None:
     assert training.q[0, 0].tolist() == pytest.approx([-0.05, -0.05, 0, 0, 0])
     assert training.greedy[0, :, 0].tolist() == [1, 2, 4]
     assert training.values.shape[1] == 0
-
-
-def test_equal_seeds_give_equal_agents_and_touch_no_global_generator() -> None:
-    model = compile_scenario(load_scenario("S2"))
-    random.seed(5)
-    expected = random.random()
-    random.seed(5)
-    both = Q_LEARNING.train(model, PlainSettings(budget=300), "index", [SeedSequence(1)] * 2, Schedule(300))
-    assert np.array_equal(both.q[0], both.q[1])
-    assert random.random() == expected
 
 
 def test_budget_in_episodes_is_refused() -> None:

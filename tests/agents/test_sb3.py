@@ -114,32 +114,12 @@ def test_a_batch_has_a_single_generator() -> None:
     assert n_ends > 100
 
 
-def test_envs_of_a_batch_differ_in_starts_and_outcomes() -> None:
-    env: Any = vec_env(64, "S1", "index", limit=1000, **CHANGING)
-    model = env.env.model
-    env.seed(0)
-    cells = env.reset() % 120
-    assert set(cells) == {0, 11, 9 * 12} == set(model.cell[model.starts])
-    # Against the wall, episodes do not end. The phase turns tense with probability 0.3, and calm with 0.5.
-    phase = np.array([env.step(np.zeros(64, np.int64))[0] // 120 % 2 for _ in range(500)])
-    assert phase[20:].mean() == pytest.approx(3 / 8, abs=0.02)
-    assert len(np.unique(phase, axis=1).T) == 64  # no env repeats another
-
-
 @pytest.mark.parametrize(
     ("scenario", "observation"),
     [("S1", "index"), ("Moody", "one_hot"), ("Anywhere", "coordinates"), ("Anywhere", "offset_coordinates")],
 )
 def test_stable_baselines3_accepts_every_env(scenario: str, observation: str) -> None:
     check_env(gymnasium.make(f"envs:Proxemic/{scenario}-v0", observation=observation).unwrapped)
-
-
-def test_vec_env_refuses_what_a_batch_cannot_do() -> None:
-    env = vec_env(3)
-    with pytest.raises(NotImplementedError, match="x: "):
-        env.set_attr("x", 1)
-    with pytest.raises(NotImplementedError, match="reset: "):
-        env.env_method("reset")
 
 
 # Settings
@@ -271,13 +251,6 @@ def test_updates_and_parameters_by_hand() -> None:
     assert ppo.updates[0] == 2 * math.ceil(100 / 32) * 4
     body = (2 * 64 + 64) + (64 * 64 + 64)
     assert ppo.parameters[0] == 2 * body + (64 * 5 + 5) + (64 + 1)
-
-
-def test_policy_changes_only_between_rollouts() -> None:
-    probabilities = trained("ppo", points=list(range(0, 401, 50))).stochastic[0]
-    assert (probabilities[0:8:2] == probabilities[1:8:2]).all()  # rollouts are of 100 steps
-    for before, after in ((0, 2), (2, 4), (4, 6), (6, 8)):
-        assert (probabilities[before] != probabilities[after]).any()
 
 
 ROOM: dict[str, Any] = {"grid.rows": 5, "grid.columns": 6, "issuer.position": [2, 4]}

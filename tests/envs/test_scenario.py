@@ -98,6 +98,7 @@ MISTAKES: list[tuple[dict[str, Any], str]] = [
     (WALK | {"issuer.position": [[6, 8], [6, 7]]}, "issuer.walk with issuer.position = [[6, 8], [6, 7]]"),
     (WALK | {"issuer.feedback": {"kind": "delayed"}}, 'feedback.kind = "delayed"'),
     (WALK | {"others": [person([6, 5])]}, "corners = [6, 5]"),
+    ({"grid.columns": 900, "issuer.walk": {"corners": [[6, 800]], "steps": 1000}}, "at most 100000"),
     # Other people
     ({"others": [person([6, 8])]}, "issuer.position = [6, 8]"),
     ({"others": [person([2, 8])] * 2}, "others.0.position = [2, 8]"),
