@@ -139,7 +139,7 @@ TableT = TypeVar("TableT", bound=Table)
 
 
 def require(is_met: bool, found: str, accepted: str) -> None:
-    """Refuses a value in a validator of a `Table` by a ValueError, to which `parse` adds file and key."""
+    """Raises a ValueError, to which `parse` adds file and key, if a condition of a `Table` is not met."""
     if not is_met:
         raise ValueError(f"{found}: accepted: {accepted}")
 
@@ -188,7 +188,7 @@ Line = Annotated[str, AfterValidator(_in_one_line)]  # free text that labels som
 
 
 def check_file_name(path: Path, what: str) -> None:
-    """Refuses, by an InputError, a file after which something, say "results are", cannot be named."""
+    """Refuses a file by an InputError if `what`, say "results are", cannot be named after it."""
     if not is_name(path.stem):
         shown = str(path) if str(path).isprintable() else json.dumps(str(path))
         raise InputError(f"{shown}: {what} named after the file; accepted: {_NAME_RULE}.")

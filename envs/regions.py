@@ -1,7 +1,6 @@
 """The regions around a person: their shapes, the zones of cells, and outlines.
 
-This is the only place that knows what shape a region has: everything else reads zones, distances and
-outlines. The C cells are numbered `row * columns + column`.
+Everything else reads zones, distances and outlines. The C cells are numbered `row * columns + column`.
 
 A region holds every cell whose centre lies in its shape, in cells or in metres. A shape with a front turns
 with the person's heading.

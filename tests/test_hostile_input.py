@@ -3,19 +3,14 @@
 import os
 import subprocess
 import sys
-from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution.store import Store
 from benchmark.experiments import EXPERIMENT_DIRECTORY, load_experiment
-from envs import scenario
-from envs.inputs import parse, read_toml
-from envs.regions import zones
+from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.support import ROOT
 
@@ -116,28 +111,6 @@ def test_files_that_are_too_much(
 ) -> None:
     (tmp_path / "mine.toml").write_text(text)
     assert expected in refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
-
-
-def test_a_grid_of_many_points_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Zones are computed once for all points, and settings are checked once."""
-    numbers: Counter[str] = Counter()
-
-    def counted(function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **named: Any) -> Any:
-            numbers[function.__name__] += 1
-            return function(*arguments, **named)
-
-        return call
-
-    text = GRID.replace("rewards.key0", "rewards.other").replace("rewards.key1", "rewards.wrong_ping")
-    (tmp_path / "mine.toml").write_text("".join(line for line in text.splitlines(True) if ".key" not in line))
-    scenario._shared_by.cache_clear()
-    scenario._checked.cache_clear()
-    monkeypatch.setattr("envs.scenario.zones", counted(zones))
-    monkeypatch.setattr("benchmark.experiments.specification.parse", counted(parse))
-    experiment = load_experiment(tmp_path / "mine.toml")
-    assert len(experiment.conditions) == 100
-    assert numbers == {"zones": 1, "parse": 1}
 
 
 def test_chain_of_extensions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import SeedSequence
 
-from agents import Schedule
+from agents import Schedule, load_algorithm
 from agents.dynamic_programming import evaluate
 from agents.policy import contains, greedy_masks, mask_policy
 from agents.process import draw_word
@@ -43,6 +43,7 @@ MOVES = {
     ],
     "observe": ["agent", "phase"],
 }
+RULES = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_q_lambda")
 CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "S2": ("S2", {}, {}),
     "S3": ("S3", {}, {"epsilon": 0.4}),
@@ -55,15 +56,18 @@ CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_kernel_equals_the_textbooks_loop(case: str) -> None:
+@pytest.mark.parametrize("rule", RULES)
+def test_kernel_equals_the_textbooks_loop(rule: str, case: str) -> None:
     name, overrides, changes = CASES[case]
-    settings = Settings(**({"budget": 3000, "record_every": 3} | changes))
+    algorithm = load_algorithm(rule)
+    settings: Any = algorithm.settings(**({"budget": 3000, "record_every": 3} | changes))
     points = [0, 1, settings.budget // 3, settings.budget]
     seeds = [SeedSequence([11, i]) for i in range(2)]
     model = compile_scenario(load_scenario(name, overrides))
-    training = train(model, settings, seeds, Schedule(settings.budget, tuple(points)), record_table=True)
+    schedule = Schedule(settings.budget, tuple(points))
+    training: Any = algorithm.train(model, settings, "index", seeds, schedule)
     for i, seed in enumerate(seeds):
-        for key, values in textbook("q_learning", model, settings, seed, points).items():
+        for key, values in textbook(rule, model, settings, seed, points).items():
             assert np.array_equal(getattr(training, key)[i], np.asarray(values)), key
     assert (training.q[0] != training.q[1]).any()
     assert training.episodes_ended.min() > 5

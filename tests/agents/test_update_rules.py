@@ -1,4 +1,4 @@
-"""Update rules: by hand, against their textbook loops, and against the values that they converge to."""
+"""Update rules: by hand, and against the values that they converge to; see also `test_tabular`."""
 
 from types import SimpleNamespace
 from typing import Any, Final
@@ -13,9 +13,7 @@ from agents.dynamic_programming import expected, solve
 from agents.tabular.learner import Settings, TabularTraining, train
 from agents.tabular.updates import UpdateRule, greatest_value
 from envs import Model, compile_scenario, load_scenario
-from tests.agents.words import textbook
-
-RULES: Final = ("q_learning", "sarsa", "expected_sarsa", "double_q_learning", "watkins_q_lambda")
+from tests.agents.test_tabular import RULES
 
 WIDE = {"uncomfortable_radius": 1, "target_radius": 2}
 # A room of 25 cells that the agent enters anywhere, and an issuer whose mood changes at random. Since the
@@ -46,27 +44,6 @@ def learned(name: str, model: Any, settings: dict[str, Any], n_agents: int = 1) 
         model, algorithm.settings(**values), "index", seeds, Schedule(values["budget"])
     )
     return training
-
-
-@pytest.mark.parametrize(
-    ("scenario", "overrides", "changes"),
-    [
-        ("S2", {}, {"ties": "lowest", "epsilon": 0.1, "learning_rate": 0.3, "time_limit": 40}),
-        ("S3", {}, {"initial_value": 0.5, "time_limit": 60}),
-        ("S1", MOODS, {"learning_rate": 1.0, "time_limit": 9, "epsilon": 0.2}),
-    ],
-)
-@pytest.mark.parametrize("name", RULES[1:])  # Q-learning: see `test_tabular`
-def test_rules_equal_the_textbooks_loop(
-    name: str, scenario: str, overrides: dict[str, Any], changes: dict[str, Any]
-) -> None:
-    model = compile_scenario(load_scenario(scenario, overrides))
-    changes = {"budget": 3000} | changes
-    training = learned(name, model, changes, n_agents=2)
-    settings = load_algorithm(name).settings(**changes)
-    for i, q in enumerate(training.q):
-        assert np.array_equal(q, textbook(name, model, settings, SeedSequence([3, i]))["q"])
-    assert training.episodes_ended.min() > 3
 
 
 def small(following: list[list[int]], rewards: list[list[float]], noise: float = 0.0) -> Any:
