@@ -1,7 +1,7 @@
 """Compiles functions with numba and keeps what was compiled on disk; damaged files are compiled again.
 
-numba itself believes its files: a damaged one ends in an exception or a crash, or computes something else.
-And it looks only at the file of a function, not at those of what the function calls; here all files count.
+numba trusts its files: with a damaged one it fails, crashes or computes something else. And it looks only at
+the file of a function, not at the files of what the function calls; here all of them count.
 """
 
 import hashlib

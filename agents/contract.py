@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from agents.policy import ALL_ACTIONS
@@ -151,6 +151,9 @@ class Algorithm(ABC):
         """
 
 
+Fields = dict[str, ArrayLike]  # of an agent's `Training`, without the axis N
+
+
 class SequentialAlgorithm(Algorithm):
     """An algorithm that trains one agent after another."""
 
@@ -166,7 +169,7 @@ class SequentialAlgorithm(Algorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains an agent, as `train` does; returns the fields of its `training` without the axis N."""
 
     def train(
@@ -188,7 +191,7 @@ class SequentialAlgorithm(Algorithm):
         return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
-def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> dict[str, NDArray[Any]]:
+def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> Fields:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
     The tables (T, O, A) have action values or probabilities, NaN from where the agent diverged.

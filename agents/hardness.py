@@ -19,8 +19,8 @@ _TIE: Final = 1e-9
 class Hardness(NamedTuple):
     """Measures of a scenario in a form of observation."""
 
-    # Steps in which the random policy has tried nine tenths of the (observation, action) pairs that it can
-    # reach, as if its steps were independent draws of the visits of an episode.
+    # Steps after which the random policy has tried nine tenths of the (observation, action) pairs that it can
+    # reach, if its steps were independent draws of the visits of an episode.
     covering_steps: float
     # The smallest k for which the scenario is k-QVI-solvable: acting greedily (by the first of several best
     # actions) on the random policy's action values after k - 1 backups is optimal (Laidlaw, Russell and

@@ -16,7 +16,7 @@ each of the two policies.
 import math
 import time
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.random import SeedSequence
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from agents.compiled import compiled
-from agents.contract import LearnerSettings, Schedule, SequentialAlgorithm, snapshots
+from agents.contract import Fields, LearnerSettings, Schedule, SequentialAlgorithm, snapshots
 from agents.dynamic_programming import Dynamics, Starts, dynamics, from_starts, solve, starts_of
 from agents.policy import Policy
 from envs.model import ACTIONS, Model
@@ -70,7 +70,7 @@ class Memoryless(SequentialAlgorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Searches, see `agents.contract.SequentialAlgorithm`."""
         guide = _guide(model, settings.time_limit)
         started_s = time.thread_time()

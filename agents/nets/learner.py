@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from agents.contract import DeepTraining, Schedule, SequentialAlgorithm, snapshots
+from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
 from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, net_of, parameters_of, read, unpadded
 from agents.nets.walk import walk_of
@@ -99,7 +99,7 @@ class NetAlgorithm(SequentialAlgorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains an agent, see `agents.contract.SequentialAlgorithm`.
 
         The policy changes only between rollouts, so the policy at a rollout's start is that of every

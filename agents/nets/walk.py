@@ -26,7 +26,7 @@ class Walk(NamedTuple):
     taken: NDArray[np.int64]  # (1,) steps
     disagreements: NDArray[np.int64]  # (1,) wrong PINGs
     points: NDArray[np.int64]  # (T,) evaluation steps
-    counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them that is over
+    counts: NDArray[np.int64]  # (T,) wrong PINGs up to each of them, once it is over
 
 
 class Steps(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from numpy.random import SeedSequence
 
-from agents.contract import DeepTraining, Schedule, SequentialAlgorithm
+from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
 from envs.inputs import needed_by
@@ -46,7 +46,7 @@ class Sb3Algorithm(SequentialAlgorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
             cls = self.load()

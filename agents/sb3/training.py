@@ -24,7 +24,7 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
-from agents.contract import Schedule, snapshots
+from agents.contract import Fields, Schedule, snapshots
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
@@ -170,7 +170,7 @@ def train_agent(
     log: Path | None,
     *,
     has_modes: bool,
-) -> dict[str, Any]:
+) -> Fields:
     """Trains an agent of a class, see `agents.contract.SequentialAlgorithm` and `make_agent`."""
     with _isolated(seed) as (env_seed, action_seed):
         limit = settings.time_limit

@@ -6,12 +6,12 @@ Tables are lists of lists, random numbers are Python's own, and no array is touc
 import random
 import time
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
 
-from agents.contract import Schedule, SequentialAlgorithm
+from agents.contract import Fields, Schedule, SequentialAlgorithm
 from agents.policy import greedy_masks
 from agents.tabular.learner import Settings
 from envs.model import ACTIONS, Model
@@ -36,7 +36,7 @@ class PlainQLearning(SequentialAlgorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains an agent, see `agents.contract.SequentialAlgorithm`."""
         rng = random.Random(int(seed.generate_state(1)[0]))
         draws_outcomes = model.n_outcomes > 1
