@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from benchmark.reports.comparison.runs import load
 from matplotlib import pyplot as plt
 
 from benchmark.execution.store import Record, Store
@@ -21,7 +22,6 @@ from benchmark.experiments.search import Chosen
 from benchmark.reports import document, draw, load_report
 from benchmark.reports.comparison import results
 from benchmark.reports.comparison.declared import Learner
-from benchmark.reports.comparison.runs import load
 from benchmark.reports.document import Document
 from benchmark.reports.folder import SCORES
 from benchmark.reports.item import Item
