@@ -146,7 +146,7 @@ class Assessment:
         check_file(path, *PICTURES)
         figure = draw_map(self)
         try:
-            save_figure(figure, path, bbox_inches="tight")
+            save_figure(figure, path, is_tight=True)
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror or error}.") from error
         finally:

@@ -1,11 +1,11 @@
-"""Installed packages that cannot be imported: which, why, and what mends it. Imports no package itself."""
+"""Installed packages that cannot be imported: which, why, and what repairs it. Imports no package itself."""
 
 import errno
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -30,37 +30,33 @@ _SCARCE: Final = (
 def broken(error: BaseException) -> str:
     """Returns a sentence on the installed package whose import raised an error; empty if none did.
 
-    Only packages that this project requires count, not those of users, whose files the error may name. Of a
-    package that is there in part, a module of this project raises the error.
+    Only packages that this project requires count, not those of users, whose files the error may name.
     """
     modules = [
         str(frame.f_globals.get("__name__")).partition(".")[0]
         for frame, _ in walk_tb(error.__traceback__)
         if frame.f_code.co_name == "<module>"
     ]
-    name = next((each for each in reversed(modules) if each not in sys.stdlib_module_names), "")
-    if name in _LAYERS:
-        found = getattr(error, "obj", None)  # of an AttributeError
-        wanted = found.__name__ if isinstance(found, ModuleType) else getattr(error, "name", None)
-        name = wanted.partition(".")[0] if isinstance(wanted, str) else ""
+    name = next((module for module in reversed(modules) if module not in sys.stdlib_module_names), "")
+    if name in _LAYERS:  # what it imports is installed only in part
+        module = getattr(error, "obj", None)  # of an AttributeError
+        missing = module.__name__ if isinstance(module, ModuleType) else getattr(error, "name", None)
+        name = str(missing or "").partition(".")[0]
     return _sentence(name, f"{type(error).__name__}: {error}")
 
 
 def _sentence(module: str, reason: str) -> str:
-    """Returns that a module cannot be imported, and what mends its package.
-
-    Empty if no package has it that this project requires.
-    """
+    """Returns that a module cannot be imported, and what repairs its package; empty if none is required."""
     package = next(iter(_required(module)), None) if module else None
     if package is None:
         installer = "pip install . installs it (in a checkout: make .venv/.base)"
         return f"the package {module} is not installed; {installer}." if module in _CORE else ""
     text = " ".join(reason.split()).removesuffix(":")
     text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-    if any(each in reason for each in _SCARCE):
+    if any(scarce in reason for scarce in _SCARCE):
         return f"the package {package} cannot be imported now ({text})."
     wanted = f"{package}=={version(package).partition('+')[0]}"
-    return f"the package {package} is broken ({text}); pip install --force-reinstall {wanted} mends it."
+    return f"the package {package} is broken ({text}); pip install --force-reinstall {wanted} repairs it."
 
 
 def _required(module: str) -> list[str]:
@@ -69,17 +65,17 @@ def _required(module: str) -> list[str]:
     with suppress(Exception):  # of the core, which is enough then: it is imported first
         from envs.inputs import EXTRAS
 
-        modules += [each for extra in EXTRAS.values() for each in extra]
-    todo = [package for each in modules for package in packages.get(each, [])]
-    found: set[str] = set()
+        modules += [module for extra in EXTRAS.values() for module in extra]
+    todo = [package for module in modules for package in packages.get(module, [])]
+    required: set[str] = set()
     while todo:
         name = _normal(todo.pop())
-        if name not in found:
-            found.add(name)
+        if name not in required:
+            required.add(name)
             with suppress(PackageNotFoundError):  # it is for another system
-                needed = [line for line in requires(name) or () if "extra" not in line.partition(";")[2]]
-                todo += [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in needed]
-    return [package for package in packages.get(module, []) if _normal(package) in found]
+                lines = [line for line in requires(name) or () if "extra" not in line.partition(";")[2]]
+                todo += [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in lines]
+    return [package for package in packages.get(module, []) if _normal(package) in required]
 
 
 def _normal(package: str) -> str:
@@ -87,16 +83,14 @@ def _normal(package: str) -> str:
     return re.sub(r"[-_.]+", "-", package).lower()
 
 
-def unusable(modules: Iterable[str], jobs: int, limit_s: float = LIMIT_S) -> dict[str, str]:
+def unusable(modules: Sequence[str], jobs: int, limit_s: float = LIMIT_S) -> dict[str, str]:
     """Imports each module in a process of its own; returns sentences on those that cannot be imported."""
     with ThreadPoolExecutor(jobs) as pool:
-        names = [*modules]
-        found = pool.map(partial(_tried, limit_s=limit_s), names)
-        return {name: sentence for name, sentence in zip(names, found, strict=True) if sentence}
+        sentences = pool.map(partial(_tried, limit_s=limit_s), modules)
+        return {name: sentence for name, sentence in zip(modules, sentences, strict=True) if sentence}
 
 
 def _tried(module: str, limit_s: float) -> str:
-    """Returns that a module cannot be imported, and why, in a sentence; empty if it can be imported."""
     code = f"import sys; sys.path[:] = {sys.path}; from benchmark.packages import main; main({module!r})"
     command = [sys.executable, "-c", code]
     try:
@@ -104,12 +98,12 @@ def _tried(module: str, limit_s: float) -> str:
     except subprocess.TimeoutExpired:
         reason = f"not imported within {limit_s:g} s"
     else:
-        if done.returncode == 0:
+        status, message = done.returncode, done.stderr.strip()
+        if status == 0:
             return ""
-        if done.returncode > 0 and (said := done.stderr.strip()):
-            return said.splitlines()[-1]
-        exited = done.returncode
-        reason = f"importing it ended {f'with exit code {exited}' if exited > 0 else f'by signal {-exited}'}"
+        if status > 0 and message:
+            return message.splitlines()[-1]
+        reason = f"importing it ended {f'with exit code {status}' if status > 0 else f'by signal {-status}'}"
     return _sentence(module, reason) or f"{module} cannot be imported ({reason})."
 
 

@@ -1,16 +1,16 @@
-"""What a map of a scenario looks like: computed once from the model, painted by several back ends.
+"""What a map of a scenario looks like: computed once from the model, drawn by several programs.
 
-A scene has cells, outlines of the regions, glyphs and a palette. Matplotlib, Pillow, SVG, text and the window
-only paint what it holds; none of them knows radii or the shape of a region. Lengths are in cells; cell (r, c)
-covers rows r to r + 1 and columns c to c + 1.
+A scene has cells, outlines of the regions, glyphs and a palette. Figures, films, images, texts and the page
+draw what it holds, and know neither radii nor shapes of regions. Lengths are in cells; cell (r, c) covers
+rows r to r + 1 and columns c to c + 1.
 
-Of an agent that sees the offset alone, the map is egocentric: a room with the issuer in the middle, large
+For an agent that sees the offset alone, the map is egocentric: a room with the issuer in the middle, large
 enough for every offset.
 """
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,16 +33,15 @@ COLOURS: Final[dict[str, Colour]] = {
     "person": (60, 60, 60),
     "agent": (0, 114, 178),
     "path": (213, 94, 0),  # the agent and its path on a map of values
-    "ink": (30, 30, 30),
     "over": (138, 138, 138),  # a cell in which the episode is over, on a map of values
     "no value": (250, 250, 250),
 }
-# The borders that are drawn, the outermost first: label, and whether the line is dashed.
+# The borders that are drawn, from the outermost: label, and whether the line is dashed.
 BORDERS: Final = {
     "target": ("target region's outer edge", False),
     "uncomfortable": ("uncomfortable region's edge", True),
 }
-COLOUR_MAP: Final = "cividis"  # of values, in every back end
+COLOUR_MAP: Final = "cividis"  # of values, wherever they are drawn
 DIVERGING: Final = "PuOr"  # of values of both signs, whose middle is zero
 CLIPPED_SHARE: Final = 0.01  # of values, at each end of a colour scale, which outliers would stretch
 # Of each move: corners of its triangle, (row, column) from the cell's centre; the third is the centre.
@@ -66,7 +65,6 @@ NOSE: Final = 0.5, 0.2, 0.25  # of a person: distances of tip and base from the 
 class Outline:
     """The border of a region."""
 
-    region: str
     label: str
     is_dashed: bool
     loops: tuple[Loop, ...]
@@ -103,9 +101,7 @@ class Scene:
     outlines: tuple[Outline, ...]  # the outermost first
     glyphs: tuple[Glyph, ...]
     phase: str  # its name; empty if there is only one
-    origin: tuple[int, int] | None = (
-        None  # of an egocentric map: the issuer's cell, from which all are counted
-    )
+    origin: tuple[int, int] | None = None  # the issuer's cell, of an egocentric map
 
     @property
     def n_cells(self) -> int:
@@ -121,7 +117,7 @@ class Scene:
         """Returns the cells of the glyphs of a kind."""
         return [glyph.cell for glyph in self.glyphs if glyph.kind == kind]
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         """Returns zones, outlines and glyphs for the page's script; a zone is its number in `ZONES`."""
         return {
             "zone": "".join(str(ZONES.index(zone)) for zone in self.zone),
@@ -134,16 +130,16 @@ class Scene:
 
 @lru_cache(maxsize=64)
 def scene_of(model: Model, context: int = 0) -> Scene:
-    """Returns the map of a model's cells in a place and phase, see `Model.context`."""
+    """Returns the map of a model's cells with the issuer in one position and phase, see `Model.context`."""
     scenario = model.scenario
     grid, states = scenario.grid, model.states_of(context)
     zone = model.zone[states].reshape(grid.size)
-    place, phase = divmod(context, len(scenario.stages))
+    position, phase = divmod(context, len(scenario.stages))
     people = [
         Glyph("issuer", row * grid.columns + column, HEADINGS[heading] if scenario.has_front else None)
-        for (row, column), heading, *_ in scenario.people[place][phase]
+        for (row, column), heading, *_ in scenario.people[position][phase]
     ]
-    starts = model.cell[model.starts[model.context[model.starts] // len(scenario.stages) == place]]
+    starts = model.cell[model.starts[model.context[model.starts] // len(scenario.stages) == position]]
     is_floor = ~grid.is_wall.reshape(grid.size)
     return Scene(
         rows=grid.rows,
@@ -154,10 +150,10 @@ def scene_of(model: Model, context: int = 0) -> Scene:
         is_wall=grid.is_wall,
         outlines=tuple(
             # ZONES are ordered by nearness
-            Outline(region, label, is_dashed, outlines(is_floor & (zone >= ZONES.index(region))))
+            Outline(label, is_dashed, outlines(is_floor & (zone >= ZONES.index(region))))
             for region, (label, is_dashed) in BORDERS.items()
         ),
-        # Of many start cells none is marked.
+        # One of many start cells is not marked.
         glyphs=(*people, *([Glyph("start", int(starts[0]))] if len(set(starts.tolist())) == 1 else [])),
         phase=scenario.stages[phase].name if len(scenario.stages) > 1 else "",
     )
@@ -173,7 +169,7 @@ class CellMap(NamedTuple):
 
 @lru_cache(maxsize=64)
 def cell_map(model: Model) -> CellMap:
-    """Returns the egocentric map if it shows all that is observed, else that of the first place and phase."""
+    """Returns the egocentric map if it shows all that is observed, else the first of `scene_of`."""
     scenario, grid = model.scenario, model.scenario.grid
     n_states = len(grid.offset) * scenario.ping_limit * (1 + scenario.is_delayed)
     looks_alike = not scenario.phases and not (scenario.issuer.walk and scenario.has_front)
@@ -197,23 +193,10 @@ def cell_map(model: Model) -> CellMap:
     return CellMap(around, replace(scene_of(around), origin=middle), backwards)
 
 
-def inset(loop: Loop, depth: float) -> list[tuple[float, float]]:
-    """Returns a loop's corners moved inwards, so that a line along them lies beside the border, not on it.
+def colour_limits(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Returns the ends of a colour scale for the finite ones of these values, without the outliers.
 
-    >>> inset(((0, 0), (0, 3), (2, 3), (2, 0)), 0.25)
-    [(0.25, 0.25), (0.25, 2.75), (1.75, 2.75), (1.75, 0.25)]
-    """
-    corners = np.array(loop)
-    along = np.sign(np.roll(corners, -1, axis=0) - corners)  # (corners, 2) the direction of each edge
-    inwards = along[:, ::-1] * (1, -1)  # the set is on the right
-    moved = corners + depth * (inwards + np.roll(inwards, 1, axis=0))
-    return [(row, column) for row, column in moved.tolist()]
-
-
-def colour_limits(values: NDArray[Any]) -> tuple[float, float]:
-    """Returns the ends of a colour scale for all these values, without the outliers at both ends.
-
-    Values that are not finite do not count; if there are no others, the scale is (0, 1).
+    Without any finite value, the scale is (0, 1).
     """
     known = values[np.isfinite(values)]
     if not known.size:

@@ -14,8 +14,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -59,40 +59,25 @@ class Chaos:
     machines: Machines  # if there is a cluster
 
     def __init__(self, folder: Path, text: str, seed: int) -> None:
-        """Executes the experiment undisturbed in threads, to know what must come of it.
-
-        Args:
-          folder: Empty.
-          text: The experiment.
-          seed: Of when things happen.
-        """
+        """Executes the experiment undisturbed in threads, to know its results; the seed draws moments."""
         self.experiment, self.results = folder / "chaos.toml", folder / "results"
         self.experiment.write_text(text, encoding="utf-8")
         self.rng = np.random.default_rng(seed)
         self.happened: Counter[str] = Counter()
         self._kept: set[str] = set()  # digests that must not be lost
         with Store(folder / "expected.db") as store:
-            runs = all_specifications(load_experiment(self.experiment))
-            errors = run(runs, store, jobs=1, executor=Threads)
-            assert errors == []
+            assert run(all_specifications(load_experiment(self.experiment)), store, 1, executor=Threads) == []
             self.expected = arrays_of(store.get(sorted(store.ended())))
-        self.duration = 0.0  # seconds that all runs take
         started = time.monotonic()
         self.finish()
-        self.duration = time.monotonic() - started
+        self.duration = max(time.monotonic() - started, 1.0)  # seconds that all runs take
 
-    def start(self, *, limit: int | None = None, cluster: str = "") -> subprocess.Popen[str]:
-        """Starts a driver in a session of its own.
-
-        Args:
-          limit: The largest file in bytes that it may write.
-          cluster: The address of a Dask scheduler, if the jobs are executed there.
-        """
-        arguments = ["run", str(self.experiment), "--jobs", "2", "--results", str(self.results)]
-        arguments += ["--cluster", cluster] if cluster else []
-        limits = (limit, limit) if limit is not None else (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+    def start(self, *arguments: str, largest_file: int = resource.RLIM_INFINITY) -> subprocess.Popen[str]:
+        """Starts a driver in a session of its own, which may write files of so many bytes."""
+        options = ["--jobs", "2", "--results", str(self.results), *arguments]
+        limits = largest_file, largest_file
         return subprocess.Popen(
-            [sys.executable, "-m", "benchmark", *arguments],
+            [sys.executable, "-m", "benchmark", "run", str(self.experiment), *options],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -102,11 +87,7 @@ class Chaos:
         )
 
     def check(self) -> int:
-        """Checks what is stored, and returns how many runs are.
-
-        Raises:
-          Broken: A run is lost or different.
-        """
+        """Checks that no run is lost or different, and returns how many are stored."""
         try:
             with Store(self.results / "runs.db", read_only=True) as store:
                 if problem := store.problem():
@@ -123,11 +104,7 @@ class Chaos:
         return len(found)
 
     def finish(self) -> None:
-        """Executes what is missing undisturbed, checks that nothing is repeated or left, and starts anew.
-
-        Raises:
-          Broken: Something is.
-        """
+        """Executes what is missing undisturbed, checks that nothing is repeated or left, and starts anew."""
         n_stored = self.check()
         process = self.start()
         output, errors = process.communicate()
@@ -143,13 +120,9 @@ class Chaos:
         shutil.rmtree(self.results)
         self._kept = set()
 
-    def _moment(self) -> float:
-        """Draws when something happens, as `time.monotonic` says it."""
-        return time.monotonic() + self.rng.uniform(0.2, max(self.duration, 1.0))
-
     def _wait(self, process: subprocess.Popen[str]) -> int:
-        """Waits for such a moment; returns whether a process is still running then."""
-        time.sleep(max(0.0, self._moment() - time.monotonic()))
+        """Waits for a random moment; returns whether a process is still running then."""
+        time.sleep(self.rng.uniform(0.2, self.duration))
         return int(process.poll() is None)
 
     # What can happen. Each returns how many processes were killed.
@@ -171,12 +144,11 @@ class Chaos:
     def worker_killed(self) -> int:
         """A worker process is killed at some moment; the driver goes on."""
         process = self.start()
-        deadline = self._moment()
-        workers: list[int] = []
-        while process.poll() is None and (time.monotonic() < deadline or not workers):
+        self._wait(process)
+        n_killed, workers = 0, list[int]()
+        while process.poll() is None and not workers:
             workers = _workers(process.pid)
             time.sleep(0.01)
-        n_killed = 0
         with suppress(ProcessLookupError):
             if workers:
                 os.kill(int(self.rng.choice(workers)), signal.SIGKILL)
@@ -191,7 +163,7 @@ class Chaos:
     def cluster_worker_killed(self) -> int:
         """One of two workers of a Dask cluster is killed at some moment, and replaced; the driver goes on."""
         machines = self.machines
-        process = self.start(cluster=machines.address)
+        process = self.start("--cluster", machines.address)
         is_running = self._wait(process)
         victim = machines.workers.pop(int(self.rng.integers(len(machines.workers))))
         victim.kill()
@@ -214,15 +186,12 @@ class Chaos:
         return is_running
 
     def disk_full(self) -> int:
-        """The disk is full at some moment, then no more; or a file may not become larger."""
-        size = int(self.rng.uniform(20_000, 3_000_000))
-        with _small_disk(self.results, size) as is_disk:
-            process = self.start(limit=None if is_disk else size)
-            _, errors = process.communicate(timeout=600)
-            is_explained = process.returncode == 0 or (process.returncode in (1, 2) and "error: " in errors)
-            if "Traceback" in errors or not is_explained:
-                raise Broken(f"a full disk: exit code {process.returncode}: {errors[-2000:]}")
-            self.check()
+        """A file may not become larger from some moment on."""
+        process = self.start(largest_file=int(self.rng.uniform(20_000, 3_000_000)))
+        _, errors = process.communicate(timeout=600)
+        is_explained = process.returncode == 0 or (process.returncode in (1, 2) and "error: " in errors)
+        if "Traceback" in errors or not is_explained:
+            raise Broken(f"a full disk: exit code {process.returncode}: {errors[-2000:]}")
         return 0
 
 
@@ -262,13 +231,7 @@ def main(arguments: list[str] | None = None) -> int:
 def disturb(chaos: Chaos, ways: Sequence[Callable[[], int]], n_kills: int) -> None:
     """Disturbs an experiment until so many processes are killed, and checks what is stored each time.
 
-    Args:
-      chaos: The experiment.
-      ways: What can happen, first in this order and then at random; each returns how many were killed.
-      n_kills: How many.
-
-    Raises:
-      Broken: Something was lost, repeated or different.
+    The ways happen first in this order and then at random; each returns how many processes were killed.
     """
     todo = list(ways)
     for _ in track(range(n_kills), f"killing processes ({len(chaos.expected)} runs)"):
@@ -293,11 +256,6 @@ def _workers(pid: int) -> list[int]:
 
 
 def _wait_for_end(group: int) -> None:
-    """Waits until all processes of a group have ended.
-
-    Raises:
-      Broken: They do not.
-    """
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         try:
@@ -306,35 +264,6 @@ def _wait_for_end(group: int) -> None:
             return
         time.sleep(0.05)
     raise Broken("a killed driver's workers keep running")
-
-
-@contextmanager
-def _small_disk(folder: Path, size: int) -> Iterator[bool]:
-    """Makes a folder a disk of this many bytes, if the system lets us; else says so.
-
-    What is in the folder is on the disk, and there again afterwards.
-    """
-    folder.mkdir(exist_ok=True)
-    inside = [path for path in folder.rglob("*") if path.is_file()]
-    size += sum(path.stat().st_size for path in inside)
-    aside = folder.with_name("aside")
-    shutil.copytree(folder, aside)
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder)]
-    is_disk = shutil.which("mount") is not None and subprocess.run(mount, capture_output=True).returncode == 0
-    try:
-        if is_disk:
-            shutil.copytree(aside, folder, dirs_exist_ok=True)
-        yield is_disk
-        if is_disk:
-            shutil.rmtree(aside)
-            shutil.copytree(folder, aside)
-    finally:
-        if is_disk:
-            subprocess.run(["umount", str(folder)], check=True)
-            shutil.rmtree(folder)
-            aside.rename(folder)
-        else:
-            shutil.rmtree(aside)
 
 
 if __name__ == "__main__":

@@ -202,12 +202,12 @@ def third_party(layers: Iterable[str]) -> set[str]:
 
 
 def test_what_is_imported_is_declared() -> None:
-    """All that is declared is imported, too, but what others import or what is imported by name."""
+    """All that is declared is imported, too, except what others import, as Gymnasium does pygame."""
     core = {*requirements(None), "pydantic_core"}  # pydantic's own, which its documentation says to import
-    assert third_party(["envs"]) == core | {*EXTRAS["render"]}
+    assert third_party(["envs"]) == core
     used = {module for extra in ("reproduce", "deep", "cluster", "tune", "docs") for module in EXTRAS[extra]}
     used -= {"arch", "sb3_contrib", "sklearn"}  # of rliable and optuna, and by name
-    assert third_party(LAYERS) - {*EXTRAS["render"]} == core | used
+    assert third_party(LAYERS) == core | used
 
 
 def test_contributing_names_the_extra_of_every_dependency() -> None:

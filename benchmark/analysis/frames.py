@@ -7,19 +7,18 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from benchmark.analysis.records import Records, load_records
+from benchmark.analysis.records import Array, Records, load_records
 from benchmark.execution.solving import solved
 from benchmark.execution.store import Store, evaluated
 from benchmark.experiments import Population, RunSpecification
 from envs import ZONES, InputError
 
-Array = NDArray[Any]
 RecordsOf = Callable[[Population], Records]  # of all its runs
 Floats = NDArray[np.float64]
 
@@ -176,11 +175,11 @@ _MAPPED: Final = {
 }  # fmt: skip
 
 
-def by_population(frame: pd.DataFrame, *without: str) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
+def by_population(frame: pd.DataFrame, *without: str) -> Iterator[tuple[dict[str, str], pd.DataFrame]]:
     """Yields the rows of every population, with its keys; without some of the keys, those of several."""
     names = [name for name in KEYS if name not in without]
     for values, rows in frame.groupby(names, sort=False):
-        yield dict(zip(names, values, strict=True)), rows
+        yield dict(zip(names, map(str, values), strict=True)), rows
 
 
 def by_step(curves: pd.DataFrame, column: str) -> Floats:

@@ -1,9 +1,9 @@
 """Contrasts that are tested at several looks and get no more runs once they are decided.
 
-The endpoint of a run is after how many steps it has solved its scenario. Two learners are compared by the
-probability that the first is faster, with ties counted as a half, over pairs of runs of the same seed, which
-have the same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has
-the interval of a proportion, and what a scenario draws is part of its width.
+The endpoint of a run is after how many steps it has learned. Two learners are compared by the probability
+that the first is faster, with ties counted as a half, over pairs of runs of the same seed, which have the
+same draw of the scenario. Pairs are independent, so the mean of these numbers, each 0, 1/2 or 1, has the
+interval of a proportion, and what a scenario draws is part of its width.
 
 At each of the declared looks, every contrast has intervals of such a level that the probability of any wrong
 verdict, in all contrasts at all looks, is at most 5 % (repeated confidence intervals: Jennison and Turnbull
@@ -11,26 +11,26 @@ verdict, in all contrasts at all looks, is at most 5 % (repeated confidence inte
 not matter why a contrast gets more runs.
 """
 
+import math
 from collections.abc import Iterator
-from itertools import takewhile
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
-from benchmark.analysis.frames import Group
+from benchmark.analysis.frames import Group, by_population, by_step, learned, tables
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
+from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population, RunSpecification
 
-NEITHER: Final = "neither"  # most runs of neither learner solve the scenario, whatever their budgets
+NEITHER: Final = "neither"  # most runs of neither learner learn, whatever their budgets
 TOO_SHORT: Final = "too short"  # nor within the smaller budget; within its own, most runs of one do
-_ENDS: Final = (
-    3  # of intervals; if a verdict is wrong, so is one of these: two of a probability, one of a share
-)
-
-Runs = list[RunSpecification]
+SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
+_ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 
 
 class Decision(NamedTuple):
@@ -39,6 +39,15 @@ class Decision(NamedTuple):
     n: int  # pairs of runs
     verdict: str
     faster: Estimate  # the probability that x is faster, with the interval of this look
+
+
+class Contrast(NamedTuple):
+    """Two learners at a point of a map, and what the first look that decides says, or else the last one."""
+
+    x: Population
+    y: Population
+    took: tuple[pd.DataFrame, pd.DataFrame]  # see `took`: of n pairs, within the smaller of their budgets
+    decision: Decision
 
 
 def tail_of(n_contrasts: int, n_looks: int) -> float:
@@ -53,15 +62,15 @@ def tail_of(n_contrasts: int, n_looks: int) -> float:
 def decide(
     x: NDArray[np.float64], y: NDArray[np.float64], margin: float, tail: float, *, one_learns: bool = False
 ) -> Decision:
-    """Compares the steps, (N,) each, after which runs of the same seeds have solved; infinite if never.
+    """Compares the steps, (N,) each, after which runs of the same seeds have learned; infinite if never.
 
-    Both have the smaller of their budgets; `one_learns` says that most runs of one solve within its own.
+    Both have the smaller of their budgets; `one_learns` says that most runs of one learn within its own.
     """
     n = len(x)
     wins = np.where(x == y, 0.5, x < y)
     mean = float(wins.mean())
     low, high = (float(end) for end in proportion_interval(mean, n, tail))
-    never = min(float(proportion_interval(np.isinf(each).mean(), n, tail)[0]) for each in (x, y))
+    never = min(float(proportion_interval(np.isinf(steps).mean(), n, tail)[0]) for steps in (x, y))
     if never > 0.5:
         verdict = TOO_SHORT if one_learns else NEITHER
     elif 0.5 - margin < low <= high < 0.5 + margin:
@@ -71,37 +80,118 @@ def decide(
     return Decision(n, verdict, Estimate(mean, low, high))
 
 
-def pairs(experiment: Experiment) -> list[tuple[Population, Population]]:
-    """Lists the populations of every contrast: a contrast of learners at each point where there are both."""
-    assert experiment.report is not None
-    grids = experiment.declared.grids
-    found = {
-        (each.condition.name, each.scenario.name, each.learner.name): each
-        for each in experiment.populations
-        if grids[each.condition.axes["grid"]].is_compared
-    }
-    return [
-        (found[*place, x], found[*place, y])
-        for place in dict.fromkeys(names[:2] for names in found)
-        for x, y in experiment.report.contrasts
-        if (*place, x) in found and (*place, y) in found
-    ]
+def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.DataFrame:
+    """Returns what the runs of a population took until they had learned within a budget.
+
+    Returns:
+      A row for each run, with its `seed`; the keys of `SPENT`, infinite if it never learned; `success` at the
+      last evaluation within the budget; and, with the prefix `spent_`, what it had spent by then.
+    """
+    curves = curves[curves["step"] <= budget]
+    steps, success = by_step(curves, "step")[0], by_step(curves, "success")
+    first, last = learned(success, steps, level, until=2), len(steps) - 1
+    of_runs = {"seed": by_step(curves, "seed")[:, 0], "success": success[:, last]}
+    for name, column in SPENT.items():
+        values = by_step(curves, column).astype(float)
+        at_first = values[np.arange(len(values)), np.minimum(first, last)]
+        of_runs |= {name: np.where(first > last, np.inf, at_first), f"spent_{name}": values[:, last]}
+    return pd.DataFrame(of_runs)
 
 
-def groups(experiment: Experiment, store: Store, most: int | None = None) -> list[Group]:
-    """Lists the stored runs of every population, up to the first missing one."""
-    assert experiment.report is not None
-    ended, looks = store.ended(), experiment.report.looks
-    compared = {id(population) for pair in pairs(experiment) for population in pair}
-    found = []
+def rows_of(experiment: Experiment, frame: pd.DataFrame) -> dict[Population, pd.DataFrame]:
+    """Returns the rows of every population of a map that has any, without runs after a missing one."""
+    named = {(keys["condition"], keys["learner"]): rows for keys, rows in by_population(frame)}
+    found = {}
     for population in experiment.populations:
-        n_runs = (most or max(looks)) if id(population) in compared else len(population.seeds)
-        seeds = range(population.seeds.start, population.seeds.start + n_runs)
-        runs = [*takewhile(lambda run: run.digest in ended, population.runs(seeds))]
-        found.append(Group(population, runs))
+        rows = named.get((population.condition.name, population.learner.name))
+        if rows is not None:
+            seeds, start = rows["seed"].unique(), population.seeds.start
+            n = int((seeds == start + np.arange(len(seeds))).sum())
+            found[population] = rows[rows["seed"] < start + n]
     return found
 
 
-def further_stages(experiment: Experiment, store: Store) -> Iterator[Runs]:
+def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
+    """Lists the populations of every contrast: a contrast of learners at each point where there are both."""
+    assert experiment.report is not None
+    points: dict[str, dict[str, Population]] = {}
+    for population in experiment.populations:
+        if experiment.declared.grids[population.condition.axes["grid"]].is_compared:
+            points.setdefault(population.condition.name, {})[population.learner.name] = population
+    return [
+        (sides[x], sides[y])
+        for sides in points.values()
+        for x, y in experiment.report.contrasts
+        if x in sides and y in sides
+    ]
+
+
+def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
+    """Lists all contrasts that have enough runs for a look."""
+    report, pairs, rows = experiment.report, compared(experiment), rows_of(experiment, curves)
+    assert report is not None
+    # The same contrast may be in two grids.
+    n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})
+    tail, found = tail_of(n_contrasts, len(report.looks)), []
+    for x, y in pairs:
+        if x in rows and y in rows:
+            looked = _look(experiment, (x, y), (rows[x], rows[y]), tail)
+            found += [] if looked is None else [looked]
+    return found
+
+
+def _look(
+    experiment: Experiment,
+    sides: tuple[Population, Population],
+    curves: tuple[pd.DataFrame, pd.DataFrame],
+    tail: float,
+) -> Contrast | None:
+    """Looks at a contrast until it is decided; None if there are too few runs for any look."""
+    report, solved = experiment.report, experiment.declared.solved
+    assert report is not None
+    assert solved is not None
+    budget = min(side.first.settings.budget for side in sides)
+    own = [took(rows, solved.success) for rows in curves]
+    x, y = (took(rows, solved.success, budget) for rows in curves)
+    decision = None
+    for n in (n for n in report.looks if n <= min(len(x), len(y))):
+        one_learns = any(np.isfinite(runs["steps"][:n]).mean() > 0.5 for runs in own)
+        steps = x["steps"].to_numpy()[:n], y["steps"].to_numpy()[:n]
+        decision = decide(*steps, report.margins.faster, tail, one_learns=one_learns)
+        if decision.verdict != UNDECIDED:
+            break
+    return None if decision is None else Contrast(*sides, (x[: decision.n], y[: decision.n]), decision)
+
+
+def groups(experiment: Experiment, store: Store) -> list[Group]:
+    """Lists the runs of all populations that are known by what is stored, at all looks."""
+    *_, last = _stages(experiment, store)
+    return last
+
+
+def further_stages(experiment: Experiment, store: Store) -> Iterator[list[RunSpecification]]:
     """Yields the further runs of every look, as long as those before are stored: of undecided contrasts."""
-    raise NotImplementedError
+    for before, now in pairwise(_stages(experiment, store)):
+        known = {run.digest for group in before for run in group.runs}
+        runs = {run.digest: run for group in now for run in group.runs}
+        yield [run for digest, run in runs.items() if digest not in known]
+
+
+def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
+    """Yields the runs of all populations at one look after the other."""
+    assert experiment.report is not None
+    seeds = {population: population.seeds for population in experiment.populations}
+    sides = dict.fromkeys(side for pair in compared(experiment) for side in pair)
+    yield [Group(population, population.runs()) for population in seeds]
+    for n in experiment.report.looks[1:]:
+        looked_at = [Group(side, side.runs(seeds[side])) for side in sides]
+        if driver.pending([run for group in looked_at for run in group.runs], store):
+            return
+        _, curves = tables(looked_at, store, ["success", *SPENT.values()])
+        looked = contrasts(experiment, curves)
+        undecided = [contrast for contrast in looked if contrast.decision.verdict == UNDECIDED]
+        if not undecided:
+            return
+        for side in (side for contrast in undecided for side in (contrast.x, contrast.y)):
+            seeds[side] = range(side.seeds.start, side.seeds.start + n)
+        yield [Group(population, population.runs(some)) for population, some in seeds.items()]

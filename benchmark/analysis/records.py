@@ -17,6 +17,8 @@ from envs import ZONES, InputError, Model, compile_scenario
 from envs.model import PING
 from envs.observations import compile_seen
 
+Array = NDArray[Any]
+Provenance = Mapping[str, Any]  # of a run, see `benchmark.execution.store.Record`
 OPTIMUM_TOLERANCE: Final = 1e-9  # a policy counts as optimal up to this distance, which allows for rounding
 
 
@@ -29,12 +31,12 @@ class Records:
     """
 
     run: RunSpecification  # the first of them
-    agents: Sequence[Mapping[str, NDArray[Any]]]  # (N,) arrays, see `benchmark.execution.store.Record`
+    agents: Sequence[Mapping[str, Array]]  # (N,) arrays, see `benchmark.execution.store.Record`
     seeds: Sequence[int]  # (N,)
-    provenance: Sequence[Mapping[str, Any]]  # (N,) see `benchmark.execution.store.Record`
+    provenance: Sequence[Provenance]  # (N,)
 
     @cached_property
-    def arrays(self) -> Mapping[str, NDArray[Any]]:
+    def arrays(self) -> Mapping[str, Array]:
         """The arrays of all agents, (N, ...) each, by name."""
         return _Stacked(self.agents)
 
@@ -126,14 +128,14 @@ class Records:
         return np.asarray(valued[:, self.model.observation[self.model.fresh_state]])
 
 
-class _Stacked(Mapping[str, NDArray[Any]]):
+class _Stacked(Mapping[str, Array]):
     """The arrays of N agents, (N, ...), each stacked when it is first asked for: all together are large."""
 
-    def __init__(self, agents: Sequence[Mapping[str, NDArray[Any]]]) -> None:
+    def __init__(self, agents: Sequence[Mapping[str, Array]]) -> None:
         self.agents = agents  # (N,)
-        self._stacked: dict[str, NDArray[Any]] = {}
+        self._stacked: dict[str, Array] = {}
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> Array:
         if name not in self._stacked:
             self._stacked[name] = np.stack([arrays[name] for arrays in self.agents])
         return self._stacked[name]

@@ -1,18 +1,16 @@
-"""The walk of a greedy policy through the compiled model, as the film, `watch` and the page show it.
+"""The walk of a greedy policy through the compiled model, as films, `watch` and the page show it.
 
-**The rule.** The walk starts in the model's first start state. At every step one number is drawn from the
-generator below, also if there is a single greedy action; the action taken is number
-`floor(draw * number of greedy actions)` of the greedy actions in the order of their numbers. If the model has
-several outcomes, another number chooses among them. The walk ends, by the first of these that is true after a
-step, when
+The walk starts in the model's first start state. At every step one number is drawn from the generator below,
+even if there is a single greedy action: the walk takes greedy action number
+`floor(draw * number of greedy actions)`. If the model has several outcomes, another number chooses the
+outcome. The walk ends with the first of these that is true after a step:
 
 1. the episode has ended;
-2. the policy goes in circles: the state is one in which the walk has been before and since it last had a
-   choice between several greedy actions or outcomes. From there on it would repeat itself for ever;
+2. the policy goes in circles: the walk has been in this state before, and had no choice between several
+   greedy actions or outcomes since, so it would repeat itself forever;
 3. it has made as many steps as the horizon allows.
 
-The generator is mulberry32 with seed 2021, so that equal policies walk alike. The page's script follows the
-same rule.
+The generator is mulberry32 with seed 2021, so equal policies walk alike. The page's script follows this rule.
 """
 
 from collections.abc import Iterator
@@ -42,7 +40,7 @@ class Walk:
 
 
 def walk(model: Model, greedy: NDArray[np.uint8], horizon: int) -> Walk:
-    """Walks by a greedy policy, see the module's docstring for the rule.
+    """Walks by a greedy policy, as the module's docstring says.
 
     Args:
       model: Compiled scenario.

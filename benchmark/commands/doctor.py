@@ -6,7 +6,6 @@ import platform
 import random
 import shutil
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
@@ -14,15 +13,15 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from packaging.requirements import Requirement
 from rich.console import Console
+from rich.filesize import decimal
 from rich.text import Text
 
 from benchmark import packages
 from benchmark.commands import parse_jobs, parse_seeds
-from benchmark.execution import provenance
 from benchmark.execution.machine import free_memory, usable_cores
 from benchmark.execution.store import REPAIR_ADVICE, NoRunsError, Store
 from envs import InputError
@@ -31,19 +30,16 @@ from envs.inputs import EXTRAS, missing_package, needed_by, shortened
 if TYPE_CHECKING:
     from benchmark.experiments import RunSpecification
 
-BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome")  # the tests of the page need one of them
 _CONSTRAINTS: Final = Path(__file__).parents[2] / "constraints.txt"
 _COLOURS: Final = {"ok": "green", "note": "yellow", "problem": "bold red"}
-_LONGEST: Final = 200  # characters of an error
-_CHECK_S: Final = 3.0  # how long to verify checksums
-_AT_ONCE: Final = 100  # records
+_CHECKED: Final = 200  # records whose checksums are verified, drawn at random
 _JOB_MEMORY: Final = 500_000_000  # bytes of a job of nets, about
 _OTHER_FOLDER: Final = "choose another folder with --results"
 _LITTLE_DISK: Final = 1_000_000_000  # bytes
 
 
 class Finding(NamedTuple):
-    """What was found about something; if it is not "ok", the text says what to do."""
+    """A finding about one subject; if it is not "ok", the text says what to do."""
 
     state: str  # a key of `_COLOURS`
     subject: str
@@ -51,8 +47,12 @@ class Finding(NamedTuple):
 
 
 def _finding(subject: str, text: str, advice: str = "", state: str = "note") -> Finding:
-    """Returns that all is well, or with advice that something is not."""
+    """Returns a finding that is "ok" without advice, else of the given state."""
     return Finding(state, subject, f"{text}; {advice}") if advice else Finding("ok", subject, text)
+
+
+def _problem(subject: str, error: object) -> Finding:
+    return Finding("problem", subject, str(error).removesuffix("."))
 
 
 def main(options: argparse.Namespace) -> int:
@@ -62,28 +62,22 @@ def main(options: argparse.Namespace) -> int:
     if seeds is not None and options.experiment is None:
         raise InputError("--seeds: accepted only together with an experiment.")
     cache = _cache()
-    runs, limits = [], ""
+    runs: Sequence[RunSpecification] = []
     if options.experiment is not None and cache.state == "ok":  # else nothing compiled can be imported
-        from benchmark.commands.run import forecast
         from benchmark.experiments import all_specifications, load_experiment
 
-        experiment = load_experiment(options.experiment)
-        runs, limits = all_specifications(experiment, seeds), forecast(experiment)
-    found = [
+        runs = all_specifications(load_experiment(options.experiment), seeds)
+    findings = chain(
         _installation(),
         [cache],
         _machine(options.results),
         _store(options.results / "runs.db"),
-    ]
-    if options.cluster is not None:
-        found.append([_cluster(options.cluster, runs)])
-    if limits:
-        found.append([Finding("note", "verdicts", limits)])
-    if runs:
-        found.append(_experiment(runs, options))
+        [] if options.cluster is None else [_cluster(options.cluster, runs)],
+        _experiment(runs, options) if runs else [],
+    )
     console = Console()
     states = set()
-    for finding in chain.from_iterable(found):
+    for finding in findings:
         line = Text(f"{finding.state:8}", style=_COLOURS[finding.state])
         console.print(line.append(f"{finding.subject:10} {finding.text}", style="default"), soft_wrap=True)
         states.add(finding.state)
@@ -91,7 +85,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _installation() -> Iterator[Finding]:
-    """Yields whether packages are there, in which versions, and what records will say of the code."""
+    """Yields which packages are installed, in which versions, and which cannot be imported."""
     lines = _CONSTRAINTS.read_text(encoding="utf-8").splitlines() if _CONSTRAINTS.is_file() else []
     if versions := _outside(Requirement(line) for line in lines if "==" in line and not line.startswith("#")):
         advice = "pip install -c constraints.txt -e '.[EXTRA]' installs those of the published results"
@@ -99,83 +93,74 @@ def _installation() -> Iterator[Finding]:
     else:
         yield _finding("versions", f"Python {platform.python_version()}, and packages as declared")
     print("importing every package ...", file=sys.stderr)
-    others = [each for extra, modules in EXTRAS.items() if extra != "reproduce" for each in modules]
-    there = [module for module in others if find_spec(module) is not None]
-    for sentence in dict.fromkeys(packages.unusable(there, usable_cores()).values()):
-        yield Finding("problem", "packages", sentence.removesuffix("."))
+    optional = [module for extra, modules in EXTRAS.items() if extra != "reproduce" for module in modules]
+    installed = [module for module in optional if find_spec(module) is not None]
+    for sentence in dict.fromkeys(packages.unusable(installed, usable_cores()).values()):
+        yield _problem("packages", sentence)
     complete: list[str] = []
     absent: list[str] = []
     for extra, modules in EXTRAS.items():
         missing = [module for module in modules if find_spec(module) is None]
-        if missing and len(missing) < len(modules):
+        if 0 < len(missing) < len(modules):
             text = str(missing_package(f"the extra {extra}", missing[0])).removesuffix(".")
-            yield Finding("note", "packages", f"{text} (packages that are missing: {len(missing)})")
+            yield Finding("note", "packages", text)
         else:
             (absent if missing else complete).append(extra)
     more = f"; others: {', '.join(absent)} (make .venv/.NAME installs one)" if absent else ""
     yield _finding("packages", f"installed extras: {', '.join(complete) or 'none'}{more}")
-    commit = provenance.commit(Path(provenance.__file__)) or "(none: no checkout)"
-    advice = "commit changes of agents, benchmark and envs before runs that are to be published"
-    yield _finding("code", f"records will name the commit {commit}", advice * commit.endswith("-changed"))
 
 
 def _outside(requirements: Iterable[Requirement]) -> list[str]:
     """Lists the installed packages that are in another version than is required."""
-    found = []
-    for each in requirements:
-        if each.name == "setuptools":  # a fresh environment has its own, and only a test of ours needs it
-            continue
+    outside = []
+    for requirement in requirements:
+        name, accepted = requirement.name, requirement.specifier
         with suppress(PackageNotFoundError):
-            installed = version(each.name).partition("+")[0]  # a build may add +cpu
-            if not each.specifier.contains(installed, prereleases=True):
-                found.append(f"{each.name} {installed} ({each.specifier})")
-    return found
+            installed = version(name).partition("+")[0]  # a build may add +cpu
+            # A fresh environment has its own setuptools, which only a test needs.
+            if name != "setuptools" and not accepted.contains(installed, prereleases=True):
+                outside.append(f"{name} {installed} ({accepted})")
+    return outside
 
 
 def _cache() -> Finding:
     """Returns whether what numba compiles can be kept."""
     try:
         with needed_by("benchmark doctor"):
-            from agents import dynamic_programming
+            import agents.dynamic_programming  # noqa: F401
     except RuntimeError as error:  # numba's, while it looks for a folder
         advice = "make the folder of the code writable, or set NUMBA_CACHE_DIR to a folder that is"
         return Finding("problem", "compiling", f"{' '.join(str(error).split())}; {advice}")
-    sweep: Any = dynamic_programming._sweep
-    return _finding("compiling", f"compiled code is kept in {shortened(sweep._cache.cache_path)}")
+    return _finding("compiling", "compiled code is kept for the next start")
 
 
 def _machine(results: Path) -> Iterator[Finding]:
     """Yields what the machine has to offer."""
     cores, load, memory = usable_cores(), os.getloadavg()[0], free_memory()
-    if load > cores:
-        text = f"{cores}, with a load average of {load:.1f}"
-        yield _finding("cores", text, "other programs slow down runs")
-    else:
-        yield _finding("cores", f"{cores} of {os.cpu_count()} may be used here; each job uses one thread")
+    text = f"{cores} of {os.cpu_count()} may be used here, with a load average of {load:.1f}"
+    yield _finding("cores", text, "other programs slow down runs" * (load > cores))
     if memory is not None:
-        advice = f"nets take about {_bytes(_JOB_MEMORY)} per job: give --jobs {max(1, memory // _JOB_MEMORY)}"
-        yield _finding("memory", f"{_bytes(memory)} free", advice * (memory < cores * _JOB_MEMORY))
+        jobs = max(1, memory // _JOB_MEMORY)
+        advice = f"nets take about {decimal(_JOB_MEMORY)} per job: give --jobs {jobs}"
+        yield _finding("memory", f"{decimal(memory)} free", advice * (memory < cores * _JOB_MEMORY))
     folder, free = _disk(results)
     if folder.is_dir() and os.access(folder, os.W_OK):
-        yield _finding("disk", f"{_bytes(free)} free in {folder}", "free some space" * (free < _LITTLE_DISK))
+        text = f"{decimal(free)} free in {folder}"
+        yield _finding("disk", text, "free some space" * (free < _LITTLE_DISK))
     else:
         yield _finding("disk", f"{folder} is not a folder that can be written", _OTHER_FOLDER, "problem")
-    if (_CONSTRAINTS.parent / "tests").is_dir() and not any(map(shutil.which, BROWSERS)):
-        advice = "install one (apt-get install chromium), or tests of the page are skipped"
-        yield Finding("note", "browser", f"none of {', '.join(BROWSERS)} was found; {advice}")
 
 
 def _disk(results: Path) -> tuple[Path, int]:
-    """Returns the folder that is there of a path, and its free bytes."""
-    folder = next(each for each in (results.absolute(), *results.absolute().parents) if each.exists())
+    """Returns the deepest folder of a path that exists, and its free bytes."""
+    paths = (results.absolute(), *results.absolute().parents)
+    folder = next(path for path in paths if path.exists())
     return folder, shutil.disk_usage(folder).free
 
 
 def _store(path: Path) -> Iterator[Finding]:
     """Yields whether the store is sound."""
-    for left in sorted(path.parent.glob(f"{path.name}.*")):
-        if left.name == f"{path.name}.lock":  # stays, empty
-            continue
+    if (left := path.with_name(f"{path.name}.damaged")).exists():
         yield Finding("note", "store", f"{left} is left over from a damaged store; delete it in the end")
     try:
         with Store(path, read_only=True) as store:
@@ -185,19 +170,16 @@ def _store(path: Path) -> Iterator[Finding]:
             counts = Counter(store.statuses().values())
             runs = ", ".join(f"{n:,} {status}" for status, n in sorted(counts.items())) or "none"
             again = "'run EXPERIMENT' tries failed runs again" if counts["failed"] else ""
-            yield _finding("store", f"{path}: {_bytes(path.stat().st_size)}, runs: {runs}", again)
-            digests = [*store.ended()]
-            random.shuffle(digests)
-            end, n_checked, n_damaged = time.monotonic() + _CHECK_S, 0, 0
-            while n_checked < len(digests) and time.monotonic() < end:
-                some = digests[n_checked : n_checked + _AT_ONCE]
-                n_checked, n_damaged = n_checked + len(some), n_damaged + len(store.damaged(some))
+            yield _finding("store", f"{path}: {decimal(path.stat().st_size)}, runs: {runs}", again)
+            ended = sorted(store.ended())
+            checked = random.sample(ended, min(_CHECKED, len(ended)))
+            n_damaged = len(store.damaged(checked))
     except NoRunsError:
         yield _finding("store", f"{path}: there are no runs yet")
     except InputError as error:
-        yield Finding("problem", "store", str(error).removesuffix("."))
+        yield _problem("store", error)
     else:
-        text = f"{n_checked:,} of {len(digests):,} records checked, {n_damaged:,} damaged"
+        text = f"{len(checked):,} of {len(ended):,} records checked, {n_damaged:,} damaged"
         state, advice = ("problem", "says what to do") if n_damaged else ("ok", "checks all")
         yield _finding("checksums", text, f"'verify' {advice}", state)
 
@@ -209,7 +191,7 @@ def _cluster(address: str, runs: Sequence["RunSpecification"]) -> Finding:
     try:
         cluster = connect(address, {run.algorithm for run in runs} or {"q_learning"})
     except InputError as error:
-        return Finding("problem", "cluster", str(error).removesuffix("."))
+        return _problem("cluster", error)
     cluster.cancel()
     return _finding("cluster", f"{address}: workers with the same packages and code: {cluster.workers}")
 
@@ -218,14 +200,16 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
     """Yields what it costs to execute the missing runs of an experiment."""
     from benchmark.execution.calibration import estimate
     from benchmark.execution.driver import pending
+    from benchmark.execution.provenance import versions
 
     try:
-        provenance.check_packages(run.algorithm for run in runs)
+        for algorithm in sorted({run.algorithm for run in runs}):
+            versions(algorithm)
     except InputError as error:
-        yield Finding("problem", "runs", str(error).removesuffix("."))
+        yield _problem("runs", error)
         return
     with ExitStack() as stack:
-        store, missing = None, list(runs)
+        store, missing = None, [*runs]
         with suppress(InputError):  # there is none yet, or what is wrong with it has been said
             opened = stack.enter_context(Store(options.results / "runs.db", read_only=True))
             missing, store = pending(runs, opened), opened
@@ -235,39 +219,16 @@ def _experiment(runs: Sequence["RunSpecification"], options: argparse.Namespace)
         estimated = estimate(missing, store, options.jobs, usable_cores())
     yield _finding("runs", f"{len(missing):,} of {len(runs):,} are missing, in {estimated.jobs:,} jobs")
     if estimated.unknown:
-        names = ", ".join(dict.fromkeys(estimated.unknown))
-        text = f"unknown for {len(estimated.unknown)} populations ({shortened(names, _LONGEST)}): "
+        names = shortened(", ".join(dict.fromkeys(estimated.unknown)))
+        text = f"unknown for {len(estimated.unknown)} populations ({names}): "
         yield _finding("time", f"{text}no run of these is stored from a machine like this one")
     if estimated.known:
-        text = f"{_duration(*estimated.seconds)} with --jobs {options.jobs}, from stored runs of "
+        low, high = (seconds / 60 for seconds in estimated.seconds)
+        text = f"{low:,.1f} to {high:,.1f} minutes with --jobs {options.jobs}, from stored runs of "
         yield _finding("time", f"{text}{estimated.known} populations")
     if estimated.peak_memory and (free := free_memory()) is not None:
-        text = f"about {_bytes(estimated.peak_memory)} at the peak; {_bytes(free)} are free"
+        text = f"about {decimal(int(estimated.peak_memory))} at the peak; {decimal(free)} are free"
         yield _finding("memory", text, "give fewer --jobs" * (estimated.peak_memory >= free), "problem")
     free_disk = _disk(options.results)[1]
-    text = f"at most about {_bytes(estimated.size)} for records; {_bytes(free_disk)} are free"
+    text = f"at most about {decimal(estimated.size)} for records; {decimal(free_disk)} are free"
     yield _finding("disk", text, _OTHER_FOLDER * (estimated.size >= free_disk), "problem")
-
-
-def _bytes(number: float) -> str:
-    """Returns a number of bytes in words.
-
-    >>> _bytes(1_260_000_000), _bytes(90_000_000), _bytes(12_345)
-    ('1.3 GB', '90 MB', '0.01 MB')
-    """
-    if number >= 1e9:
-        return f"{number / 1e9:.1f} GB"
-    return f"{number / 1e6:.0f} MB" if number >= 1e6 else f"{number / 1e6:.2f} MB"
-
-
-def _duration(low: float, high: float) -> str:
-    """Returns a range of seconds in words.
-
-    >>> _duration(7.0, 20.0), _duration(50.0, 200.0), _duration(3000.0, 10_000.0)
-    ('less than a minute', '1 to 3 minutes', '0.8 to 2.8 hours')
-    """
-    if high < 60:
-        return "less than a minute"
-    if high < 6000:
-        return f"{max(1, round(low / 60))} to {round(high / 60)} minutes"
-    return f"{low / 3600:.1f} to {high / 3600:.1f} hours"

@@ -13,6 +13,7 @@ from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, prose, sameness
+from benchmark.reports.data import load
 from benchmark.reports.folder import MANIFEST, Folder
 from envs import InputError
 
@@ -35,16 +36,17 @@ def main(options: argparse.Namespace) -> int:
     if options.format and options.partial:
         raise InputError("--format, --partial: accepted: one of the two.")
     experiment = load_experiment(options.experiment)
-    draw.report_of(experiment)
+    report = draw.report_of(experiment)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
     with Store(options.results / "runs.db", read_only=True) as store:
         if options.format:
             directory = directory.with_name(f"{directory.name}_{options.format}")
-            draw.export(experiment, store, directory, seeds, options.format)
+            data = load(experiment, store, seeds, columns=report.columns)
+            draw.export(data, report, directory, options.format)
             print(f"{experiment.name}: written to {directory}.")
             return 0
-        made = draw.draw(experiment, store, directory, seeds, partial=options.partial)
+        made = draw.draw(experiment, report, store, directory, seeds, partial=options.partial)
         if experiment.declared.search is not None:
             _write_chosen(experiment, store)
     print(f"{experiment.name}: tables and figures are in {directory}{'' if made.is_new else ', up to date'}.")

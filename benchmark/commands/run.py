@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.analysis.records import check_scores
-from benchmark.analysis.stages import stages
+from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
 from benchmark.execution.executors import ExecutorFactory, load_executor
-from benchmark.execution.plan import plan
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
@@ -47,7 +46,8 @@ def main(options: argparse.Namespace) -> int:
     if text := forecast(experiment):
         print(f"{name}: {text}", file=sys.stderr)
     with Store(options.results / "runs.db") as store:
-        for stage, runs in enumerate(stages(experiment, store, seeds), start=1):
+        for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
+            runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name
             if code := _execute(label, runs, store, options, jobs, executor):
                 return code
@@ -91,7 +91,7 @@ def _train(
             stack.callback(cluster.cancel)
             # A worker finds its next job waiting.
             jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
-        display = stack.enter_context(Display(name, runs, store.ended(), plan(todo)))
+        display = stack.enter_context(Display(name, runs, store.ended()))
         logs = options.tensorboard
         errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
     statuses = store.statuses()

@@ -138,7 +138,7 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
     made.mkdir()
     with suppress(OSError):  # it notes what earlier reports showed, which the store does not know
         shutil.copy(folder / MANIFEST, made)
-    draw.draw(experiment, store, made)
+    draw.draw(experiment, draw.report_of(experiment), store, made)
     # Measured times, too, are those that the store has.
     found = sameness.compare(made, experiment.name, (), folder)
     assert found is not None  # there is a manifest

@@ -38,10 +38,10 @@ def specification(
 ) -> RunSpecification:
     """Returns a run of an experiment, with any seed; the default observation is the variant's first.
 
-    The scenario is one of the experiment's, or else a shipped one or the path of a file.
+    The scenario is one of the experiment, or else a shipped one or the path of a file.
 
     Raises:
-      InputError: The experiment has no such run, or the scenario is not there or too large.
+      InputError: The experiment has no such run, or the scenario does not exist or is too large.
     """
     learners = {
         learner.observation: learner for learner in experiment.learners.values() if learner.variant == variant
@@ -61,10 +61,7 @@ def specification(
 def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Film:
     """Returns the film of a run; a missing run is trained and stored.
 
-    Args:
-      watched: The run.
-      store: Where it is stored.
-      learner: What readers call its learner; by default, its variant and its observation.
+    Readers see the name of the learner, by default its variant and observation.
 
     Raises:
       InputError: Training failed.
@@ -80,7 +77,7 @@ def load_film(watched: RunSpecification, store: Store, learner: str = "") -> Fil
 
 
 def moments(film: Film) -> Iterator[Moment]:
-    """Yields what is shown, one moment per frame: for every map the walk, cell by cell, and then its end."""
+    """Yields the moment of every frame: for every map the walk, cell by cell, and then its end."""
     for index in range(len(film.steps)):
         end = end_of(film, index)
         for n_cells in range(1, len(end.cells)):

@@ -41,8 +41,8 @@ ENDINGS: Final = {
 ANIMATIONS: Final = (".webp", ".gif")  # endings of files
 _DPI: Final = 100
 _CELL, _LARGE_CELL = 0.21, 0.34  # inches, of the cells of several films, and of one
-_LARGEST_MAP, _LONGEST_SIDE = 150, 80  # square inches and inches: cells of larger rooms are smaller
-_NARROWEST, _GAP, _BAR = 2.6, 0.1, 0.7  # inches: the texts above a map, between maps, a colour bar
+_LONGEST_SIDE: Final = 20  # inches, of a map: cells of large rooms are smaller
+_NARROWEST, _LOWEST, _GAP, _BAR = 2.6, 0.5, 0.1, 0.7  # inches: sizes of a map, gap, width of a colour bar
 _WIDEST: Final = 16_383 / _DPI - _BAR  # inches: a WebP has at most so many pixels
 _TITLE, _LINE, _CHARACTERS = 8, 0.14, 15  # size in points, inches of a line, characters in an inch
 _FRAME_MS, _LAST_MS = 350, 2500  # for which a frame is shown, and the last
@@ -156,16 +156,13 @@ class Screen:
         self.films: list[Film] = []
         self._axes: list[Axes] = []
         rows, columns = np.max([(film.scene.rows, film.scene.columns) for row in films for film in row], 0)
-        cell = min(
-            _LARGE_CELL if sum(map(len, films)) == 1 else _CELL,
-            (_LARGEST_MAP / (rows * columns)) ** 0.5,
-            _LONGEST_SIDE / max(rows, columns),
-        )
+        cell = _LARGE_CELL if sum(map(len, films)) == 1 else _CELL
+        cell = min(cell, _LONGEST_SIDE / max(rows, columns))
         width = max(cell * columns, _NARROWEST) + _GAP
         films = [row[: max(int(_WIDEST / width), 1)] for row in films]
         n_columns, n_characters = max(map(len, films)), int(width * _CHARACTERS)
         n_lines = max(len(wrap(film.title, n_characters)) for row in films for film in row) + 2
-        size = n_columns * width + _BAR, len(films) * (cell * rows + n_lines * _LINE + _GAP)
+        size = n_columns * width + _BAR, len(films) * (max(cell * rows, _LOWEST) + n_lines * _LINE + _GAP)
         with figure_of(len(films), n_columns, size) as (self.figure, axes):
             self.figure.set_dpi(_DPI)
             for row, row_axes in zip(films, axes, strict=True):

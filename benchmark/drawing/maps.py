@@ -1,7 +1,6 @@
 """Draws scenes with matplotlib: maps of values and actions, and a gallery of scenarios.
 
-On the axes, x is the column and y the row of a cell's centre, so that the corners of `envs.scene` lie half
-a cell off.
+On the axes, x is the column and y the row of a cell's centre; in `envs.scene`, of its upper left corner.
 """
 
 from collections.abc import Sequence
@@ -57,13 +56,9 @@ _MAP, _GAP, _LINE, _LEGEND = 1.36, 0.07, 0.125, 0.65  # inches: a map, between m
 
 def heat(axis: Axes, scene: Scene, values: NDArray[np.float64], norm: Normalize) -> None:
     """Draws one value per cell, (O,)."""
-    edges = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
+    x, y = np.arange(scene.columns + 1) - 0.5, np.arange(scene.rows + 1) - 0.5
     axis.set_facecolor(RGB["over"])
-    # An edge of the same colour, since the ground would shine through between cells.
-    axis.pcolormesh(
-        *edges, values.reshape(scene.rows, scene.columns),
-        cmap=colour_map(norm), norm=norm, edgecolors="face", linewidth=0.2,
-    )  # fmt: skip
+    axis.pcolormesh(x, y, values.reshape(scene.rows, scene.columns), **_coloured(norm), linewidth=0.2)
     _dress(axis, scene, _ON_VALUES)
 
 
@@ -72,25 +67,17 @@ def triangles(axis: Axes, scene: Scene, frame: pd.DataFrame, norm: Normalize, va
 
     The frame has columns row, column, action (moves alone) and the one that is drawn.
     """
-    axis.add_collection(
-        PolyCollection(
-            _shapes(frame, TRIANGLES), array=frame[value].to_numpy(),
-            cmap=colour_map(norm), norm=norm, edgecolors="face", linewidths=0.2,
-        )
-    )  # fmt: skip
+    shapes, values = _shapes(frame, TRIANGLES), frame[value].to_numpy()
+    axis.add_collection(PolyCollection(shapes, array=values, **_coloured(norm), linewidths=0.2))
     _dress(axis, scene, _ON_VALUES)
 
 
 def discs(axis: Axes, frame: pd.DataFrame, norm: Normalize, value: str) -> None:
     """Draws one value per cell as a disc in its middle; columns row, column and the one that is drawn."""
-    axis.add_collection(
-        EllipseCollection(
-            [0.4], [0.4], [0], units="xy",
-            offsets=frame[["column", "row"]].to_numpy(), offset_transform=axis.transData,
-            array=frame[value].to_numpy(), cmap=colour_map(norm), norm=norm,
-            edgecolors=RGB["line"], linewidths=0.4,
-        )
-    )  # fmt: skip
+    style: Style = _coloured(norm) | {"edgecolors": RGB["line"], "linewidths": 0.4}
+    style |= {"offsets": frame[["column", "row"]].to_numpy(), "offset_transform": axis.transData}
+    values = frame[value].to_numpy()
+    axis.add_collection(EllipseCollection([0.4], [0.4], [0], units="xy", array=values, **style))
 
 
 def actions(axis: Axes, scene: Scene, chosen: pd.DataFrame) -> None:
@@ -124,23 +111,28 @@ def dots(axis: Axes, cells: pd.DataFrame) -> None:
 
 
 def colour_map(norm: Normalize) -> str:
-    """Returns the colours of a scale: of one with zero in its middle, white is zero."""
+    """Returns the name of the colours of a scale; if zero is in its middle, zero is white."""
     return DIVERGING if norm.vmin == -(norm.vmax or 0.0) else COLOUR_MAP
+
+
+def _coloured(norm: Normalize) -> Style:
+    # Edges have the same colour, since the background would shine through between cells.
+    return {"cmap": colour_map(norm), "norm": norm, "edgecolors": "face"}
 
 
 def colour_bar(
     figure: Figure, axes: Sequence[Axes], norm: Normalize, label: str, extend: str = "neither"
 ) -> None:
-    """Draws the colour scale that a row of maps shares."""
+    """Draws the colour scale that a row of maps shares, and on it a line at zero."""
     mappable = mpl.cm.ScalarMappable(norm=norm, cmap=colour_map(norm))
     aspect = 18 * max(len(axes) // 3, 1)
     bar = figure.colorbar(mappable, ax=list(axes), label=label, aspect=aspect, pad=0.01, extend=extend)
     if 0 < norm(0.0) < 1:
-        bar.ax.axhline(0.0, color="black", lw=1)  # marks where the sign changes
+        bar.ax.axhline(0.0, color="black", lw=1)
 
 
 def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = None) -> None:
-    """Draws a legend of borders, glyphs and more marks on the maps, in one row or so many columns."""
+    """Draws a legend of borders, glyphs and more marks, in one row or in a number of columns."""
     borders = [
         Line2D([], [], ls=_DASHES if is_dashed else "-", color="black", lw=1.4, label=label)
         for label, is_dashed in BORDERS.values()
@@ -153,9 +145,8 @@ def region_legend(figure: Figure, *more: Line2D | Patch, columns: int | None = N
 def gallery(models: Sequence[Model]) -> Figure:
     """Draws the maps of scenarios, with their names above, and cells, observations and what is hidden below.
 
-    Scenarios that differ only in what is observed share their maps. Of a scenario in which the issuer may
-    stand in several places, or which has several phases, up to four maps are shown. A group of maps goes to
-    the first row that has room for it.
+    Scenarios that differ only in what is observed share their maps. If the issuer has several positions or
+    phases, up to four maps are shown. A group of maps goes to the first row that has room for it.
     """
     groups: dict[object, list[Model]] = {}
     for model in models:
@@ -203,16 +194,16 @@ def gallery(models: Sequence[Model]) -> Figure:
 
 
 def _shown(model: Model) -> list[int]:
-    """Returns which places and phases of a scenario the gallery shows, see `Model.context`."""
+    """Returns which positions and phases of a scenario the gallery shows, see `Model.context`."""
     n_contexts = model.n_places * len(model.scenario.stages)
     n_shown = n_contexts if n_contexts <= _MOST_MAPS else 3
     return [i * n_contexts // n_shown for i in range(n_shown)]
 
 
 def _label(model: Model, context: int) -> str:
-    """Returns which place and phase a map shows; empty if there is only one."""
-    place, phase = divmod(context, len(model.scenario.stages))
-    parts = [f"place {place + 1} of {model.n_places}"] if model.n_places > 1 else []
+    """Returns which position and phase a map shows; empty if there is only one."""
+    position, phase = divmod(context, len(model.scenario.stages))
+    parts = [f"place {position + 1} of {model.n_places}"] if model.n_places > 1 else []
     if (n_phases := len(model.scenario.stages)) > 1:
         name = model.scenario.stages[phase].name
         parts.append(f"phase {name} of {n_phases}" if name.isdecimal() else name)
@@ -220,7 +211,7 @@ def _label(model: Model, context: int) -> str:
 
 
 def _about(group: Sequence[Model], width: int) -> list[str]:
-    """Returns the lines of text, of so many characters, below the maps of scenarios."""
+    """Returns the lines of text below the maps of scenarios; the width is in characters."""
     first = group[0].scenario
     kinds = {first.issuer.feedback.kind, *(person.feedback.kind for person in first.others)}
     feedback = sorted(FEEDBACK[kind] for kind in kinds)
@@ -263,7 +254,7 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
 
 
 def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
-    """Draws walls, the regions' borders in a style and the glyphs, scaled, on a map, and labels it."""
+    """Draws walls, borders of the regions and glyphs on a map, and labels its axes."""
     add_area(axis, outlines(scene.is_wall.reshape(scene.rows, scene.columns)), _WALL)
     for outline in scene.outlines:
         dashes = _DASHES if outline.is_dashed else "-"
@@ -277,10 +268,10 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
     axis.set(xlabel="column", ylabel="row")
     axis.spines[:].set_visible(True)
-    every = max(scene.columns // 6, 1), max(scene.rows // 5, 1)
     row, column = scene.origin or (0, 0)
-    axis.set_xticks(range(column % every[0], scene.columns, every[0]))
-    axis.set_yticks(range(row % every[1], scene.rows, every[1]))
+    n_columns, n_rows = max(scene.columns // 6, 1), max(scene.rows // 5, 1)  # between ticks
+    axis.set_xticks(range(column % n_columns, scene.columns, n_columns))
+    axis.set_yticks(range(row % n_rows, scene.rows, n_rows))
     if scene.origin:
         axis.set(xlabel="columns from the issuer", ylabel="rows from the issuer")
         axis.xaxis.set_major_formatter(lambda x, _: f"{x - column:g}".replace("-", "−"))

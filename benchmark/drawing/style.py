@@ -1,4 +1,4 @@
-"""What all figures share: style, colours and marks, a learner's among them, and how they are written."""
+"""What all figures share: their style, the colours and markers of learners, and how they are saved."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,9 +21,10 @@ from benchmark.drawing.svg import compact
 from envs import InputError
 
 COLOURS: Final = sns.color_palette("colorblind")
-INK: Final = ("#000001", "#fffffe")  # of texts on colours, which are the same in the dark; greys are not
-# Colour and mark of the variants of published experiments: tables black, grey and green, the kin of DQN blue,
-# and that of PPO orange. Of the same kin, brightness and mark differ.
+# Of texts on coloured cells. Unlike pure black and white, they are not inverted for readers in dark mode.
+INK: Final = ("#000001", "#fffffe")
+# Colour and marker of the variants of published experiments: tables are black, grey or green, DQN and its
+# relatives blue, PPO and its relatives orange. Within such a family, brightness and marker differ.
 _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
     "q_learning": ("#000000", "o"),
     "q_learning_tuned": ("#707070", "s"),
@@ -38,18 +39,15 @@ _KNOWN: Final[Mapping[str, tuple[str, str]]] = {
     **dict.fromkeys(("ppo", "ppo_offset"), ("#de7400", "X")),
     "ppo_default": ("#7a3b12", "h"),
 }
-# Of other variants, in their order.
+# Of other variants, in the order of the experiment. With 8 colours and 15 markers, all 120 pairs come up
+# before one returns, since the numbers have no common divisor.
 _COLOURS: Final = ("#c2418f", "#17a2b8", "#8f1d2c", "#b59b00", "#5b5b5b", "#e58fc0", "#3f7f93", "#d98880")
 _MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X", "h", "<", ">", "p", "*", "d", "8", "H")
-_DASHES: Final[Mapping[str, Any]] = {  # of forms of observation; others are solid
-    "coordinates": (0, (4, 1.5)),
-    "offset_coordinates": (0, (4, 1.2, 1, 1.2)),
-    **dict.fromkeys(("offset", "offset_one_hot"), (0, (1, 1.2))),
-}
-_TINTS: Final[Mapping[str, float]] = {  # how much lighter a learner is drawn
-    "coordinates": 0.3,
-    "offset_coordinates": 0.15,
-    **dict.fromkeys(("offset", "offset_one_hot"), 0.4),
+# Of forms of observation: dashes, and how much lighter a learner is drawn; others are solid and not lighter.
+_BY_OBSERVATION: Final[Mapping[str, tuple[tuple[int, tuple[float, ...]], float]]] = {
+    "coordinates": ((0, (4, 1.5)), 0.3),
+    "offset_coordinates": ((0, (4, 1.2, 1, 1.2)), 0.15),
+    **dict.fromkeys(("offset", "offset_one_hot"), ((0, (1, 1.2)), 0.4)),
 }
 _RC: Final = {
     **sns.axes_style("ticks"),
@@ -75,33 +73,34 @@ def check_file(path: Path, *endings: str) -> None:
         raise InputError(f"{path}: there is no folder {path.parent}.")
 
 
-def save_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Writes a figure without the date and the program: equal figures give equal bytes.
+def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
+    """Writes a figure without date and program, so that equal figures give equal bytes.
 
     Args:
       figure: Stays open.
-      path: Of a .png, .svg or .pdf file; its ending, in small or capital letters, says the form.
-      options: Of matplotlib's `savefig`.
+      path: Of a .png, .svg or .pdf file.
+      is_tight: Whether to cut off what is empty around the figure.
     """
-    metadata = {
+    kind = path.suffix.lower()
+    metadata: dict[str, dict[str, str | None]] = {
         ".svg": {"Date": None, "Creator": None},
         ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-    }.get(path.suffix.lower(), {"Software": None})
-    with plt.rc_context(_RC):
-        dpi: Any = 144 if path.suffix.lower() == ".png" else "figure"
-        figure.savefig(path, dpi=dpi, metadata=metadata, **options)
-    if path.suffix.lower() == ".svg":
+    }
+    with plt.rc_context({**_RC, "savefig.dpi": 144 if kind == ".png" else "figure"}):
+        box = "tight" if is_tight else None
+        figure.savefig(path, metadata=metadata.get(kind, {"Software": None}), bbox_inches=box)
+    if kind == ".svg":
         path.write_text(compact(path.read_text(encoding="utf-8"), _IN_DARK), encoding="utf-8")
 
 
 @contextmanager
 def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tuple[Figure, NDArray[Any]]]:
-    """Makes a figure of this size in inches in the project's style, with axes (rows, columns)."""
+    """Makes a figure in the project's style; its size is in inches, and the axes are (rows, columns)."""
     with plt.rc_context(_RC):
         figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
         yield figure, axes
         for text in figure.findobj(Text):
-            # "$" is a character, but for ticks of a logarithmic axis, which have no text until drawn.
+            # "$" is a character except in the ticks of logarithmic axes, which have no text until drawn.
             if isinstance(text, Text) and "$" in text.get_text():
                 text.set_parse_math(False)
         for axis in axes.flat:
@@ -109,37 +108,30 @@ def figure_of(rows: int, columns: int, size: tuple[float, float]) -> Iterator[tu
                 axis.label_outer()  # the maps of a figure share their axes
 
 
-def variant_style(variant: str, variants: Sequence[str]) -> dict[str, Any]:
-    """Returns the colour and mark of a variant; no two of an experiment share both.
+def learner_style(variant: str, observation: str, variants: Sequence[str]) -> dict[str, Any]:
+    """Returns matplotlib's colour, marker and dashes of a learner.
 
-    Those that are not known take their place in what remains. Colours and marks are each used in turn. Their
-    numbers, 8 and 15, have no common divisor, so that all 120 pairs come up before one returns. From there on
-    the mark is the place itself.
+    Args:
+      variant: Gives colour and marker; no two of the first 120 variants that are not published share both.
+      observation: Gives dashes and tint.
+      variants: Those of the experiment.
     """
     if variant in _KNOWN:
         colour, marker = _KNOWN[variant]
-        return {"color": colour, "marker": marker}
-    place = [name for name in variants if name not in _KNOWN].index(variant)
-    n_pairs = len(_COLOURS) * len(_MARKERS)
-    marker = _MARKERS[place % len(_MARKERS)] if place < n_pairs else f"${place}$"
-    return {"color": _COLOURS[place % len(_COLOURS)], "marker": marker}
+    else:
+        i = [name for name in variants if name not in _KNOWN].index(variant)
+        colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
+    dashes, tint = _BY_OBSERVATION.get(observation, ("-", 0.0))
+    return {"color": _lighter(colour, tint) if tint else colour, "marker": marker, "ls": dashes}
 
 
-def learner_style(variant: str, observation: str, variants: Sequence[str]) -> dict[str, Any]:
-    """Returns the colour, mark and dash of a learner: those of its variant, by its observation."""
-    style = variant_style(variant, variants)
-    if tint := _TINTS.get(observation):
-        style["color"] = _lighter(style["color"], tint)
-    return {**style, "ls": _DASHES.get(observation, "-")}
-
-
-def _lighter(colour: Any, share: float) -> str:
+def _lighter(colour: str, share: float) -> str:
     red, green, blue = (part + share * (1 - part) for part in to_rgb(colour))
     return to_hex((red, green, blue))
 
 
 def in_dark(colour: str) -> str:
-    """Returns a colour as it is seen on a dark ground: the darker, the more it is lightened."""
+    """Returns a colour for a dark background: the darker it is, the more it is lightened."""
     red, green, blue = to_rgb(colour)
     brightness = 0.3 * red + 0.59 * green + 0.11 * blue
     return _lighter(colour, max(0.0, 0.75 - 1.3 * brightness))
@@ -148,15 +140,13 @@ def in_dark(colour: str) -> str:
 _DRAWN: Final = [
     _lighter(colour, tint)
     for colour in (*(colour for colour, _ in _KNOWN.values()), *_COLOURS, *map(to_hex, COLOURS))
-    for tint in (0, *_TINTS.values())
+    for tint in (0.0, *(tint for _, tint in _BY_OBSERVATION.values()))
 ]
 _IN_DARK: Final = {colour: in_dark(colour) for colour in _DRAWN}
 
 
 def norm_of(values: pd.Series) -> Normalize:
-    """Returns the colour scale that spans all these values; of both signs, its middle is zero."""
+    """Returns the colour scale that spans values; if they have both signs, zero is in its middle."""
     low, high = float(values.min()), float(values.max())
-    if low < 0 < high:
-        high = max(-low, high)
-        low = -high
-    return Normalize(low, high)
+    most = max(-low, high)
+    return Normalize(-most, most) if low < 0 < high else Normalize(low, high)

@@ -1,12 +1,11 @@
-"""Makes matplotlib's SVG small, the same on every machine, and readable on a dark ground.
+"""Makes matplotlib's SVG small, the same on every machine, and readable in dark mode.
 
-Styles become classes, so that in the dark a class has other colours: greys are inverted, and dark colours
-lighter. Programs that know no colour schemes show the figure as it was drawn.
+Styles become classes, which have other colours in dark mode: greys are inverted, and dark colours lighter.
+Programs without a dark mode show the figure as it was drawn.
 """
 
 import re
 from collections.abc import Mapping
-from itertools import count
 from typing import Final
 
 FONTS: Final = "'DejaVu Sans', Verdana, sans-serif"  # Verdana is as wide
@@ -24,15 +23,15 @@ _EMPTY: Final = re.compile(r"<(g|defs)>\s*</\1>|<(g|defs) ?/>")
 
 
 def compact(text: str, in_dark: Mapping[str, str]) -> str:
-    """Returns matplotlib's SVG smaller, with colours for readers whose system is dark.
+    """Returns matplotlib's SVG, smaller and with colours for dark mode.
 
     Args:
-      text: The SVG, whose texts are texts.
-      in_dark: What becomes of colours other than grey, as "#rrggbb"; others stay.
+      text: The SVG, with texts as texts, not as shapes.
+      in_dark: The colours in dark mode by those in light mode, as "#rrggbb"; others but greys stay.
     """
     text = _TAG.sub(_rounded, _LEFT_OUT.sub("", text))
     text = re.sub(r' transform="rotate\(-?0 [^"]*"', "", text)
-    # Ids are digests of numbers with all digits, which may differ in the last one.
+    # Ids are digests of unrounded numbers, which may differ in the last digit.
     used = {*re.findall(r'(?:href="|url\()#([^")]*)', text)}
     numbers = {name: f"i{i}" for i, name in enumerate(name for name in _ID.findall(text) if name in used)}
     text = _ID.sub(lambda match: f' id="{numbers[match[1]]}"' if match[1] in used else "", text)
@@ -41,11 +40,8 @@ def compact(text: str, in_dark: Mapping[str, str]) -> str:
     while (shorter := _EMPTY.sub("", _ALONE.sub(r"\1", text))) != text:
         text = shorter
     plain = "".join(f".{name}{{{style}}}" for style, name in classes.items())
-    dark = "".join(
-        f".{name}{{{';'.join(other)}}}"
-        for style, name in classes.items()
-        if (other := _in_dark(style, in_dark))
-    )
+    darker = {name: _in_dark(style, in_dark) for style, name in classes.items()}
+    dark = "".join(f".{name}{{{style}}}" for name, style in darker.items() if style)
     dark = f"@media (prefers-color-scheme:dark){{svg{{fill:{_hex(_DARK_INK)}}}{dark}}}"
     text = re.sub("<style.*?</style>", "", text, flags=re.DOTALL)
     style = f"<style>*{{stroke-linejoin:round;stroke-linecap:butt}}{plain}{dark}</style>"
@@ -54,7 +50,7 @@ def compact(text: str, in_dark: Mapping[str, str]) -> str:
 
 
 def _rounded(tag: "re.Match[str]") -> str:
-    """Returns a tag with rounded lengths; marks, which have an id, are small."""
+    """Returns a tag with rounded lengths. Markers, which have an id, are small and keep two decimals."""
     decimals = 2 if _ID.search(tag[0]) or " transform=" in tag[0] else 1
 
     def shorten(attribute: "re.Match[str]") -> str:
@@ -65,35 +61,29 @@ def _rounded(tag: "re.Match[str]") -> str:
 
 
 def _classes(text: str) -> tuple[str, dict[str, str]]:
-    """Returns the SVG with classes in the place of styles, and these by the style."""
+    """Returns the SVG with classes in place of styles, and the class of each style."""
     classes: dict[str, str] = {}
-    names = (f"c{i}" for i in count())
 
     def name(match: "re.Match[str]") -> str:
         style = re.sub(r"'DejaVu Sans'[^;]*", FONTS, match[1].replace("&quot;", "'"))
         style = re.sub(r"\s*([:;])\s*", r"\1", style).strip("; ")
         style = _NUMBER.sub(lambda number: f"{float(number[0]):.4g}", style)
-        if style not in classes:
-            classes[style] = next(names)
-        return f' class="{classes[style]}"'
+        return f' class="{classes.setdefault(style, f"c{len(classes)}")}"'
 
     return _STYLE.sub(name, text), classes
 
 
-def _in_dark(style: str, in_dark: Mapping[str, str]) -> list[str]:
-    """Lists the parts of a style that are different in the dark."""
-    parts = [(part, _COLOUR.sub(lambda match: _dark(match[0], in_dark), part)) for part in style.split(";")]
-    return [other for part, other in parts if other != part]
+def _in_dark(style: str, in_dark: Mapping[str, str]) -> str:
+    """Returns those parts of a style that are different in dark mode."""
 
-
-def _dark(colour: str, in_dark: Mapping[str, str]) -> str:
-    """Returns what becomes of a colour in the dark."""
-    red, green, blue = bytes.fromhex(colour[1:])
-    if red == green == blue:
-        share = red / 255
+    def darker(match: "re.Match[str]") -> str:
+        red, green, blue = bytes.fromhex(match[0][1:])
+        if not red == green == blue:
+            return in_dark.get(match[0], match[0])
         ends = zip(_DARK_INK, _DARK_PAPER, strict=True)
-        return _hex(tuple(round(ink + share * (paper - ink)) for ink, paper in ends))
-    return in_dark.get(colour, colour)
+        return _hex(tuple(round(ink + red / 255 * (paper - ink)) for ink, paper in ends))
+
+    return ";".join(other for part in style.split(";") if (other := _COLOUR.sub(darker, part)) != part)
 
 
 def _hex(colour: tuple[int, ...]) -> str:

@@ -1,14 +1,14 @@
 """Writes data frames as CSV, Markdown and LaTeX, and links numbers to their rows.
 
-Texts may come from anybody's experiment or scenario. What a format would execute, or take for its structure,
-is escaped here.
+Texts may come from anybody's experiment or scenario, so whatever a format would execute, or read as
+structure, is escaped here.
 """
 
 import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Final
 
 import pandas as pd
 from tabulate import tabulate
@@ -23,15 +23,15 @@ _LATEX: Final = r"""% Needs \usepackage{longtable}
 \setlength{\LTleft}{0pt plus 1fill minus 1fill}
 \setlength{\LTright}{\LTleft}
 """
-# What a spreadsheet computes, or takes for the end of a cell, at the start of a cell. In some countries
-# semicolons separate cells. An apostrophe before it makes it text, and one more before such an apostrophe
-# lets `read_csv` tell them apart.
+# The start of a cell that a spreadsheet would compute, or that would end the cell. In some countries
+# semicolons separate cells. An apostrophe in front makes the cell a text; a cell that already has one gets
+# another, so that `read_csv` can tell them apart.
 _START: Final = r"(?='*(\s*[=+\-@＝＋－＠]|[\t\r\n]))"
 _FORMULA: Final = re.compile(rf"(^|;){_START}")
 _TEXT: Final = re.compile(rf"(^|;)'{_START}")
-# In Markdown: HTML, entities, escapes, formulas, and links that lead neither to a web page nor to a file.
+# In Markdown: HTML, entities, escapes, formulas, and links other than to web pages and files.
 _ACTIVE: Final = re.compile(r"[<&](?=\S)|[\\$]|(?<=\])\((?!https?://[^\s()]+\)|[\w./#=;-]+\))")
-# What starts a heading, quotation, list, rule, block of code or definition of a link.
+# The start of a heading, quotation, list, rule, block of code or definition of a link.
 _BLOCK: Final = re.compile(r"^(\d*)([#>+=~-]|[*_](?=\s|[\s*_]*$)|`(?=``)|\[(?=.*\]:)|(?<=\d)[.)](?=\s|$))")
 
 
@@ -39,24 +39,27 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     """Writes a frame so that readers infer the types of its columns from any of its rows.
 
     Floats have six significant digits, and a point or an exponent even if they are whole numbers. A missing
-    value is empty, and a column that has no value in any row is left out. A text that a spreadsheet would
-    compute gets an apostrophe in front; `read_csv` takes it away. A file that ends in `.gz`
-    is compressed.
+    value is empty, and a column without any value is left out. A text that a spreadsheet would compute gets
+    an apostrophe in front, which `read_csv` removes. A file that ends in `.gz` is compressed.
     """
     texts = {_uncomputed(str(name)): _column_texts(frame[name]) for name in frame}
     filled = {name: column for name, column in texts.items() if any(column) or not len(frame)}
-    packed: Any = {"method": "gzip", "mtime": 0} if path.suffix == ".gz" else None
-    pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n", compression=packed)
+    how = {"method": "gzip", "mtime": 0} if path.suffix == ".gz" else {"method": None}
+    pd.DataFrame(filled).to_csv(path, index=False, lineterminator="\n", compression=how)
 
 
 def read_csv(file: Path | IO[str]) -> pd.DataFrame:
     """Reads what `write_csv` wrote."""
-    # Only an empty entry is a missing value; a text such as "NA" is none.
+
+    def computed(text: object) -> object:
+        return _TEXT.sub(r"\1", text) if isinstance(text, str) else text
+
+    # Only an empty entry is a missing value, not a text such as "NA".
     frame = pd.read_csv(file, keep_default_na=False, na_values=[""])
     for name in frame:
         if not pd.api.types.is_numeric_dtype(frame[name]):
-            frame[name] = frame[name].map(_computed, na_action="ignore")
-    return frame.rename(columns=_computed)
+            frame[name] = frame[name].map(computed, na_action="ignore")
+    return frame.rename(columns=computed)
 
 
 def to_markdown(frame: pd.DataFrame) -> str:
@@ -67,22 +70,17 @@ def to_markdown(frame: pd.DataFrame) -> str:
 def paragraph(text: str) -> str:
     r"""Returns a text as a paragraph of Markdown, with `code`, *emphasis* and links to web pages or files.
 
-    All else is shown as it is written, though within `code` as entities: they are never taken for structure,
-    whatever surrounds them.
+    Everything else appears as it is written and never becomes structure; within `code`, entities are visible.
 
     >>> print(paragraph("1. See [a](b.csv),\n# [c](javascript:d) & <img> in `S1`"))
     1&#46; See [a](b.csv), # [c]&#40;javascript:d) & &#60;img> in `S1`
     """
-    return _BLOCK.sub(lambda found: found[1] + _entity(found[2]), inert(text))
+    return _BLOCK.sub(lambda match: f"{match[1]}&#{ord(match[2])};", inert(text))
 
 
 def inert(text: str) -> str:
-    """Returns a text in one line of Markdown."""
-    return _ACTIVE.sub(lambda found: _entity(found[0]), " ".join(text.split()))
-
-
-def _entity(character: str) -> str:
-    return f"&#{ord(character)};"
+    """Returns a text in one line of Markdown, which becomes structure only at the start of a paragraph."""
+    return _ACTIVE.sub(lambda match: f"&#{ord(match[0])};", " ".join(text.split()))
 
 
 def _format(frame: pd.DataFrame, form: str, escape: Callable[[str], str]) -> str:
@@ -96,15 +94,15 @@ def _format(frame: pd.DataFrame, form: str, escape: Callable[[str], str]) -> str
 
 def to_latex(frame: pd.DataFrame) -> str:
     """Returns a LaTeX table that breaks across pages."""
-    # tabulate escapes texts but for what follows.
+    # tabulate escapes everything else.
     table = _format(frame, "latex_longtable", lambda text: " ".join(text.split()))
-    # A row that starts with one of these would be an argument of the command before it.
+    # At the start of a row, these would be an argument of the command before it.
     table = re.sub(r"^ (?=[\[*])", " {}", table, flags=re.MULTILINE).replace("|", r"\textbar{}")
     return f"{_LATEX}{table}}}\n"
 
 
 def show(value: object, decimals: int | None = None) -> str:
-    """Returns a value as text, with three significant digits, or below 1,000 with so many decimals.
+    """Returns a value as text, with three significant digits or, if it is below 1,000, with these decimals.
 
     >>> [show(value) for value in (0.12345, 999.6, 52612345.0, math.inf, math.nan, 7, "S1")]
     ['0.123', '1,000', '52,600,000', 'inf', '-', '7', 'S1']
@@ -123,10 +121,10 @@ def show(value: object, decimals: int | None = None) -> str:
 
 
 def decimals_of(column: pd.Series, *, is_bounded: bool = False) -> int | None:
-    """Returns how many decimals show three significant digits of the largest number of a column.
+    """Returns how many decimals a column needs to show three significant digits of its largest number.
 
-    It is None if there is no such number, or if another one would be shown as 0; unless it has bounds, which
-    say how uncertain it is.
+    Returns None if there is no such number, or if another one would be shown as 0, unless the column has
+    bounds, which say how uncertain its numbers are.
 
     >>> decimals_of(pd.Series([0.5, 1.0, math.inf])), decimals_of(pd.Series([12.5, 1.0]))
     (2, 1)
@@ -157,24 +155,22 @@ def two_digits(value: float) -> str:
 
 
 def _column_texts(column: pd.Series) -> list[str]:
-    """Returns the values of a column as a CSV file has them; integers beside floats are floats, too."""
+    """Returns the values of a column as in a CSV file; integers beside floats become floats."""
     values = column.tolist()
     has_floats = any(isinstance(value, float) for value in values)
-    texts = []
-    for value, is_missing in zip(values, column.isna(), strict=True):
-        if is_missing:
-            texts.append("")
-        elif isinstance(value, str):
-            texts.append(_uncomputed(value))
-        elif isinstance(value, float) or (has_floats and type(value) is int):
-            texts.append(_float_text(float(value)))
-        else:
-            texts.append(str(value))
-    return texts
+
+    def text_of(value: object) -> str:
+        if isinstance(value, str):
+            return _uncomputed(value)
+        if isinstance(value, float) or (has_floats and type(value) is int):
+            return _float_text(float(value))
+        return str(value)
+
+    return ["" if is_na else text_of(value) for value, is_na in zip(values, column.isna(), strict=True)]
 
 
 def _uncomputed(text: str) -> str:
-    """Returns a text that no spreadsheet computes.
+    """Returns a text as one that no spreadsheet computes.
 
     >>> [_uncomputed(text) for text in ("=1+1", "-", "'=", "'tis", "a=b", "a;=b", "")]
     ["'=1+1", "'-", "''=", "'tis", 'a=b', "a;'=b", '']
@@ -182,13 +178,8 @@ def _uncomputed(text: str) -> str:
     return _FORMULA.sub(r"\1'", text)
 
 
-def _computed(text: object) -> object:
-    """Returns what `_uncomputed` was given."""
-    return _TEXT.sub(r"\1", text) if isinstance(text, str) else text
-
-
 def _float_text(value: float) -> str:
-    """Returns a float that is read back as a float.
+    """Returns a float as a text that is read as a float.
 
     >>> [_float_text(value) for value in (1.0, 0.5, 1e-7, 2 / 3, 1234567.0, -1e-16, math.inf)]
     ['1.0', '0.5', '1e-07', '0.666667', '1.23457e+06', '0.0', 'inf']
@@ -198,19 +189,17 @@ def _float_text(value: float) -> str:
 
 
 def _clean(value: object) -> object:
-    """Replaces a number that is zero but for rounding, such as -1e-16, by zero."""
+    """Replaces a number that is zero except for rounding, such as -1e-16, by zero."""
     return 0.0 if isinstance(value, float) and abs(value) < 1e-12 else value
 
 
 def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
-    """Returns a Markdown link from a text to rows of a table.
-
-    Rows are numbered as in RFC 7111: from 1, which is the header.
+    """Returns a Markdown link from a text to rows of a table, numbered as in RFC 7111: 1 is the header.
 
     Args:
       text: What the link says, usually a number.
       table: The CSV file's name without suffix.
-      rows: Rows of the frame that the file was written from, with its index.
+      rows: Rows of the frame from which the file was written, with its index.
 
     >>> frame = pd.DataFrame({"score": [0.5, 0.6, 0.7, 0.8]})
     >>> link("0.6", "summary", frame.iloc[1]), link("high", "summary", frame.iloc[[0, 2, 3]])
@@ -230,7 +219,7 @@ def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
 
 
 def plain(text: str) -> str:
-    """Returns a text with the links removed.
+    """Returns a text without its links.
 
     >>> plain("It has [0.63](summary.csv#row=13) [0.5, 0.7] in S2.")
     'It has 0.63 [0.5, 0.7] in S2.'

@@ -1,4 +1,4 @@
-"""Writes what an agent does and where it walks as coloured text, for the terminal."""
+"""Shows what an agent does and where it walks as coloured text, for the terminal."""
 
 from typing import Final
 
@@ -21,7 +21,7 @@ _LEGEND: Final = f"""\
 
 
 def to_text(film: Film, moment: Moment) -> Text:
-    """Returns a moment as text: a cell's greedy actions, on the colour of its best value."""
+    """Returns a moment as text: the greedy action of each cell, on the colour of its best value."""
     film = film.seen(moment)
     scene, index, agent = film.scene, moment.index, moment.cells[-1]
     greedy, values = contains(film.greedy[index]), film.values[index]

@@ -1,14 +1,14 @@
 """Estimates what missing runs cost, from stored runs of the same populations on such a machine."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from agents import load_algorithm
 from benchmark.execution.plan import plan
 from benchmark.execution.provenance import machine
-from benchmark.execution.store import Record, Store
+from benchmark.execution.store import Store
 from benchmark.experiments import RunSpecification, population_of
 from envs import InputError
 
@@ -30,17 +30,14 @@ class Estimate:
 def estimate(runs: Sequence[RunSpecification], store: Store | None, jobs: int, cores: int) -> Estimate:
     """Returns what it costs to execute runs that are missing in the store, so many jobs at a time."""
     planned = plan(runs)
-    populations = {job[0].population: job for job in planned}
-    stored: Mapping[str, list[Record]] = {}
-    if store is not None:
-        with suppress(InputError):  # it is damaged where it is read
-            stored = _stored(populations, store)
+    variants = {job[0].population: job[0].variant for job in planned}
+    stored = {} if store is None else _stored(variants, store)
     known = [job for job in planned if job[0].population in stored]
     times, peaks = [0.0], [0.0]
     for job in known:
-        measured = [record.provenance for record in stored[job[0].population]]
-        times.append(len(job) * sum(each["wall_time_s"] for each in measured) / len(measured))
-        peaks += [each["peak_memory_mb"] or 0.0 for each in measured]
+        measured = stored[job[0].population]
+        times.append(len(job) * sum(run["wall_time_s"] for run in measured) / len(measured))
+        peaks += [run["peak_memory_mb"] or 0.0 for run in measured]
     seconds = max(sum(times) / min(jobs, cores), *times)
     n_processes = sum(load_algorithm(job[0].algorithm).placement == "process" for job in known)
     return Estimate(
@@ -49,17 +46,18 @@ def estimate(runs: Sequence[RunSpecification], store: Store | None, jobs: int, c
         peak_memory=2**20 * max(peaks) * max(1, min(jobs, n_processes)),  # threads share that of one process
         size=sum(run.record_size for run in runs),
         known=len(stored),
-        unknown=[job[0].variant for population, job in populations.items() if population not in stored],
+        unknown=[variant for population, variant in variants.items() if population not in stored],
     )
 
 
-def _stored(populations: Mapping[str, object], store: Store) -> dict[str, list[Record]]:
-    """Returns the stored runs of such a machine, by population."""
-    found: dict[str, list[Record]] = {}
-    for digest, content in store.contents().items():
-        with suppress(InputError, TypeError, ValueError):  # a damaged record
-            if (population := population_of(content)) in populations:
-                (record,) = store.get([digest], arrays=False)
-                if record.provenance["machine"] == machine():
-                    found.setdefault(population, []).append(record)
-    return found
+def _stored(populations: Collection[str], store: Store) -> dict[str, list[Mapping[str, Any]]]:
+    """Returns the provenance of stored runs of such a machine, by population."""
+    stored: dict[str, list[Mapping[str, Any]]] = {}
+    with suppress(InputError):  # it is damaged where it is read
+        for digest, content in store.contents().items():
+            with suppress(InputError, TypeError, ValueError):  # a damaged record
+                if (population := population_of(content)) in populations:
+                    (record,) = store.get([digest], arrays=False)
+                    if record.provenance["machine"] == machine():
+                        stored.setdefault(population, []).append(record.provenance)
+    return stored

@@ -1,8 +1,4 @@
-"""Executes the runs that an experiment lacks, and stores their records.
-
-Only the driver writes to the store. Jobs run in executors, by default in the one for the algorithm's
-placement.
-"""
+"""Executes the runs that an experiment lacks, and stores their records; only the driver does that."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -15,7 +11,7 @@ from agents import load_algorithm
 from benchmark.execution.executors import Executor, ExecutorFactory, load_executor
 from benchmark.execution.job import failures
 from benchmark.execution.plan import Job, plan
-from benchmark.execution.provenance import check_packages
+from benchmark.execution.provenance import versions
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import RunSpecification
 
@@ -37,7 +33,7 @@ def run(
     Args:
       runs: The wanted runs.
       store: Where records are stored.
-      jobs: How many jobs to have under way at a time.
+      jobs: How many jobs are submitted at a time.
       on_progress: Called with the records of every job that has ended.
       on_start: Called with every job that starts.
       logs: The folder for TensorBoard logs of algorithms that write them; no result depends on it.
@@ -50,7 +46,8 @@ def run(
       InputError: A package is missing that an algorithm needs.
     """
     todo = pending(runs, store)
-    check_packages(run.algorithm for run in todo)
+    for algorithm in sorted({run.algorithm for run in todo}):
+        versions(algorithm)  # refuses a missing package before any work
     waiting = iter(plan(todo))
     executors: dict[str, Executor] = {}
     under_way: dict[Future[list[Record]], tuple[Job, float]] = {}  # with the time when it was submitted

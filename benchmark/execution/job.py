@@ -1,12 +1,10 @@
 """Executes a job where the work is done: trains its runs, evaluates them, and makes their records."""
 
 import time
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +15,7 @@ from agents.policy import mask_policy, uniform_policy
 from benchmark.execution.plan import Job
 from benchmark.execution.provenance import peak_memory_mb, provenance, reset_peak_memory
 from benchmark.execution.solving import solved
-from benchmark.execution.store import VALUE_DECIMALS, Record, evaluated
+from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
 from benchmark.packages import broken
 from envs import InputError
@@ -51,9 +49,9 @@ def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
     ]
 
 
-def recorded(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def recorded(columns: Arrays) -> dict[str, NDArray[np.generic]]:
     """Returns what records hold of the arrays of N runs, (N, ...), see `Record`."""
-    if "values" not in columns:  # curves alone
+    if "values" not in columns:  # only curves
         return {**columns}
     return {
         **columns,
@@ -71,19 +69,19 @@ def failures(job: Job, error: BaseException, started: float) -> list[Record]:
     return [Record(run.digest, run.content, "failed", measured, {}, message) for run in job]
 
 
-def _times(job: Job, started: float) -> dict[str, Any]:
+def _times(job: Job, started: float) -> dict[str, object]:
     """Returns when a job that ends now has started, and how long each of its runs took."""
     seconds = time.perf_counter() - started
     started_at = (datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds")
     return {"started_at": started_at, "wall_time_s": seconds / len(job)}
 
 
-def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
+def _train_and_evaluate(job: Job, logs: Path | None) -> Arrays:
     """Returns the arrays of all runs by name, each (N, ...)."""
     first = job[0]
     if first.solved is not None:
-        each = [_train_until_solved(run, logs) for run in job]
-        return {name: np.concatenate([columns[name] for columns in each]) for name in each[0]}
+        curves = [_train_until_solved(run, logs) for run in job]
+        return {name: np.concatenate([columns[name] for columns in curves]) for name in curves[0]}
     model = compile_seen(first.scenario, first.observation)
     training = load_algorithm(first.algorithm).train(
         model,
@@ -109,14 +107,14 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _train_until_solved(run: RunSpecification, logs: Path | None) -> dict[str, NDArray[Any]]:
+def _train_until_solved(run: RunSpecification, logs: Path | None) -> Arrays:
     """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
 
-    What follows the end of a curve is as its last point. Success in unseen places is that of the last policy,
-    and NaN without such places.
+    A curve that ends early is continued with its last point. Success in unseen places, if there are any, is
+    that of the last policy.
     """
     assert run.solved is not None
-    enough, is_greedy = run.solved["success"], run.solved["policy"] == "greedy"
+    enough, is_greedy = float(run.solved["success"]), run.solved["policy"] == "greedy"
     model = compile_seen(run.drawn_scenario, run.observation)
     schedule = run.schedule
     n_steps = len(schedule.evaluation_steps)
@@ -148,11 +146,9 @@ def _train_until_solved(run: RunSpecification, logs: Path | None) -> dict[str, N
         policy = mask_policy(training.greedy[0, i]) if is_greedy else training.stochastic[0, i]
         is_over = measured()
     success += [success[-1]] * (n_steps - len(success))
-    unseen = (
-        [evaluate(model, policy, run.horizon, unseen_places(model)).success]
-        if len(model.unseen_starts)
-        else []
-    )
-    columns = {"success": np.array([success]), "unseen_success": np.array([unseen]).reshape(1, -1)}
+    unseen = np.empty((1, 0))
+    if len(model.unseen_starts):
+        unseen = evaluate(model, policy, run.horizon, unseen_places(model)).success.reshape(1, 1)
+    columns = {"success": np.array([success]), "unseen_success": unseen}
     names = ("disagreements", "cpu_time_s", "updates", "parameters", "diverged_at")
     return columns | {name: getattr(training, name) for name in names}

@@ -1,7 +1,4 @@
-"""What of this machine the process may use: cores and memory, under the limits of its control groups.
-
-Of control groups, version 2 is read.
-"""
+"""The cores and memory that this process may use, under the limits of its control groups (version 2)."""
 
 import os
 from collections.abc import Iterator
@@ -21,7 +18,7 @@ def usable_cores() -> int:
 
 
 def free_memory() -> int | None:
-    """Returns how many bytes of memory this process may still take; None where the system does not say."""
+    """Returns how many bytes of memory this process may still allocate; None if the system does not say."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
@@ -32,13 +29,13 @@ def free_memory() -> int | None:
     for most, used, details in zip(*map(_control_files, names), strict=False):
         if most != "max":
             counts = dict(line.split() for line in details.splitlines())
-            # What files have been read into gives way to programs.
+            # The cache of files gives way to programs.
             free.append(int(most) - int(used) + int(counts.get("inactive_file", 0)))
     return max(0, min(free))
 
 
 def _control_files(name: str) -> Iterator[str]:
-    """Yields the content of a file in each control group that this process is in, the root aside."""
+    """Yields the content of a file in each control group that this process is in, except the root."""
     root = Path("/sys/fs/cgroup")
     with suppress(OSError):
         groups = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()

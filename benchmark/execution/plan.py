@@ -22,11 +22,11 @@ def plan(runs: Sequence[RunSpecification]) -> list[Job]:
     populations: dict[str, Job] = {}
     for run in runs:
         populations.setdefault(run.population, []).append(run)
-    place = {run.digest: i for i, run in enumerate(runs)}
+    index = {run.digest: i for i, run in enumerate(runs)}
     jobs = []
     for population in populations.values():
         first = population[0]
         most = min(JOB_WORK // first.settings.budget, JOB_SIZE // first.record_size)
         size = max(1, min(load_algorithm(first.algorithm).batch_size, most))
         jobs += [population[i : i + size] for i in range(0, len(population), size)]
-    return sorted(jobs, key=lambda job: place[job[0].digest])
+    return sorted(jobs, key=lambda job: index[job[0].digest])

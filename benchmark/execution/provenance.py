@@ -1,10 +1,9 @@
-"""What a record says of the code and the machine that made it, collected where the run is executed."""
+"""What a record says about the code and the machine that made it, collected where the run is executed."""
 
 import hashlib
 import os
 import platform
 import subprocess
-from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -24,18 +23,8 @@ _SOURCES: Final = (".py", ".toml", ".html", ".css", ".js", ".md", ".jinja")
 _SHOWN: Final = 12  # digits of a digest in a message
 
 
-def check_packages(algorithms: Iterable[str]) -> None:
-    """Checks that everything is installed that runs of these algorithms need.
-
-    Raises:
-      MissingPackageError: A package is not installed.
-    """
-    for algorithm in sorted(set(algorithms)):
-        versions(algorithm)
-
-
 @cache
-def provenance(algorithm: str) -> dict[str, Any]:
+def provenance(algorithm: str) -> dict[str, object]:
     """Returns the commit of the code, the machine, and the versions that a run of an algorithm depends on."""
     return {
         "commit": commit(Path(__file__)),
@@ -71,13 +60,13 @@ def versions(algorithm: str) -> dict[str, str]:
     Raises:
       MissingPackageError: A package is not installed.
     """
-    found = {"python": platform.python_version()}
+    installed = {"python": platform.python_version()}
     for package in (*_PACKAGES, *load_algorithm(algorithm).packages):
         try:
-            found[package] = version(package)
+            installed[package] = version(package)
         except PackageNotFoundError:
             raise missing_package(algorithm, package) from None
-    return found
+    return installed
 
 
 @cache
@@ -87,10 +76,10 @@ def environment(algorithm: str) -> dict[str, str]:
     Raises:
       InputError: A package is missing.
     """
-    found = versions(algorithm) | {"project code": digest_of_code()[:_SHOWN]}
+    same = versions(algorithm) | {"project code": digest_of_code()[:_SHOWN]}
     if ":" in algorithm:
-        found[f"code of {algorithm}"] = digest_of_source(algorithm.partition(":")[0])[:_SHOWN]
-    return found
+        same[f"code of {algorithm}"] = digest_of_source(algorithm.partition(":")[0])[:_SHOWN]
+    return same
 
 
 @cache
@@ -102,12 +91,12 @@ def digest_of_code() -> str:
 
 def digest_of_source(module: str) -> str:
     """Returns the digest of a module, and of the package that it belongs to."""
-    found = find_spec(module.partition(".")[0])
-    if found is None:
+    spec = find_spec(module.partition(".")[0])
+    if spec is None:
         return ""
-    folders = [Path(folder) for folder in found.submodule_search_locations or ()]
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
     paths = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
-    paths += [Path(found.origin)] if found.origin and not folders else []
+    paths += [Path(spec.origin)] if spec.origin and not folders else []
     named = (f"{path.name}\0{digest_of_file(path)}" for path in paths)
     return hashlib.sha256("".join(named).encode()).hexdigest()
 
@@ -148,12 +137,10 @@ def reset_peak_memory() -> None:
 def peak_memory_mb() -> float | None:
     """Returns the most memory that this process has used, in MB; None where the system does not say.
 
-    It counts from the start of the process, or from `reset_peak_memory`. `ru_maxrss` does not: on Linux, it
-    survives `fork` and `exec`, so it is at least what the parent used; and nothing resets it, so on macOS it
-    would count earlier runs of the process.
+    It counts from the start of the process, or from `reset_peak_memory`. `ru_maxrss` is at least what the
+    parent used, as it survives `fork` and `exec` on Linux, and cannot be reset.
     """
-    try:
+    with suppress(OSError):
         status = Path("/proc/self/status").read_text(encoding="ascii")
-    except OSError:
-        return None
-    return int(status.split("VmHWM:")[1].split()[0]) / 1024
+        return int(status.split("VmHWM:")[1].split()[0]) / 1024
+    return None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, zip_longest
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from agents import Algorithm, LearnerSettings, dynamic_programming, load_algorithm
 from benchmark.experiments import choices
@@ -46,6 +46,8 @@ class Learner:
     """What its variant counts as: tabular, deep or planner, see `_Loading.learners`."""
     chosen: Chosen | None
     """What a search has chosen for it."""
+    changed: tuple[str, ...] = ()
+    """The settings among these that the experiment changes."""
 
     @property
     def name(self) -> str:
@@ -249,14 +251,16 @@ class _Loading:
         algorithm = load_algorithm(variant.algorithm)
         first, *others = self.declared.conditions.values()
         marks = [{key: value} for key, axis in variant.search.items() for value in axis.marks]
-        cases: list[tuple[Condition, Mapping[str, Any]]] = [(first, {}), *((first, mark) for mark in marks)]
-        cases += [(condition, {}) for condition in others]
+        nothing: dict[str, object] = {}
+        cases = [(first, nothing), *((first, mark) for mark in marks)]
+        cases += [(condition, nothing) for condition in others]
         learners, families = [], set[str]()
         for observation in variant.observations:
             chosen = None
             with self.noted():
                 chosen = choices.chosen_for(self.declared, name, observation)
-            learner = Learner(name, observation, variant, algorithm, algorithm.family, chosen)
+            changed = tuple(choices.changed_settings(self.declared, name))
+            learner = Learner(name, observation, variant, algorithm, algorithm.family, chosen, changed)
             learners.append(learner)
             under: dict[str, str] = {}  # a condition for each family
             for condition, mark in cases:
@@ -340,7 +344,7 @@ class _Loading:
         return self.scenarios[key]
 
     def _settings(
-        self, learner: Learner, condition: Condition, mark: Mapping[str, Any] | None = None
+        self, learner: Learner, condition: Condition, mark: Mapping[str, object] | None = None
     ) -> LearnerSettings:
         """Returns a learner's settings under a condition, and with more changes, checked."""
         changed = condition.settings_changes(learner.variant) | dict(mark or {})
@@ -461,22 +465,24 @@ def check_size(run: RunSpecification) -> None:
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
-    """Lists every run of an experiment once: first seeds of all populations, then second seeds, and so on.
-
-    An interrupted experiment therefore has runs of every population. Conditions of the default reading come
-    first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
+    """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first.
 
     Raises:
       InputError: There are too many.
     """
-    populations = sorted(
-        experiment.populations, key=lambda each: each.condition.axes["reading"] != DEFAULT_CONDITION
-    )
+    populations = experiment.populations
     n_runs = sum(len(population.seeds if seeds is None else seeds) for population in populations)
     if n_runs > MOST_RUNS:
         raise InputError(f"{experiment.argument}: {n_runs:,} runs; accepted: at most {MOST_RUNS:,}.")
-    runs: dict[str, RunSpecification] = {}
-    for run in chain.from_iterable(zip_longest(*(population.runs(seeds) for population in populations))):
-        if run is not None:
-            runs.setdefault(run.digest, run)
-    return [*runs.values()]
+    return interleaved([(population, population.runs(seeds)) for population in populations])
+
+
+def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]]) -> list[RunSpecification]:
+    """Lists runs of populations once: the first run of each, then the second of each, and so on.
+
+    An interrupted experiment therefore has runs of every population. Conditions of the default reading come
+    first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
+    """
+    by_reading = sorted(listed, key=lambda each: each[0].condition.axes["reading"] != DEFAULT_CONDITION)
+    every = chain.from_iterable(zip_longest(*(runs for _, runs in by_reading)))
+    return [*{run.digest: run for run in every if run is not None}.values()]

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,7 @@ class RunSpecification:
     evaluated_from: tuple[str, ...]
     seed: int
     # Of a run that is measured until it has solved its scenario: `Solved`, and the policy that counts.
-    solved: Mapping[str, Any] | None = None
+    solved: Mapping[str, float | str] | None = None
 
     @cached_property
     def population(self) -> str:
@@ -96,7 +95,7 @@ class RunSpecification:
         """When the learner's policy and values are kept."""
         budget = self.settings.budget
         if self.solved is not None:
-            steps = evaluation_steps(budget, self.evaluation_every, self.solved["growth"])
+            steps = evaluation_steps(budget, self.evaluation_every, float(self.solved["growth"]))
             return Schedule(budget, tuple(steps))
         steps, map_steps = (
             evaluation_steps(budget, every) for every in (self.evaluation_every, self.map_every)

@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from itertools import product
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -74,7 +74,7 @@ class Variant(Table):
     """The policy that a comparison evaluates."""
     group: Annotated[Line, Field(max_length=60)] = ""
     """Variants of a group are drawn together; a variant without a group is drawn with every group."""
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, object] = Field(default_factory=dict)
     """Settings of the algorithm, see below."""
     reference_for: str = ""
     """The variant that this one is the reference implementation for."""
@@ -87,11 +87,11 @@ class Variant(Table):
 class Changes(Table):
     """Changes of scenarios and settings, as dotted keys. All conditions have the same random streams."""
 
-    scenario: dict[str, Any] = Field(default_factory=dict)
+    scenario: dict[str, object] = Field(default_factory=dict)
     """Changes of scenarios, as dotted keys."""
     scenarios: tuple[str, ...] | None = None
     """Names of the scenarios that it changes; all by default."""
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, object] = Field(default_factory=dict)
     """Changes of the settings of every variant, as dotted keys."""
 
 
@@ -129,11 +129,11 @@ class Grid(Table):
     """What the grid is to answer, for readers."""
     learners: tuple[str, ...] = ()
     """Names of learners, or of variants with all their observations; all by default."""
-    scenario: dict[str, Any] = Field(default_factory=dict)
+    scenario: dict[str, object] = Field(default_factory=dict)
     """Changes of the scenario at all its points, as dotted keys."""
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, object] = Field(default_factory=dict)
     """Changes of the settings of every variant at all its points, as dotted keys."""
-    axes: Annotated[dict[Name, dict[Value, dict[str, Any]]], Field(min_length=1)]
+    axes: Annotated[dict[Name, dict[Value, dict[str, object]]], Field(min_length=1)]
     """Changes of the scenario, as dotted keys: `axes.AXIS.VALUE`, where a value is a number, or two joined by
     "x"."""
     is_compared: bool = True
@@ -210,7 +210,7 @@ def point_name(point: Mapping[str, str]) -> str:
     return "/".join(f"{axis}={value}" for axis, value in point.items())
 
 
-def _as_tuple(value: Any) -> Any:
+def _as_tuple(value: object) -> object:
     """Returns a name, or a list of names, as a tuple; "" is none."""
     names = [value] * bool(value) if isinstance(value, str) else value
     return tuple(names) if isinstance(names, list) else names
@@ -261,7 +261,7 @@ class Condition:
     """What it changes, in this order, by the tables of the file."""
     learners: tuple[str, ...] = ()
     """Names of the learners, or of their variants, that run under it; all if it is empty."""
-    of_variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    of_variants: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     """Further changes of settings, by variant: those of a trial."""
 
     def under(self, reading: str, changes: Reading) -> Self:
@@ -277,17 +277,17 @@ class Condition:
         """Returns whether a learner runs under it."""
         return not self.learners or not {variant, f"{variant}, {observation}"}.isdisjoint(self.learners)
 
-    def scenario_changes(self, scenario: str) -> dict[str, Any]:
+    def scenario_changes(self, scenario: str) -> dict[str, object]:
         """Returns what it changes of a scenario, by dotted key."""
-        changed: dict[str, Any] = {}
+        changed: dict[str, object] = {}
         for change in self.changes.values():
             if change.scenarios is None or scenario in change.scenarios:
                 changed |= change.scenario
         return changed
 
-    def settings_changes(self, variant: str) -> dict[str, Any]:
+    def settings_changes(self, variant: str) -> dict[str, object]:
         """Returns what it changes of a variant's settings, by dotted key."""
-        changed: dict[str, Any] = {}
+        changed: dict[str, object] = {}
         for change in self.changes.values():
             changed |= change.settings
         return changed | dict(self.of_variants.get(variant, {}))
@@ -316,7 +316,7 @@ class Declaration(Table):
     """Steps from one record of all values to the next: a multiple of `evaluation_every`."""
     evaluated_from: Annotated[tuple[Literal["start", "every_cell"], ...], Field(min_length=1)] = ("start",)
     """Where evaluated episodes start: at the scenario's start cell, or in a cell drawn uniformly."""
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: dict[str, object] = Field(default_factory=dict)
     """Settings of every variant, unless the variant sets the same key."""
     algorithms: Annotated[dict[Name, Variant], Field(min_length=1)]
     """The variants, by name."""
@@ -506,7 +506,7 @@ class Extension(Table):
     """A shipped experiment's name, or the path of a TOML file."""
     description: str
     """What the experiment is about, for readers."""
-    changes: dict[str, Any]
+    changes: dict[str, object]
     """New values, by dotted key."""
 
 
@@ -565,7 +565,7 @@ def find_modules_in(folder: str) -> None:
         sys.path.append(folder)
 
 
-def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
+def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
     """Reads an experiment's tables; those of an extension are those of its base with changes.
 
     Modules beside the file can be imported from now on.
@@ -588,7 +588,7 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
     return data
 
 
-def _with_references(data: dict[str, Any], source: str) -> dict[str, Any]:
+def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
     """Returns an experiment's tables, references with what they take from their variants.
 
     Raises:

@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
@@ -54,7 +54,7 @@ class Span(Table):
         return round(value) if self.whole else value
 
     @property
-    def marks(self) -> list[Any]:
+    def marks(self) -> list[object]:
         """Values all over the range."""
         return [self.at(share) for share in (0.0, 0.5, 1.0)]
 
@@ -62,22 +62,22 @@ class Span(Table):
 class Choice(Table):
     """A setting that is drawn from a few values."""
 
-    values: Annotated[tuple[Any, ...], Field(min_length=2)]
+    values: Annotated[tuple[object, ...], Field(min_length=2)]
     """All values, each equally likely."""
     why: Annotated[Line, Field(min_length=1)]
     """The reason for these values, for readers."""
 
-    def at(self, share: float) -> Any:
+    def at(self, share: float) -> object:
         """Returns the value at a share, from 0 to less than 1, of the list."""
         return self.values[int(share * len(self.values))]
 
     @property
-    def marks(self) -> list[Any]:
+    def marks(self) -> list[object]:
         """All values."""
         return list(self.values)
 
 
-def _kind(value: Any) -> str:
+def _kind(value: object) -> str:
     is_choice = isinstance(value, Choice) or (isinstance(value, Mapping) and "values" in value)
     return "choice" if is_choice else "range"
 
@@ -114,7 +114,7 @@ class Search(Table):
         return range(self.fresh.stop, self.fresh.stop + n)
 
 
-def trials(name: str, space: Space, n: int) -> list[dict[str, Any]]:
+def trials(name: str, space: Space, n: int) -> list[dict[str, object]]:
     """Returns the settings of trials 0 to n, each as changes of the variant's own; trial 0 changes nothing.
 
     >>> space = {"epsilon": Span(low=0, high=1, why="-")}
@@ -136,7 +136,7 @@ class Chosen(Table):
     """The settings that a search has chosen for a learner, and what it took to find them."""
 
     trial: int
-    settings: dict[str, Any]
+    settings: dict[str, object]
     score: float  # mean area under the curve of success on fresh runs
     trials: int  # that were tried, without trial 0
     runs: int

@@ -1,17 +1,17 @@
 """What a report is computed from: the tables of runs and curves, and the records behind them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import pandas as pd
 
-from benchmark.analysis.frames import RecordsOf, tables
-from benchmark.analysis.records import Records, load_records
-from benchmark.analysis.stages import groups, stages
-from benchmark.execution import driver
+from benchmark.analysis.frames import Group, tables
+from benchmark.analysis.records import Provenance, Records, load_records
+from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, Population
+from benchmark.experiments import Experiment, Population, RunSpecification
 from envs import InputError
 
 _LISTED: Final = 4  # populations that a sentence on missing runs names
@@ -19,14 +19,44 @@ _LISTED: Final = 4  # populations that a sentence on missing runs names
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """What the tables and figures of a report are computed from."""
+    """What the tables and figures of a report are computed from; read when it is asked for."""
 
     experiment: Experiment
-    runs: pd.DataFrame  # see `benchmark.analysis.frames`
-    curves: pd.DataFrame
-    records: RecordsOf
+    store: Store
+    groups: Sequence[Group]  # all of whose runs are stored
+    columns: Sequence[str]  # results of runs that are needed; all if it is empty
     note: str = ""  # what readers must know of missing runs or other seeds; empty if nothing
     is_partial: bool = False  # whether runs are missing: figures are then marked
+
+    @cached_property
+    def specifications(self) -> list[RunSpecification]:
+        """All runs, each once."""
+        return runs_of(self.groups)
+
+    @cached_property
+    def provenance(self) -> list[Provenance]:
+        """Where and when each of them ran."""
+        digests = [run.digest for run in self.specifications]
+        return [record.provenance for record in self.store.get(digests, arrays=False)]
+
+    @cached_property
+    def _tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        return tables(self.groups, self.store, self.columns)
+
+    @property
+    def runs(self) -> pd.DataFrame:
+        """A row a run, see `benchmark.analysis.frames`."""
+        return self._tables[0]
+
+    @property
+    def curves(self) -> pd.DataFrame:
+        """A row a run and evaluation."""
+        return self._tables[1]
+
+    def records(self, population: Population) -> Records:
+        """Returns the records of a population."""
+        (runs,) = (group.runs for group in self.groups if group.population is population)
+        return load_records(runs, self.store)
 
 
 def load(
@@ -37,7 +67,7 @@ def load(
     partial: bool = False,
     columns: Sequence[str] = (),
 ) -> Data:
-    """Reads what is stored of an experiment.
+    """Finds what is stored of an experiment.
 
     Args:
       experiment: As loaded.
@@ -49,62 +79,47 @@ def load(
     Raises:
       InputError: Runs are missing, and which; or there are too few.
     """
+    name, statuses = experiment.name, store.statuses()
     if seeds is not None and experiment.has_stages:
-        raise InputError(
-            f"{experiment.name}: --seeds: an experiment with stages uses only its declared seeds."
-        )
-    missing = _missing(experiment, store, seeds)
+        raise InputError(f"{name}: --seeds: an experiment with stages uses only its declared seeds.")
+    missing, stored = "", list[Group]()
+    for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
+        of_stage = f" of stage {stage}" if experiment.has_stages else ""
+        missing = missing or _missing(groups, statuses, of_stage)
+        there = {digest for digest, status in statuses.items() if status != "failed"}
+        for group in groups:
+            runs = [run for run in group.runs if run.digest in there]
+            stored.append(Group(group.population, runs, group.more))
     if missing and not partial:
-        raise InputError(f"{experiment.name}: {missing}: run the experiment first.")
-    ended = store.ended()
-    found = [
-        replace(group, runs=[run for run in group.runs if run.digest in ended])
-        for group in groups(experiment, store, seeds)
-    ]
+        raise InputError(f"{name}: {missing}: run the experiment first.")
     few = set[str]()
     if not experiment.has_stages:
-        few = {group.population.learner.name for group in found if len(group.runs) < 2}
-        few |= {each.name for each in experiment.learners.values() if each.reference_for in few}
-    shown = [group for group in found if group.runs and group.population.learner.name not in few]
+        few = {group.population.learner.name for group in stored if len(group.runs) < 2}
+        few |= {learner.name for learner in experiment.learners.values() if learner.reference_for in few}
+    shown = [group for group in stored if group.runs and group.population.learner.name not in few]
     if not shown or (few and not partial):
         reason = missing or "a single run has no interval"
-        raise InputError(
-            f"{experiment.name}: too few runs ({reason}); accepted: at least two of every learner."
-        )
-    runs, curves = tables(shown, store, columns)
-    runs_of = {_names(group.population): group.runs for group in shown if not group.more}
-
-    def records(population: Population) -> Records:
-        return load_records(runs_of[_names(population)], store)
-
+        raise InputError(f"{name}: too few runs ({reason}); accepted: at least two of every learner.")
     notes = [f"Partial: {missing}."] if missing else []
     notes += [f"Left out, since there are fewer than two runs: {', '.join(sorted(few))}."] if few else []
     if seeds is not None:
         notes.append(f"Every learner has the seeds {min(seeds)} to {max(seeds)} instead of those declared.")
-    return Data(experiment, runs, curves, records, " ".join(notes), bool(missing))
+    return Data(experiment, store, shown, columns, " ".join(notes), bool(missing))
 
 
-def _names(population: Population) -> tuple[str, str, str]:
-    return population.condition.name, population.scenario.name, population.learner.name
-
-
-def _missing(experiment: Experiment, store: Store, seeds: Sequence[int] | None) -> str:
+def _missing(groups: Sequence[Group], statuses: Mapping[str, str], of_stage: str) -> str:
     """Says which runs are missing; empty if none is."""
-    for stage, runs in enumerate(stages(experiment, store, seeds), start=1):
-        pending = {run.digest for run in driver.pending(runs, store)}
-        if not pending:
-            continue
-        where = f" of stage {stage}" if experiment.has_stages else ""
-        text = f"{len(pending)} of {len(runs)} runs{where} are missing"
-        statuses = store.statuses()
-        if n_failed := sum(statuses.get(digest) == "failed" for digest in pending):
-            text += f", {n_failed} of them failed"
-        lacking = []
-        for population in experiment.populations:
-            own = population.runs(seeds)
-            if n := sum(run.digest in pending for run in own):
-                names = f"{population.learner.name} in {population.scenario.name}"
-                lacking.append(f"{names} has {len(own) - n} of {len(own)}")
-        more = f"; and {len(lacking) - _LISTED} more populations" if len(lacking) > _LISTED else ""
-        return f"{text} ({'; '.join(lacking[:_LISTED])}{more})"
-    return ""
+    runs = {run.digest for group in groups for run in group.runs}
+    pending = {digest for digest in runs if statuses.get(digest, "failed") == "failed"}
+    if not pending:
+        return ""
+    n_failed = sum(digest in statuses for digest in pending)
+    lacking = []
+    for group in groups:
+        if n := sum(run.digest in pending for run in group.runs):
+            names = f"{group.population.learner.name} in {group.population.scenario.name}"
+            lacking.append(f"{names} has {len(group.runs) - n} of {len(group.runs)}")
+    more = f"; and {len(lacking) - _LISTED} more populations" if len(lacking) > _LISTED else ""
+    failed = f", {n_failed} of them failed" if n_failed else ""
+    text = f"{len(pending)} of {len(runs)} runs{of_stage} are missing{failed}"
+    return f"{text} ({'; '.join(lacking[:_LISTED])}{more})"

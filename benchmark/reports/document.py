@@ -161,7 +161,7 @@ def front(results: Path) -> str:
     """
 
     def text(name: str, title: str = "") -> str:
-        return prose.titled(Folder(results / name), title)
+        return prose.paragraphs(Folder(results / name), title)
 
     def figure(name: str, item: str) -> str:
         return f"results/{name}/{_figure(Folder(results / name), item)}"

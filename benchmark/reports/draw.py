@@ -3,30 +3,27 @@
 What is up to date is not made again.
 """
 
-import hashlib
 import json
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import pandas as pd
 from matplotlib import pyplot as plt
 
-from benchmark.analysis.records import check_scores
-from benchmark.analysis.stages import known_runs
 from benchmark.drawing import tables
 from benchmark.drawing.style import save_figure
 from benchmark.execution.provenance import digest_of_source
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, RunSpecification
-from benchmark.experiments.choices import changed_settings
+from benchmark.experiments import Experiment
 from benchmark.reports import document, files, load_items, load_report, sameness
 from benchmark.reports.data import Data, load
 from benchmark.reports.folder import MANIFEST, with_titles
 from benchmark.reports.item import PICTURES, Frames, Item, Report, as_written, called
+from benchmark.reports.manifest import manifest_of
 from benchmark.reports.sameness import STAMP, Certificate
 from envs import InputError
 from envs.inputs import missing_package
@@ -43,57 +40,52 @@ class Made(NamedTuple):
 
 def draw(
     experiment: Experiment,
+    report: Report,
     store: Store,
     directory: Path,
     seeds: Sequence[int] | None = None,
     *,
     partial: bool = False,
 ) -> Made:
-    """Writes every table, figure and text of the experiment, unless they are up to date.
+    """Writes every table, figure and text of an experiment, unless they are up to date.
 
     The folder is replaced when all files are there, so a failure leaves it as it was. If they are
     identical to the published ones, and none holds measured times, the manifest is the published one, too.
 
     Args:
-      experiment: As loaded, with a report.
+      experiment: As loaded.
+      report: That of the experiment, see `report_of`.
       store: Where its records are.
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
       partial: Whether to report on the runs that are there if some are missing.
 
     Raises:
-      InputError: A run or a package is missing, or the folder cannot be written.
+      InputError: A run is missing, or the folder cannot be written.
     """
-    report, items = report_of(experiment)
     if partial and not report.can_be_partial:
-        raise InputError(f"--partial: {experiment.name}: accepted: only of a comparison or a map.")
+        raise InputError(f"--partial: {directory.name}: accepted: a comparison or a map.")
+    data = load(experiment, store, seeds, partial=partial, columns=report.columns)
     is_as_declared = seeds is None and not partial  # and so comparable with the published results
-    measured = measured_files(items)
-    every, ended = known_runs(experiment, store, seeds), store.ended()
-    runs = [run for run in every if run.digest in ended]
-    # Read once: there may be 100,000.
-    provenance = [record.provenance for record in store.get([run.digest for run in runs], arrays=False)]
-    inputs = _inputs(experiment, runs, provenance, seeds, partial=partial)
+    name, measured = directory.name, measured_files(report.items)
+    inputs = _inputs(data, seeds)
     if sameness.is_up_to_date(directory / STAMP, inputs):
-        compared = sameness.compare(directory, experiment.name, measured) if is_as_declared else None
+        compared = sameness.compare(directory, name, measured) if is_as_declared else None
         return Made(is_new=False, certificate=compared)
-    with files.alone(directory.parent), files.replaced(directory, was_made(directory, items)) as aside:
-        check_scores(every)
-        data = load(experiment, store, seeds, partial=partial, columns=report.columns)
-        manifest = _manifest(experiment, runs, provenance, seeds, data.note)
-        manifest["looks"] = _looks(directory / MANIFEST, manifest)
-        publish(items, data, aside, manifest)
+    with files.alone(directory.parent), files.replaced(directory, was_made(directory, report.items)) as aside:
+        publish(report.items, data, aside, manifest_of(data, seeds, directory / MANIFEST))
+        compared = None
         if is_as_declared:
-            sameness.keep_published(aside, experiment.name)
-        compared = sameness.compare(aside, experiment.name, measured) if is_as_declared else None
+            sameness.keep_published(aside, name)
+            compared = sameness.compare(aside, name, measured)
         if compared is not None and compared.is_identical and not compared.measured:
-            published = sameness.published_file(experiment.name, MANIFEST)
+            published = sameness.published_file(name, MANIFEST)
             (aside / MANIFEST).write_bytes(published or (aside / MANIFEST).read_bytes())
         sameness.write_stamp(aside / STAMP, inputs, list(aside.iterdir()))
     return Made(is_new=True, certificate=compared)
 
 
-def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, Any]) -> None:
+def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mapping[str, object]) -> None:
     """Writes manifest, tables, figures and other files into an empty folder, and README, made of these."""
     frames = tables_of(items, data)
     (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
@@ -106,16 +98,12 @@ def publish(items: Sequence[Item], data: Data, directory: Path, manifest: Mappin
     document.write(directory)
 
 
-def export(
-    experiment: Experiment, store: Store, directory: Path, seeds: Sequence[int] | None, form: str
-) -> None:
+def export(data: Data, report: Report, directory: Path, form: str) -> None:
     """Writes an experiment's figures or tables, in one of `FORMATS`, into a folder of their own."""
-    report, items = report_of(experiment)
-    data = load(experiment, store, seeds, columns=report.columns)
-    frames = tables_of(items, data)
-    titles = {learner.name: learner.title for learner in experiment.learners.values()}
+    frames = tables_of(report.items, data)
+    titles = {learner.name: learner.title for learner in data.experiment.learners.values()}
     with files.alone(directory.parent), files.replaced(directory, lambda _: True) as aside:
-        for item in items:
+        for item in report.items:
             path = aside / f"{item.name}.{form}"
             if form != "tex":
                 draw_figure(item, frames, data, path)
@@ -124,8 +112,8 @@ def export(
                 path.write_text(tables.to_latex(frame), encoding="utf-8")
 
 
-def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report, tuple[Item, ...]]:
-    """Returns the report of an experiment, and its items.
+def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
+    """Returns the report of an experiment, with the items that it declares.
 
     Args:
       experiment: As loaded.
@@ -134,25 +122,20 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> tuple[Report,
     Raises:
       InputError: It has none, or asks for something else than the experiment has, or a package is missing.
     """
-    declared = experiment.report
+    declared, where = experiment.report, experiment.argument
     if declared is None:
-        raise InputError(f"{experiment.argument}: there is no key report; accepted: an experiment with one.")
-    report = load_report(declared.kind, experiment.argument)
-    items = load_items(report, declared.model_dump(), experiment.argument)
+        raise InputError(f"{where}: there is no key report; accepted: an experiment with one.")
+    report = load_report(declared.kind, where)
+    items = load_items(report, declared.model_dump(), where)
     for package in report.packages:
         if is_drawn and find_spec(package) is None:
             raise missing_package(f"{experiment.name}: its report", package)
-    of_maps = {
-        "solved": experiment.declared.solved,
-        "grids": experiment.declared.grids,
-        "looks": declared.looks,
-    }
-    for key, value in of_maps.items():
+    of_maps = {"solved": experiment.declared.solved, "grids": experiment.declared.grids}
+    for key, value in (of_maps | {"looks": declared.looks}).items():
         if value and not report.reads_curves:
-            where = f"{experiment.argument}: {key} with report.kind = {declared.kind}"
-            raise InputError(f"{where}: accepted: report.kind = map.")
+            raise InputError(f"{where}: {key} with report.kind = {declared.kind}: accepted: kind = map.")
     report.check(experiment)
-    return report, items
+    return replace(report, items=items)
 
 
 def measured_files(items: Sequence[Item]) -> tuple[str, ...]:
@@ -173,7 +156,7 @@ def was_made(directory: Path, items: Sequence[Item]) -> Callable[[str], bool]:
 
 def tables_of(items: Sequence[Item], data: Data) -> dict[str, pd.DataFrame]:
     """Returns the tables of all items that have one, by name."""
-    return {item.name: frame for item in items if (frame := item.table(data)) is not None}
+    return {item.name: frame for item in items if (frame := item.tabulate(data)) is not None}
 
 
 def draw_figure(item: Item, frames: Frames, data: Data, *paths: Path) -> None:
@@ -192,119 +175,15 @@ def draw_figure(item: Item, frames: Frames, data: Data, *paths: Path) -> None:
             path.unlink()
 
 
-# What a folder is made of
-
-
-def _inputs(
-    experiment: Experiment,
-    runs: Sequence[RunSpecification],
-    provenance: Sequence[Mapping[str, Any]],
-    seeds: Sequence[int] | None,
-    *,
-    partial: bool,
-) -> str:
+def _inputs(data: Data, seeds: Sequence[int] | None) -> str:
     """Returns the digest of what a folder of results depends on: what is declared, and the records."""
-    measured = [json.dumps(dict(each), sort_keys=True) for each in provenance]
-    named = [variant.algorithm for variant in experiment.declared.algorithms.values()]
-    if experiment.report is not None:
-        named += [experiment.report.kind, *experiment.report.items]
+    declared = data.experiment.declared
+    measured = [json.dumps(dict(run), sort_keys=True) for run in data.provenance]
+    named = [variant.algorithm for variant in declared.algorithms.values()]
+    if declared.report is not None:
+        named += [declared.report.kind, *declared.report.items]
     sources = [digest_of_source(name.partition(":")[0]) for name in named if ":" in name]
-    declared = experiment.declared.model_dump_json(), str(seeds), str(partial)
-    return sameness.digest_of_inputs(*declared, *(run.digest for run in runs), *measured, *sources)
-
-
-def _looks(path: Path, manifest: Mapping[str, Any]) -> list[int]:
-    """Returns how many seeds earlier reports in this folder had, if fewer of the same than there are now."""
-    try:
-        before = json.loads(path.read_text(encoding="utf-8"))
-        if any(before[key] != manifest[key] for key in ("experiment", "first_seed")):
-            return []
-        return sorted(n for n in {*before["looks"], before["seeds"]} if n < manifest["seeds"])
-    except (OSError, ValueError, LookupError, TypeError):
-        return []
-
-
-def _manifest(
-    experiment: Experiment,
-    runs: Sequence[RunSpecification],
-    provenance: Sequence[Mapping[str, Any]],
-    seeds: Sequence[int] | None,
-    note: str,
-) -> dict[str, Any]:
-    """Returns what was run, and from the records what ran it: drawing again gives the same."""
-    declared = experiment.declared
-    sizes = Counter(run.population for run in runs)
-    largest = max(sizes, key=lambda each: sizes[each])
-    # One run of each learner in each scenario, under the first condition that has it.
-    first: dict[tuple[str, str], RunSpecification] = {}
-    for population in experiment.populations:
-        if population.first.population in sizes:
-            first.setdefault((population.scenario.name, population.learner.name), population.first)
-    variants: dict[str, dict[str, Any]] = {}
-    for learner in experiment.learners.values():
-        shown = [run for (_, name), run in first.items() if name == learner.name]
-        if not shown:
-            continue
-        variant = variants.setdefault(
-            learner.variant,
-            {
-                "algorithm": learner.declared.algorithm,
-                "title": learner.declared.title,
-                "family": learner.family,
-                "packages": learner.algorithm.packages,
-                "reference_for": learner.declared.reference_for,
-                "policy": learner.declared.policy,
-                "tuned_by": learner.declared.tuned_by,
-                "changed": changed_settings(declared, learner.variant),
-                "runs": sizes[shown[-1].population],  # in a scenario
-                "settings": {},
-            },
-        )
-        variant["settings"][learner.observation] = shown[-1].settings.model_dump(mode="json")
-    return {
-        "experiment": experiment.name,
-        "description": experiment.description,
-        "command": f"python -m benchmark run {experiment.argument}{_option(seeds)} --report",
-        "partial": note,
-        "argument": experiment.argument,
-        "report": declared.report and declared.report.model_dump(mode="json"),
-        "solved": declared.solved and declared.solved.model_dump(mode="json"),
-        "search": declared.search and declared.search.model_dump(mode="json"),
-        "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
-        "horizon": declared.horizon,
-        "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in first.values()},
-        "algorithms": variants,
-        "note": declared.note.strip(),
-        "readings": {
-            name: {"question": reading.question, "answer": reading.answer}
-            for name, reading in declared.readings.items()
-        },
-        "runs": len(runs),
-        "seeds": sizes[largest],
-        "first_seed": min(run.seed for run in runs if run.population == largest),
-        "digest": hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest(),
-        **_made_by(provenance),
-    }
-
-
-def _option(seeds: Sequence[int] | None) -> str:
-    return "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
-
-
-def _made_by(provenance: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Returns what made the runs, and when."""
-
-    def every(key: str) -> list[object]:
-        # Records that were made before the processor was noted do not have it.
-        texts = {json.dumps(run[key], sort_keys=True) for run in provenance if key in run}
-        return [json.loads(text) for text in sorted(texts)]
-
-    return {
-        "commits": every("commit"),
-        "machines": every("machine"),
-        "processors": every("processor"),
-        "versions": every("versions"),
-        "first_started_at": min(run["started_at"] for run in provenance),
-        "last_started_at": max(run["started_at"] for run in provenance),
-        "busy_time_s": round(sum(run["wall_time_s"] for run in provenance), 3),
-    }
+    digests = [run.digest for run in data.specifications]
+    return sameness.digest_of_inputs(
+        declared.model_dump_json(), str(seeds), data.note, *digests, *measured, *sources
+    )

@@ -19,10 +19,10 @@ import html
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -34,7 +34,10 @@ from benchmark.reports.data import Data
 from benchmark.reports.folder import Folder
 
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
-Function = TypeVar("Function", bound=Callable[..., Any])
+Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None
+Draw = Callable[..., Figure | None]
+Show = Callable[[pd.DataFrame], pd.DataFrame]
+T = TypeVar("T")
 PICTURES: Final = ("svg", "png")  # forms of a figure, of which a folder has the smaller one
 _NO_NUMBER: Final = "-"
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
@@ -46,35 +49,35 @@ class Item:
 
     name: str
     description: str
-    compute: Callable[..., Any] | None = None
+    compute: Callable[..., Rows] | None = None
     columns: Mapping[str, str] | None = None  # that readers see; by default all
     meanings: Mapping[str, str] = field(default_factory=dict)
     where: Callable[[pd.DataFrame], pd.DataFrame] | None = None
     is_measured: bool = False
     best: str = ""  # the column by which readers see rows sorted; "-": the smallest first
     file: str = ""  # of another form
-    write: Callable[..., Any] | None = None
+    write: Callable[..., None] | None = None
     caption: str = ""  # of the figure
-    draw: Callable[..., Figure | None] | None = None
+    draw: Draw | None = None
 
     def __post_init__(self) -> None:
-        self.display: Callable[[pd.DataFrame], pd.DataFrame] = self._chosen
+        self.display: Show = self._chosen
 
-    def figure(self, caption: str) -> Callable[[Function], Function]:
+    def figure(self, caption: str) -> Callable[[Draw], Draw]:
         """Decorates what draws the figure; it may return None."""
 
-        def register(function: Function) -> Function:
+        def register(function: Draw) -> Draw:
             self.caption, self.draw = caption, function
             return function
 
         return register
 
-    def shown(self, function: Function) -> Function:
+    def shown(self, function: Show) -> Show:
         """Decorates what readers see of the table: a function that returns a data frame of Markdown texts."""
         self.display = function
         return function
 
-    def table(self, data: Data) -> pd.DataFrame | None:
+    def tabulate(self, data: Data) -> pd.DataFrame | None:
         """Computes the table; None if there is nothing to tabulate."""
         rows = None if self.compute is None else called(self.compute, data)
         if rows is None or isinstance(rows, pd.DataFrame):
@@ -86,8 +89,7 @@ class Item:
         """Draws the figure; None if there is nothing to draw."""
         if self.draw is None or (self.compute is not None and self.name not in tables):
             return None
-        figure: Figure | None = called(self.draw, data, tables=tables, table=tables.get(self.name))
-        return figure
+        return called(self.draw, data, tables=tables, table=tables.get(self.name))
 
     def patterns(self) -> tuple[str, ...]:
         """Lists the names that its files can have, as patterns."""
@@ -127,7 +129,7 @@ class Item:
         return pd.concat(rows.sort_values(by, ascending=is_ascending, kind="stable") for _, rows in parts)
 
 
-def called(function: Callable[..., Any], data: Data, **more: object) -> Any:
+def called(function: Callable[..., T], data: Data, **more: object) -> T:
     """Calls a function with those arguments that it names, see the module's docstring."""
     given = {"runs": data.runs, "curves": data.curves, "experiment": data.experiment}
     known = {**given, "records": data.records, "is_partial": data.is_partial, **more}
@@ -143,7 +145,7 @@ def item(
     where: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
     is_measured: bool = False,
     best: str = "",
-) -> Callable[[Callable[..., Any]], Item]:
+) -> Callable[[Callable[..., Rows]], Item]:
     """Makes an item of the function that computes its table, see the module's docstring.
 
     The function yields rows, whose values may be `Estimate`s, or returns a data frame, or None.
@@ -168,7 +170,7 @@ def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.iloc[:0]
 
 
-def drawing(name: str, description: str, caption: str) -> Callable[[Callable[..., Figure | None]], Item]:
+def drawing(name: str, description: str, caption: str) -> Callable[[Draw], Item]:
     """Makes an item of a figure without a table of its own; its function is one for `Item.figure`."""
     return lambda function: Item(name, description, caption=caption, draw=function)
 
@@ -178,13 +180,13 @@ def writing(name: str, description: str, file: str) -> Callable[[Callable[..., N
     return lambda function: Item(name, description, file=file, write=function)
 
 
-def expanded(row: Mapping[str, Any]) -> dict[str, Any]:
+def expanded(row: Mapping[str, object]) -> dict[str, object]:
     """Returns a row with an estimate's interval in columns of their own.
 
     >>> expanded({"n": 2, "share": Estimate(0.5, 0.1, 0.9)})
     {'n': 2, 'share': 0.5, 'share_low': 0.1, 'share_high': 0.9}
     """
-    flat: dict[str, Any] = {}
+    flat: dict[str, object] = {}
     for key, value in row.items():
         if isinstance(value, Estimate):
             flat |= {key: value.value, f"{key}_low": value.low, f"{key}_high": value.high}
@@ -216,7 +218,7 @@ def as_written(entry: str) -> str:
     return html.unescape(plain(entry))
 
 
-def number(value: Any, decimals: int | None = None) -> str:
+def number(value: float | None, decimals: int | None = None) -> str:
     """Returns a number as readers see it, see `show`.
 
     >>> number(0.7), number(math.nan), number(math.inf), number(1200)

@@ -49,7 +49,7 @@ def failed_claims(folder: Folder) -> list[str]:
     return _rendered(folder)[1]
 
 
-def titled(folder: Folder, title: str = "") -> str:
+def paragraphs(folder: Folder, title: str = "") -> str:
     """Returns the paragraphs of a folder's text that belong to a title, as one and without links.
 
     Args:

@@ -1,4 +1,4 @@
-"""Populations made by hand, for tests of what is computed from them."""
+"""Records made by hand, for tests of what is computed from them."""
 
 from typing import Any
 
@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from agents import load_algorithm
 from agents.policy import ALL_ACTIONS
-from benchmark.analysis.population import Population
+from benchmark.analysis.records import Records
+from benchmark.experiments import RunSpecification
 from envs import load_scenario
 from envs.observations import compile_seen
 
@@ -22,8 +23,8 @@ def population(
     map_every: int | None = None,
     observation: str = "index",
     **arrays: Any,
-) -> Population:
-    """Returns a population with these arrays, in which otherwise nothing has been learned.
+) -> Records:
+    """Returns the records of a population with these arrays, in which otherwise nothing has been learned.
 
     N agents, T evaluation steps, V maps, O observations, A = 5 actions, R = 60 records of max Q.
     """
@@ -31,16 +32,21 @@ def population(
     chosen = {"budget": budget}
     if algorithm == "q_learning":
         chosen["record_every"] = budget // 60
-    specification = {
-        "scenario": described.model_dump(mode="json"),
-        "algorithm": algorithm,
-        "observation": observation,
-        "settings": learner.settings.model_validate(chosen).model_dump(mode="json"),
-        "horizon": 200,
-        "evaluation_every": every,
-        "map_every": map_every or every,
-        "evaluated_from": ["start"],
-    }
+    run = RunSpecification(
+        stream="made",
+        condition="default",
+        scenario=described,
+        variant=algorithm,
+        algorithm=algorithm,
+        versions={},
+        observation=observation,
+        settings=learner.settings.model_validate(chosen),
+        horizon=200,
+        evaluation_every=every,
+        map_every=map_every or every,
+        evaluated_from=("start",),
+        seed=0,
+    )
     points, n_maps = budget // every + 1, budget // (map_every or every) + 1
     table = (compile_seen(described, observation).n_observations, 5)
     blank: dict[str, NDArray[Any]] = {
@@ -60,4 +66,4 @@ def population(
     provenance = [{"cpu_time_s": [0.5], "peak_memory_mb": None}] * n
     arrays = blank | arrays
     agents = [{name: values[i] for name, values in arrays.items()} for i in range(n)]
-    return Population(specification, agents, range(n), provenance)
+    return Records(run, agents, range(n), provenance)

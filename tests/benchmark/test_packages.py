@@ -1,4 +1,4 @@
-"""Packages that are there and cannot be imported: every command says which, and what mends it."""
+"""Packages that are there and cannot be imported: every command says which, and what repairs it."""
 
 import os
 import subprocess
@@ -26,8 +26,8 @@ algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
 def sentence(package: str, reason: str) -> str:
     installed = version(package).partition("+")[0]
     return (
-        f"the package {package} is broken ({reason}); pip install --force-reinstall {package}=={installed} "
-        "mends it."
+        f"the package {package} is broken ({reason}); "
+        f"pip install --force-reinstall {package}=={installed} repairs it."
     )
 
 

@@ -72,7 +72,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     experiment = experiment_of(path / "exploring.toml", EXPERIMENT)
     with Store(path / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, store, path / "exploring")
+        draw.draw(experiment, draw.report_of(experiment), store, path / "exploring")
     return path / "exploring"
 
 
@@ -116,7 +116,7 @@ def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> 
     experiment = experiment_of(tmp_path / "two.toml", TWO_BASELINES)
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, store, tmp_path / "two")
+        draw.draw(experiment, draw.report_of(experiment), store, tmp_path / "two")
     contrasts = pd.read_csv(tmp_path / "two/contrasts.csv")
     assert contrasts["success_verdict"].tolist() == ["equivalent", "better"]
     readme = (tmp_path / "two/README.md").read_text(encoding="utf-8")

@@ -68,7 +68,7 @@ def drawn(tmp_path: Path, report: str) -> Path:
     experiment = experiment_of(tmp_path / "mine.toml", f"{EXPERIMENT}report = {report}\n")
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, store, tmp_path / "mine")
+        draw.draw(experiment, draw.report_of(experiment), store, tmp_path / "mine")
     return tmp_path / "mine"
 
 

@@ -108,7 +108,7 @@ def test_it_is_compared_like_any_other(corridor: Path, tmp_path: Path) -> None:
     experiment = experiment_of(tmp_path / "mine.toml", text)
     with Store(tmp_path / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, store, tmp_path / "mine")
+        draw.draw(experiment, draw.report_of(experiment), store, tmp_path / "mine")
     scenarios = pd.read_csv(tmp_path / "mine" / "scenarios.csv").set_index("scenario")
     assert scenarios.index.tolist() == ["corridor", "S1", "Walls", "Moody", "Anywhere"]
     assert scenarios["optimal_return"]["corridor"] == pytest.approx(OPTIMUM)

@@ -1,10 +1,10 @@
-"""Other machines: a Dask cluster, whose scheduler somebody has started, and workers that come and go."""
+"""Other machines: a Dask cluster with a running scheduler, and workers that come and go."""
 
 import asyncio
 import logging
 import pickle
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
@@ -28,8 +28,8 @@ _WORKER_S: Final = 60  # how long to wait for the first worker
 class Cluster:
     """Executes jobs on the workers of a cluster, see `benchmark.execution.executors.Executor`.
 
-    Dask executes a job again if its worker dies, unless three workers before have died of it. Workers may
-    join at any time, so each job checks its own.
+    Dask executes a job again if its worker dies, unless it has already killed three workers. Workers may join
+    at any time, so each job checks its own.
     """
 
     def __init__(self, address: str, algorithms: Collection[str]) -> None:
@@ -40,14 +40,16 @@ class Cluster:
           algorithms: Those of the runs that will be executed.
 
         Raises:
-          InputError: There is no scheduler or no worker, or results of a worker might be others than here.
+          InputError: There is no scheduler or no worker, or a worker's results might differ from those here.
         """
-        self._address, is_address = address, False
-        with suppress(ValueError):
+        self._address, where = address, f"--cluster {address}"
+        try:
             parts = urlsplit(address)
             is_address = parts.scheme == "tcp" and bool(parts.hostname and parts.port)
+        except ValueError:
+            is_address = False
         if not is_address:
-            raise InputError(f"--cluster {address}: accepted: tcp://HOST:PORT, that of a Dask scheduler.")
+            raise InputError(f"{where}: accepted: tcp://HOST:PORT, that of a Dask scheduler.")
         self._jobs: set[Future[list[Record]]] = set()
         here = {name: environment(name) for name in algorithms}
         for name in ("distributed", "distributed.client"):  # whatever they log is an exception, too
@@ -56,7 +58,7 @@ class Cluster:
             self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
         except OSError as error:
             reason = f"no Dask scheduler answered within {_ANSWER_S} s; 'dask scheduler' starts one"
-            raise InputError(f"--cluster {address}: {reason}.") from error
+            raise InputError(f"{where}: {reason}.") from error
         try:
             answers = self._answers(here)
             for worker, answer in answers.items():
@@ -67,7 +69,7 @@ class Cluster:
         except BaseException as error:
             self.cancel()
             if isinstance(error, OSError):
-                raise InputError(f"--cluster {address}: the scheduler no longer answers.") from error
+                raise InputError(f"{where}: the scheduler no longer answers.") from error
             raise
         self.workers: Final = len(answers)
 
@@ -87,7 +89,7 @@ class Cluster:
         with suppress(TimeoutError):
             self._client.close(_ANSWER_S)
 
-    def _answers(self, here: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    def _answers(self, here: Mapping[str, Mapping[str, str]]) -> dict[str, str | Exception | None]:
         """Returns what `refusal` says on each worker, or the exception that it raises there."""
         where = f"--cluster {self._address}"
         if not self._client.scheduler_info()["workers"]:
@@ -99,7 +101,7 @@ class Cluster:
             raise InputError(f"{where}: there is no worker; {advice}.") from None
         answers = self._client.run(refusal, here, folders=SEARCHED, on_error="return")
         # A worker whose connection breaks has died meanwhile.
-        alive = {worker: each for worker, each in answers.items() if not isinstance(each, OSError)}
+        alive = {worker: answer for worker, answer in answers.items() if not isinstance(answer, OSError)}
         if not alive:
             raise InputError(f"{where}: its workers die when they are asked; their output may say why.")
         return alive
@@ -112,14 +114,14 @@ class Cluster:
             if self._client.status != "running":
                 raise ClosedClientError  # Dask might not, and wait forever
             # The scheduler unpickles a task, but not bytes, and so it needs nothing of this project.
-            found = await self._client.submit(pickle.loads, pickle.dumps(call), pure=False)
+            records = await self._client.submit(pickle.loads, pickle.dumps(call), pure=False)
         except (FutureCancelledError, ClosedClientError, OSError) as error:
             raise ConnectionError(f"the scheduler {self._address} is gone, or has dropped the job") from error
         except (ImportError, AttributeError) as error:
             raise InputError(f"a new worker does not have this project's code: {error}") from error
-        if isinstance(found, str):
-            raise InputError(found)
-        return list(found)
+        if isinstance(records, str):
+            raise InputError(records)
+        return list(records)
 
 
 class _Call:
@@ -128,7 +130,7 @@ class _Call:
     def __init__(self, *arguments: object) -> None:
         self._arguments = arguments
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
         return execute, self._arguments
 
 
@@ -137,8 +139,8 @@ def execute(
 ) -> list[Record] | str:
     """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
-    Returns the records; or why the worker is refused, as no exception is sure to reach the driver. The job is
-    packed, with the folder for logs, since other code than the driver's might not be able to read it.
+    Returns the records; or why the worker is refused, since an exception might not reach the driver. The job
+    and the folder for logs are pickled, since code that differs from the driver's may be unable to read them.
     """
     reason = refusal({algorithm: expected}, get_worker(), folders)
     return execute_job(*pickle.loads(packed)) if reason is None else reason
@@ -150,7 +152,7 @@ def refusal(
     """Returns why a worker must not execute runs, as a sentence; None if it may.
 
     For each algorithm the driver's `environment` is expected. Dask passes `dask_worker` by this name. Modules
-    are also looked for in the folders of experiments, if the worker has them at the same path.
+    are also found in the folders of experiments, if the worker has them at the same path.
     """
     for folder in folders:
         find_modules_in(folder)
@@ -159,10 +161,11 @@ def refusal(
         return f"{worker} has {dask_worker.state.nthreads} threads; accepted: 1, as with --nthreads 1."
     for algorithm, values in expected.items():
         try:
-            found = environment(algorithm)
+            there = environment(algorithm)
         except InputError as error:
             return f"{worker}: {error}"
         for key, value in values.items():
-            if (there := found.get(key)) != value:
-                return f"{worker} has {key} {there}, but here it is {value}; install the same and restart it."
+            if there.get(key) != value:
+                advice = "install the same and restart it"
+                return f"{worker} has {key} {there.get(key)}, but here it is {value}; {advice}."
     return None

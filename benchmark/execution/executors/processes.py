@@ -2,7 +2,6 @@
 
 import ctypes
 import multiprocessing
-import os
 import signal
 import sys
 import threading
@@ -10,6 +9,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Final
 
@@ -31,14 +31,18 @@ class Processes:
     following jobs, and replaces when it has died.
     """
 
-    # No library is used, because a killed worker may cost nothing but its own job: Pebble's workers share a
-    # pipe, which breaks if one is killed while it starts or writes, and loky gives up all jobs of the pool.
+    # A killed worker must cost only its own job. `ProcessPoolExecutor` waits forever for the rest of a result
+    # if a worker is killed while it writes one, as the driver, too, has the writing end of the pipe open.
 
     def __init__(self, jobs: int) -> None:
         """Makes room for this many jobs at a time."""
-        self._pool = ThreadPoolExecutor(jobs)
+        # Workers inherit that the terminal's interrupt is blocked, since `cancel` ends them. The resource
+        # tracker, which the first worker would start, unblocks it.
+        resource_tracker.ensure_running()
+        blocked = signal.SIG_BLOCK, [signal.SIGINT]
+        self._pool = ThreadPoolExecutor(jobs, initializer=signal.pthread_sigmask, initargs=blocked)
         self._worker = threading.local()
-        self._processes: list[multiprocessing.process.BaseProcess] = []
+        self._processes: list[BaseProcess] = []
         self._lock = threading.Lock()
         self._is_cancelled = False
 
@@ -58,7 +62,7 @@ class Processes:
     def _execute(self, job: Job, logs: Path | None) -> list[Record]:
         """Has this thread's worker execute a job, unless it dies or is killed by `cancel`."""
         if getattr(self._worker, "connection", None) is None:
-            self._start()
+            self._worker.process, self._worker.connection = self._start()
         try:
             self._worker.connection.send((job, logs))
             return list(self._worker.connection.recv())
@@ -71,37 +75,23 @@ class Processes:
             reason = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
             raise WorkerDiedError(f"its process {reason}") from None
 
-    def _start(self) -> None:
-        """Starts this thread's worker."""
+    def _start(self) -> tuple[BaseProcess, Connection]:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs,), daemon=True)
         with self._lock:
             if self._is_cancelled:
                 raise CancelledError
-            # It ignores the terminal's interrupt, as `cancel` ends it.
-            resource_tracker.ensure_running()  # the first start would begin it, which unblocks the interrupt
-            mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-            try:
-                process.start()
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+            process.start()
             self._processes.append(process)
         theirs.close()
-        self._worker.process, self._worker.connection = process, ours
+        return process, ours
 
 
 def _serve(connection: Connection) -> None:
-    """Executes jobs as they come, until the driver closes its end, or ends in whatever way."""
-
-    def end_with(driver: multiprocessing.process.BaseProcess) -> None:
-        driver.join()
-        os._exit(1)
-
-    # While a library holds Python's global lock, no thread runs. Linux needs none.
-    if sys.platform == "linux":
+    """Executes jobs as they come, until the driver closes its end or ends in whatever way."""
+    if sys.platform == "linux":  # elsewhere, a killed driver's workers end after their job
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    threading.Thread(target=end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
             connection.send(execute_job(*connection.recv()))

@@ -3,16 +3,34 @@
 from pathlib import Path
 from typing import Final
 
+from benchmark.drawing.tables import link
+from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
-from benchmark.reports.map import figures, results, why
-from benchmark.reports.map.data import check, load
-from benchmark.reports.map.headline import headline
+from benchmark.reports.map import figures, results
+from benchmark.reports.map.check import check
+
+
+def headline(folder: Folder) -> str:
+    """Says how the contrasts of the first grid ended."""
+    table = folder.frame("verdicts")
+    table = table[table["grid"] == table["grid"].iloc[0]]
+    parts = []
+    for _, row in table.iterrows():
+        counts = [
+            f"{verdict} at {link(str(row[verdict]), 'verdicts', row)}"
+            for verdict in results.IN_WORDS.values()
+            if row[verdict]
+        ]
+        x, y = (folder.told(row[side]) for side in "xy")
+        parts.append(f"{x} compared with {y}: {', '.join(counts)}")
+    n = link(str(table["n"].iloc[0]), "verdicts", table.iloc[0])
+    return f"Over the {n} points of the grid `{table['grid'].iloc[0]}`, {'; '.join(parts)}."
+
 
 REPORT: Final = Report(
     name="map",
     question="When does a net earn its keep over a table?",
     check=check,
-    load=load,
     items=(
         figures.picture,
         results.cells,
@@ -20,7 +38,7 @@ REPORT: Final = Report(
         results.contrasts,
         results.verdicts,
         results.looks,
-        why.measures,
+        results.measures,
         results.reference,
         results.pairs,
         results.runs,
@@ -31,4 +49,5 @@ REPORT: Final = Report(
     headline=headline,
     lead="map",
     reads_curves=True,
+    can_be_partial=True,
 )

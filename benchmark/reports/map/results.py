@@ -1,22 +1,30 @@
-"""Items of the report on a map: what every cell took, who needs less, from where on, and how sure that is."""
+"""Items of the report on a map: what every population took, which learner needs fewer steps, and why."""
 
-import math
-from collections.abc import Iterator
-from typing import Any, Final
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from functools import lru_cache, partial
+from typing import Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from agents.hardness import Hardness, hardness
+from benchmark.analysis import looks as rules
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
-from benchmark.analysis.intervals import Estimate, median, proportion
-from benchmark.analysis.looks import NEITHER, TOO_SHORT, Cell, identities
-from benchmark.reports.folder import Folder
+from benchmark.analysis.frames import by_step
+from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, median, proportion
+from benchmark.analysis.looks import NEITHER, TOO_SHORT, Contrast
+from benchmark.experiments import Experiment, Population
 from benchmark.reports.item import item, no_rows
-from benchmark.reports.map.data import Maps
+from envs import InputError, Scenario
+from envs.observations import compile_seen
+from envs.scenario import NoisyFeedback
+
+Row = Mapping[str, object]
 
 POINT: Final = {"grid": "", "point": ""}
-LEARNER: Final = {"learner": ""}
-_IN_WORDS: Final = {
+IN_WORDS: Final = {
     BETTER: "faster",
     WORSE: "slower",
     EQUIVALENT: "equally fast",
@@ -24,14 +32,49 @@ _IN_WORDS: Final = {
     TOO_SHORT: "budget too short",
     UNDECIDED: "undecided",
 }
+_MEANINGS: Final = {
+    "columns": "columns of the room",
+    "contrasts": "contrasts that ended with so many pairs of runs",
+    "covering_steps": "steps in which the random policy has tried nine tenths of what it can reach",
+    "cpu_time_s": "CPU seconds of training until a run has solved its scenario, median; inf if most never do",
+    "disagreements": "wrong PINGs until a run has solved its scenario, of several runs the median; inf or "
+    "empty if it never does",
+    "faster": "probability that a run of x needs fewer steps than one of y; in `contrasts.csv`, its interval "
+    "holds for all contrasts and looks at once",
+    "feedback": "kind of the issuer's feedback",
+    "grid": "grid of the experiment",
+    "n": "runs; of contrasts, pairs of runs; in `verdicts.csv`, contrasts",
+    "n_reference": "runs of the reference implementation, y",
+    "n_solved": "runs that solve their scenario",
+    "noise": "half the width of the interval from which the noise of feedback is drawn; 0 without",
+    "permuted": "share of the issuer's cells whose coordinates are permuted",
+    "places": "cells in which the issuer may stand",
+    "point": "point of the grid",
+    "ratio": "median steps of y divided by those of x; where one never solves, its budget counts",
+    "ratio_disagreements": "the same of wrong PINGs",
+    "rows": "rows of the room",
+    "run": "number of the run, from 0, in the order of seeds",
+    "solvable_k": "smallest k for which the scenario is k-QVI-solvable",
+    "solved": "share of runs that solve their scenario",
+    "steps": "steps until a run has solved its scenario, of several runs the median; inf or empty if it "
+    "never does",
+    "steps_reference": "the same of the reference implementation, y",
+    "success": "success at the end of training, mean over runs",
+    "unseen": "further cells of the issuer, never met in training",
+    "unseen_success": "success with the issuer in these cells, of several runs the mean; empty without any",
+    "verdict": "verdict on x",
+    **dict.fromkeys(IN_WORDS.values(), "contrasts with this verdict"),
+}
+_item: Final = partial(item, meanings=_MEANINGS)
+_COUNTED: Final = dict.fromkeys(IN_WORDS.values(), "")
 
 
-@item(
+@_item(
     "cells",
     "every point and learner: the share of runs that learn, and medians of what they take",
     {
         **POINT,
-        **LEARNER,
+        "learner": "",
         "n": "runs",
         "solved": "share that learns",
         "success": "success at the end",
@@ -41,41 +84,40 @@ _IN_WORDS: Final = {
     },
     best="-steps",
 )
-def cells(data: Maps) -> Iterator[dict[str, Any]]:
+def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates all populations. A run that never solves its scenario takes infinitely many steps."""
-    for cell, ends in data.ends.items():
-        took = ends.took()
+    rows = rules.rows_of(experiment, runs)
+    for population, took in _took(experiment, curves).items():
+        is_solved = np.isfinite(took["steps"].to_numpy())
         yield {
-            **data.key(cell),
-            **_learner(cell),
-            "n": ends.n,
-            "budget": ends.budget,
-            "n_solved": int(np.isfinite(took[0]).sum()),
-            "solved": proportion(np.isfinite(took[0])),
-            "success": proportion(ends.success[:, -1]),
-            "steps": median(took[0]),
-            "disagreements": median(took[1]),
-            "unseen_success": Estimate(np.nan, np.nan, np.nan)
-            if np.isnan(ends.unseen).any()
-            else proportion(ends.unseen),
+            **_point(population),
+            **_learner(population),
+            "n": len(took),
+            "budget": population.first.settings.budget,
+            "n_solved": int(is_solved.sum()),
+            "solved": proportion(is_solved),
+            "success": proportion(took["success"].to_numpy()),
+            "steps": median(took["steps"].to_numpy()),
+            "disagreements": median(took["disagreements"].to_numpy()),
+            "unseen_success": proportion(rows[population]["unseen_success"].to_numpy()),
         }
 
 
-@item(
+@_item(
     "cpu",
     "measured: median CPU seconds of training until a run has learned",
-    {**POINT, **LEARNER, "n": "runs", "cpu_time_s": "CPU seconds"},
+    {**POINT, "learner": "", "n": "runs", "cpu_time_s": "CPU seconds"},
     is_measured=True,
     where=no_rows,
 )
-def cpu(data: Maps) -> Iterator[dict[str, Any]]:
+def cpu(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the time of training alone: no evaluation counts."""
-    for cell, ends in data.ends.items():
-        took = median(ends.took()[2])
-        yield {**data.key(cell), **_learner(cell), "n": ends.n, "cpu_time_s": took}
+    for population, took in _took(experiment, curves).items():
+        names, time = _point(population) | _learner(population), median(took["cpu_time_s"].to_numpy())
+        yield {**names, "n": len(took), "cpu_time_s": time}
 
 
-@item(
+@_item(
     "contrasts",
     "which learner needs fewer steps, at the first look that decides it, or at the last",
     {
@@ -88,70 +130,62 @@ def cpu(data: Maps) -> Iterator[dict[str, Any]]:
         "ratio": "median steps of y / of x",
     },
 )
-def contrasts(data: Maps) -> Iterator[dict[str, Any]]:
+def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the declared contrasts. Intervals of `faster` hold for all contrasts and looks at once.
 
     `ratio` is of medians, with a 95 % interval by resampling runs and what they draw, not adjusted; where one
     of the two never solves, its budget counts in its place, and the ratio is a bound.
     """
-    for (x, y), decision in data.decided.items():
-        ends = data.ends[x], data.ends[y]
+    for contrast in _contrasts(experiment, curves):
         yield {
-            **data.key(x),
-            "x": x.learner,
-            "y": y.learner,
-            "n": decision.n,
-            "budget": min(each.budget for each in ends),
-            "verdict": _IN_WORDS[decision.verdict],
-            "faster": decision.faster,
-            "ratio": data.ratio(x, y, "steps"),
-            "ratio_disagreements": data.ratio(x, y, "disagreements"),
+            **_point(contrast.x),
+            **_sides(contrast),
+            "n": contrast.decision.n,
+            "budget": min(side.first.settings.budget for side in (contrast.x, contrast.y)),
+            "verdict": IN_WORDS[contrast.decision.verdict],
+            "faster": contrast.decision.faster,
+            "ratio": ratio(*contrast.took, "steps"),
+            "ratio_disagreements": ratio(*contrast.took, "disagreements"),
         }
 
 
-@item(
+@_item(
     "verdicts",
     "how many verdicts each contrast has, over the points of a grid",
-    {"grid": "", "x": "", "y": "", "n": "points", **dict.fromkeys(_IN_WORDS.values(), "")},
+    {"grid": "", "x": "", "y": "", "n": "points", **_COUNTED},
 )
-def verdicts(data: Maps) -> Iterator[dict[str, Any]]:
+def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts verdicts; a point of two grids counts in both."""
-    names = [*_IN_WORDS.values()]
-    counts: dict[tuple[str, str, str], list[str]] = {}
-    for (x, y), decision in data.decided.items():
-        key = str(data.key(x)["grid"]), x.learner, y.learner
-        counts.setdefault(key, []).append(_IN_WORDS[decision.verdict])
-    for (grid, x_name, y_name), ended in counts.items():
-        row = {"grid": grid, "x": x_name, "y": y_name, "n": len(ended)}
-        yield row | {name: ended.count(name) for name in names}
+    counts: dict[tuple[str, str, str], Counter[str]] = {}
+    for contrast in _contrasts(experiment, curves):
+        key = contrast.x.condition.axes["grid"], contrast.x.learner.name, contrast.y.learner.name
+        counts.setdefault(key, Counter()).update([contrast.decision.verdict])
+    for (grid, x, y), counted in counts.items():
+        yield {"grid": grid, "x": x, "y": y, "n": counted.total()} | _in_words(counted)
 
 
-@item(
+@_item(
     "looks",
     "how many pairs of runs the contrasts took, and how they ended",
-    {"n": "pairs of runs", "contrasts": "", **dict.fromkeys(_IN_WORDS.values(), "")},
+    {"n": "pairs of runs", "contrasts": "", **_COUNTED},
 )
-def looks(data: Maps) -> Iterator[dict[str, Any]]:
+def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts contrasts by the look that decided them, those of several grids once."""
-    report, names = data.experiment.report, identities(data.experiment)
-    assert report is not None
-    distinct = {names[pair]: decision for pair, decision in data.decided.items()}
-    for n in report.looks:
-        ended = [_IN_WORDS[each.verdict] for each in distinct.values() if each.n == n]
-        yield {"n": n, "contrasts": len(ended), **{name: ended.count(name) for name in _IN_WORDS.values()}}
+    assert experiment.report is not None
+    distinct = {
+        (contrast.x.first.digest, contrast.y.first.digest): contrast.decision
+        for contrast in _contrasts(experiment, curves)
+    }
+    for n in experiment.report.looks:
+        counted = Counter(decision.verdict for decision in distinct.values() if decision.n == n)
+        yield {"n": n, "contrasts": counted.total()} | _in_words(counted)
 
 
-@looks.sentence
-def _(table: pd.DataFrame, _: Folder) -> str:
-    """Says how sure verdicts are."""
-    return (
-        f"Of {table['contrasts'].sum():,} distinct contrasts, {table['undecided'].sum()} are undecided. "
-        "The probability of any wrong verdict among all of them is at most 5 %, not counting changes of the "
-        "protocol."
-    )
+def _in_words(counted: Counter[str]) -> dict[str, object]:
+    return {text: counted[verdict] for verdict, text in IN_WORDS.items()}
 
 
-@item(
+@_item(
     "reference",
     "exploratory: DQN and PPO of Stable-Baselines3 compared with the compiled ones",
     {
@@ -165,64 +199,148 @@ def _(table: pd.DataFrame, _: Folder) -> str:
         "faster": "probability that x is faster",
     },
 )
-def reference(data: Maps) -> Iterator[dict[str, Any]]:
+def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
-    for cell, ends in data.ends.items():
-        of = data.experiment.algorithms[cell.variant].reference_for
-        ours = cell._replace(variant=of)
-        if of and ours in data.ends:
-            x, y = data.ends[ours].took()[0], ends.took()[0]
+    every = _took(experiment, curves)
+    steps = {
+        (each.condition.name, each.learner.name): took["steps"].to_numpy() for each, took in every.items()
+    }
+    for population in every:
+        condition, learner = population.condition.name, population.learner
+        if (condition, learner.reference_for) in steps:
+            x, y = steps[condition, learner.reference_for], steps[condition, learner.name]
             yield {
-                **data.key(cell),
-                "x": ours.learner,
-                "y": cell.learner,
+                **_point(population),
+                "x": learner.reference_for,
+                "y": learner.name,
                 "n": len(x),
-                "n_reference": ends.n,
+                "n_reference": len(y),
                 "steps": median(x),
                 "steps_reference": median(y),
                 "faster": float(np.where(x[:, None] == y, 0.5, x[:, None] < y).mean()),
             }
 
 
-@item("pairs", "what every contrast uses: the steps of its pairs of runs, within one budget", where=no_rows)
-def pairs(data: Maps) -> Iterator[dict[str, Any]]:
+@_item("pairs", "what every contrast uses: the steps of its pairs of runs, within one budget", where=no_rows)
+def pairs(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the runs of each contrast; steps are empty where a run does not learn within that budget."""
-    for x, y in data.decided:
-        key, names = data.key(x), {"x": x.learner, "y": y.learner}
-        for i, (ours, theirs) in enumerate(zip(*data.steps_compared(x, y), strict=True)):
-            steps = {"steps_x": _finite(ours), "steps_y": _finite(theirs)}
-            yield {"grid": key["grid"], "point": key["point"], **names, "run": i, **steps}
+    for contrast in _contrasts(experiment, curves):
+        names, steps = (
+            _name(contrast.x) | _sides(contrast),
+            [_finite(took["steps"]) for took in contrast.took],
+        )
+        for i, (x, y) in enumerate(zip(*steps, strict=True)):
+            yield {**names, "run": i, "steps_x": x, "steps_y": y}
 
 
-@item("runs", "every run: what it took until it had learned, within its own budget", where=no_rows)
-def runs(data: Maps) -> Iterator[dict[str, Any]]:
+@_item("runs", "every run: what it took until it had learned, within its own budget", where=no_rows)
+def runs(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
-    for cell, ends in data.ends.items():
-        key = data.key(cell)
-        for i, (n_steps, n_disagreements, _) in enumerate(ends.took().T):
-            yield {
-                "grid": key["grid"],
-                "point": key["point"],
-                "learner": cell.learner,
-                "run": i,
-                "steps": _finite(n_steps),
-                "disagreements": _finite(n_disagreements),
-            }
+    for population, took in _took(experiment, curves).items():
+        names = _name(population) | {"learner": population.learner.name}
+        values = (_finite(took[name]) for name in ("steps", "disagreements"))
+        for i, (steps, disagreements) in enumerate(zip(*values, strict=True)):
+            yield {**names, "run": i, "steps": steps, "disagreements": disagreements}
 
 
-@item("unseen", "every run with unseen places: success in them at the end of training", where=no_rows)
-def unseen(data: Maps) -> Iterator[dict[str, Any]]:
+@_item("unseen", "every run with unseen places: success in them at the end of training", where=no_rows)
+def unseen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates all runs of the points that have unseen places."""
-    for cell, ends in data.ends.items():
-        key = data.key(cell)
-        names = {"grid": key["grid"], "point": key["point"], "learner": cell.learner}
-        for i in range(ends.n if key["unseen"] else 0):
-            yield {**names, "run": i, "unseen_success": ends.unseen[i]}
+    for population, rows in rules.rows_of(experiment, runs).items():
+        if population.scenario.issuer.unseen:
+            for i, success in enumerate(rows["unseen_success"]):
+                names = _name(population) | {"learner": population.learner.name}
+                yield {**names, "run": i, "unseen_success": success}
 
 
-def _finite(value: float) -> float:
-    return value if math.isfinite(value) else math.nan
+@_item("measures", "measures of every point, for the places of its first run", where=no_rows)
+def measures(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+    """Tabulates `agents.hardness`, beside the median steps.
+
+    Points at which a learner does the same count once: those that differ in unseen places, or for a table in
+    permuted coordinates. They are known by the wrong PINGs of the first run.
+    """
+    seen, rows = set[tuple[str, bytes]](), rules.rows_of(experiment, curves)
+    for population, took in _took(experiment, curves).items():
+        scenario, learner = population.scenario.drawn(population.seeds.start), population.learner
+        same = learner.name, by_step(rows[population], "training_wrong_pings")[0].tobytes()
+        if learner.reference_for or same in seen or scenario.following[0].shape[1] > 1:
+            continue  # the last: what follows an action is random
+        seen.add(same)
+        yield {
+            **_point(population),
+            **_learner(population),
+            "n": len(took),
+            **_hardness(scenario, learner.observation, experiment.declared.horizon)._asdict(),
+            "steps": float(np.median(took["steps"])),
+        }
 
 
-def _learner(cell: Cell) -> dict[str, Any]:
-    return {"algorithm": cell.variant, "observation": cell.observation}
+def _took(experiment: Experiment, curves: pd.DataFrame) -> dict[Population, pd.DataFrame]:
+    """Returns what the runs of every population took, see `looks.took`."""
+    solved, rows = experiment.declared.solved, rules.rows_of(experiment, curves)
+    assert solved is not None
+    return {population: rules.took(own, solved.success) for population, own in rows.items()}
+
+
+def _contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
+    if found := rules.contrasts(experiment, curves):
+        return found
+    raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")
+
+
+def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
+    """Returns how many times as much y takes as x, by medians over pairs of runs, given what they took.
+
+    Where most runs never solve, what they spend within the smaller budget counts. It is NaN if that is so of
+    both, or if a median is 0. The interval is by resampling pairs, whose runs have the same draw of the
+    scenario.
+    """
+    n, rng = len(x), np.random.default_rng(BOOTSTRAP_SEED)
+    drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
+    medians = [np.median(took[currency].to_numpy()[drawn], axis=1) for took in (x, y)]
+    if all(np.isinf(each[0]) for each in medians) or any(each[0] == 0 for each in medians):
+        return Estimate(np.nan, np.nan, np.nan)
+    spent = [np.median(took[f"spent_{currency}"]) for took in (x, y)]
+    of_x, of_y = (np.where(np.isinf(m), other, m) for m, other in zip(medians, spent, strict=True))
+    with np.errstate(divide="ignore", invalid="ignore"):  # some runs may have solved at step 0
+        samples = of_y / of_x
+    return Estimate(float(samples[0]), *map(float, np.nanpercentile(samples[1:], [2.5, 97.5])))
+
+
+def _name(population: Population) -> dict[str, object]:
+    """Returns the columns that name a point: its grid, and its name there."""
+    axes = {axis: value for axis, value in population.condition.axes.items() if axis != "reading"}
+    return {"grid": axes.pop("grid"), "point": ", ".join(f"{axis} {axes[axis]}" for axis in axes)}
+
+
+def _point(population: Population) -> dict[str, object]:
+    """Returns the same, and what the scenario is there."""
+    scenario, issuer = population.scenario, population.scenario.issuer
+    return _name(population) | {
+        "rows": scenario.grid.rows,
+        "columns": scenario.grid.columns,
+        "places": len(scenario.places) - issuer.unseen,
+        "unseen": issuer.unseen,
+        "feedback": issuer.feedback.kind,
+        "noise": issuer.feedback.noise if isinstance(issuer.feedback, NoisyFeedback) else 0.0,
+        "permuted": issuer.permuted,
+    }
+
+
+def _learner(population: Population) -> dict[str, object]:
+    return {"algorithm": population.learner.variant, "observation": population.learner.observation}
+
+
+def _sides(contrast: Contrast) -> dict[str, object]:
+    return {"x": contrast.x.learner.name, "y": contrast.y.learner.name}
+
+
+def _finite(values: pd.Series) -> NDArray[np.float64]:
+    """Returns NaN for infinite values."""
+    return np.where(np.isinf(values), np.nan, values)
+
+
+@lru_cache(maxsize=1024)
+def _hardness(scenario: Scenario, observation: str, horizon: int) -> Hardness:
+    return hardness(compile_seen(scenario, observation), horizon)

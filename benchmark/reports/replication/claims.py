@@ -14,7 +14,7 @@ since noise turns means near zero more often one way than the other.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -23,7 +23,7 @@ from scipy import stats
 
 from benchmark.analysis.contrasts import POWER
 from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, student
-from benchmark.analysis.population import Population, overlap
+from benchmark.analysis.records import Records, overlap
 from envs.model import PING
 from envs.regions import target_distance
 
@@ -55,214 +55,120 @@ class Claim(NamedTuple):
     right_side: str  # ">" or "<": where a part must lie
     threshold: float
     scenarios: tuple[str, ...]
-    measure: Callable[[Sequence[Population], str], list[Part]]  # of these scenarios, and of a curve
-
-
-def judge(populations: Mapping[str, Population], curve: str) -> pd.DataFrame:
-    """Measures every claim.
-
-    Args:
-      populations: The agents of at least the paper's scenarios, all of one reading and equally many.
-      curve: The array of maximum Q that the claims on curves are about, `"max_q"` or `"table_max_q"`.
-
-    Returns:
-      One row per part of a claim: claim, part, agents (per scenario), value, low, high, right_side,
-      threshold, state (of the part), verdict (on the claim), effect, agents_needed, note, drawn.
-    """
-    return pd.DataFrame([row for claim in CLAIMS for row in judge_claim(claim, populations, curve)])
-
-
-def judge_claim(claim: Claim, populations: Mapping[str, Population], curve: str) -> list[dict[str, Any]]:
-    """Measures a claim; returns its rows of `judge`.
-
-    `effect` is a part's distance from the threshold, in standard deviations of a single agent, positive on
-    the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding. If it is
-    the true one, `agents_needed` agents decide an undecided part with a probability of 80 %.
-    """
-    about = [populations[name] for name in claim.scenarios]
-    n_agents = len(about[0].seeds)
-    sign = 1 if claim.right_side == ">" else -1
-    rows: list[dict[str, Any]] = []
-    for part in claim.measure(about, curve):
-        margin, *ends = (sign * (x - claim.threshold) for x in (part.value, part.low, part.high))
-        state = "passes" if np.min(ends) > 0 else "fails" if np.max(ends) <= 0 else "undecided"  # NaN, too
-        deviation = math.sqrt(n_agents) * part.standard_error
-        effect = margin / deviation if deviation > _LEAST_DEVIATION else math.nan
-        needed = float(np.ceil((_REACH / effect) ** 2)) if effect and state == "undecided" else math.nan
-        row = {"claim": claim.id, "part": part.name, "agents": n_agents}
-        row |= {"value": part.value, "low": part.low, "high": part.high}
-        row |= {"right_side": claim.right_side, "threshold": claim.threshold, "state": state, "verdict": ""}
-        row |= {"effect": effect, "agents_needed": needed, "note": part.note, "drawn": part.drawn}
-        rows.append(row)
-    worst = max((row["state"] for row in rows), key=STATES.index)
-    return [row | {"verdict": VERDICTS[STATES.index(worst)]} for row in rows]
-
-
-def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Returns the part that a verdict rests on: of the worst state, the one farthest on the wrong side.
-
-    Args:
-      parts: Rows of `judge`, perhaps of several readings or numbers of agents.
-      keys: The columns that tell those apart, beside the claim.
-
-    Returns:
-      One of the rows per claim and key, in their order.
-    """
-    sign = np.where(parts["right_side"] == ">", 1, -1)
-    ranked = parts.assign(
-        _state=parts["state"].map(STATES.index), _margin=sign * (parts["value"] - parts["threshold"])
-    ).sort_values(["_state", "_margin"], ascending=[False, True], na_position="first", kind="stable")
-    kept = ranked.drop_duplicates(["claim", *keys]).index
-    return parts.loc[parts.index.isin(kept)]
-
-
-def agreement(judged: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Returns in how many of these sets of agents each claim has the same verdict as in `judged`.
-
-    Its columns: sets, sets_agreeing, share, share_low, share_high (95 %, exact; NaN without sets).
-    """
-    agreeing = np.zeros(len(judged), dtype=int)
-    for each in sets:
-        agreeing += judged["claim"].map(each.groupby("claim")["verdict"].first()) == judged["verdict"]
-    share = agreeing / len(sets) if sets else np.full(len(judged), np.nan)
-    low, high = proportion_interval(share, len(sets)) if sets else (share, share)
-    frame = pd.DataFrame({"sets": len(sets), "sets_agreeing": agreeing, "share": share}, judged.index)
-    return frame.assign(share_low=low, share_high=high)
-
-
-# The parts of each claim
+    measure: Callable[[Sequence[Records], str], list[Part]]  # of these scenarios, and of a curve
 
 
 def _resampled(name: str, samples: Samples, drawn: float = math.nan, note: str = "") -> Part:
-    """Makes a part with a bootstrap interval."""
     with np.errstate(invalid="ignore"):  # of infinite ratios
         low, high = interval(samples)
         return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
 
 
 def _ratio(numerator: Samples | float, denominator: Samples | float) -> Samples:
-    """Divides, giving infinity or NaN where there is nothing to divide by."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # infinity or NaN, if nothing has been learned
         return np.divide(numerator, denominator)
 
 
-@lru_cache(maxsize=64)
-def _spread(population: Population, curve: str) -> tuple[Samples, float]:
-    """Returns the standard deviation over agents of their maximum Q, averaged over steps.
+def _ratios(groups: Sequence[Records], measure: Callable[[Records], tuple[Samples, float]]) -> list[Part]:
+    """Divides what is measured in the first scenario, and what is drawn of it, by that in each other."""
+    first, *others = ((agents.scenario, *measure(agents)) for agents in groups)
+    return [
+        _resampled(f"{first[0]}/{name}", _ratio(first[1], samples), float(_ratio(first[2], drawn)))
+        for name, samples, drawn in others
+    ]
 
-    With it goes what the paper draws: the height of the area from the least to the largest agent.
-    """
-    curves, weights = population.arrays[curve], population.weights
+
+@lru_cache(maxsize=64)
+def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
+    """Returns the standard deviation over agents, averaged over steps; and the height of the drawn area."""
+    curves, weights = agents.arrays[curve], agents.weights
     mean = weights @ curves / len(curves)
     variance = weights @ curves**2 / len(curves) - mean**2
     deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
     return deviation, float(np.ptp(curves, axis=0).mean())
 
 
-def _variability(populations: Sequence[Population], curve: str) -> list[Part]:
-    """Compares the first scenario's variability with that of each other."""
-    (own, shaded), *others = (_spread(each, curve) for each in populations)
-    return [
-        _resampled(
-            f"{populations[0].scenario}/{each.scenario}", _ratio(own, other), float(_ratio(shaded, area))
-        )
-        for each, (other, area) in zip(populations[1:], others, strict=True)
-    ]
+def _variability(groups: Sequence[Records], curve: str) -> list[Part]:
+    return _ratios(groups, lambda agents: _spread(agents, curve))
 
 
-def _near_one(populations: Sequence[Population], curve: str) -> list[Part]:
-    """Measures the level that an agent's curve reaches at one step in a hundred, mean over agents.
-
-    What is drawn of it is the peak of the averaged curve.
-    """
+def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
     parts = []
-    for population in populations:
-        curves, model = population.arrays[curve], population.model
+    for agents in groups:
+        curves, model = agents.arrays[curve], agents.model
         level = np.percentile(curves, 99, axis=1)  # (N,)
         reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
-        ceiling = reward[population.in_target].max()
-        samples = population.weights @ level / len(level)
+        ceiling = reward[agents.in_target].max()
+        samples = agents.weights @ level / len(level)
         note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
-        parts.append(_resampled(population.scenario, samples, float(curves.mean(axis=0).max()), note))
+        parts.append(_resampled(agents.scenario, samples, float(curves.mean(axis=0).max()), note))
     return parts
 
 
-def _focus(population: Population) -> Samples:
-    """Returns how far from the target region the positive mean Q-values of the moves lie, in cells."""
-    q = population.arrays["q"][:, :, :PING]
-    mass = np.maximum(population.weights @ q.reshape(len(q), -1) / len(q), 0.0)
+def _focus(agents: Records) -> tuple[Samples, float]:
+    """Returns how far from the target region the positive mean Q-values of the moves lie."""
+    q = agents.arrays["q"][:, :, :PING]
+    mass = np.maximum(agents.weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
-    scenario = population.model.scenario
+    scenario = agents.model.scenario
     distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
-    return _ratio(mass @ distance, mass.sum(axis=1))
+    return _ratio(mass @ distance, mass.sum(axis=1)), math.nan
 
 
-def _moves_focused(populations: Sequence[Population], _: str) -> list[Part]:
-    """Compares the first scenario's focus with that of each other."""
-    first, *others = populations
-    return [
-        _resampled(f"{first.scenario}/{each.scenario}", _ratio(_focus(first), _focus(each)))
-        for each in others
-    ]
+def _moves_focused(groups: Sequence[Records], _: str) -> list[Part]:
+    return _ratios(groups, _focus)
 
 
 @lru_cache(maxsize=64)
-def _signs(population: Population, level: float = LEVEL) -> NDArray[np.bool_]:
+def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
     """Returns in which cells PING's mean Q-value is above zero: as measured, surely, and possibly, (3, O).
 
     Surely and possibly are right for all cells at once, with a confidence of `level`. A cell where no agent
     ever chose PING has 0 throughout, and is not above zero.
     """
-    q = population.arrays["q"][:, :, PING]
+    q = agents.arrays["q"][:, :, PING]
     return np.stack(student(q, level, q.shape[1])) > 0
 
 
-def _valued_outside(populations: Sequence[Population], _: str) -> list[Part]:
-    """Counts the cells outside the target region with a positive mean PING Q-value.
-
-    If no cell of the target region has one either, nothing has been learned, and there is no count.
-    """
-    (population,) = populations
-    in_target, signs = population.in_target, _signs(population)
-    inside = signs[0][in_target].sum()
+def _valued_outside(groups: Sequence[Records], _: str) -> list[Part]:
+    (agents,) = groups
+    in_target, signs = agents.in_target, _signs(agents)
+    inside = signs[0][in_target].sum()  # without any, nothing has been learned, and nothing is counted
     value, low, high = (float(n) if inside else math.nan for n in signs[:, ~in_target].sum(axis=1))
     note = f"{inside} of {in_target.sum()} target cells have one"
-    return [Part(population.scenario, value, low, high, note=note)]
+    return [Part(agents.scenario, value, low, high, note=note)]
 
 
-def _missing_inside(populations: Sequence[Population], _: str) -> list[Part]:
-    """Counts the target cells without a positive mean PING Q-value."""
-    (population,) = populations
-    value, high, low = map(float, (~_signs(population)[:, population.in_target]).sum(axis=1))
-    return [Part(population.scenario, value, low, high)]
+def _missing_inside(groups: Sequence[Records], _: str) -> list[Part]:
+    (agents,) = groups
+    value, high, low = map(float, (~_signs(agents)[:, agents.in_target]).sum(axis=1))
+    return [Part(agents.scenario, value, low, high)]
 
 
-def _reaches(populations: Sequence[Population], _: str) -> list[Part]:
-    """Measures the share of agents that succeed more likely than not, with its exact interval."""
-    (population,) = populations
-    succeeds = population.arrays["success"][:, -1] > 0.5  # (N,)
+def _reaches(groups: Sequence[Records], _: str) -> list[Part]:
+    (agents,) = groups
+    succeeds = agents.arrays["success"][:, -1] > 0.5  # (N,)
     error = float(succeeds.std()) / math.sqrt(len(succeeds))
-    return [Part(population.scenario, *proportion(succeeds), error)]
+    return [Part(agents.scenario, *proportion(succeeds), error)]
 
 
-def _mean_map(population: Population, level: float = LEVEL) -> tuple[float, float, float]:
+def _mean_map(agents: Records, level: float = LEVEL) -> tuple[float, float, float]:
     """Returns how the mean map overlaps with the target region: measured, least and greatest.
 
     With T target cells it is at least (sure inside) / (T + possible outside), and at most (possible inside) /
     (T + sure outside), where possible cells include the sure ones.
     """
-    in_target, (measured, surely, possibly) = population.in_target, _signs(population, level)
+    in_target, (measured, surely, possibly) = agents.in_target, _signs(agents, level)
     least, greatest = np.where(in_target, surely, possibly), np.where(in_target, possibly, surely)
     value, low, high = (float(overlap(cells, in_target)) for cells in (measured, least, greatest))
     return value, low, high
 
 
-def _random_helps(populations: Sequence[Population], _: str) -> list[Part]:
-    """Compares the overlaps in S2 with those in S1; that of agents' own maps has Welch's interval."""
+def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
     level = (1 + LEVEL) / 2  # of each map, so that both intervals are right at once
-    s2, s1 = (_mean_map(each, level) for each in populations)
-    x, y = (each.region_overlap for each in populations)
-    squares = np.array([each.var(ddof=1) / len(each) for each in (x, y)])
+    s2, s1 = (_mean_map(agents, level) for agents in groups)
+    x, y = (agents.region_overlap for agents in groups)
+    squares = np.array([own.var(ddof=1) / len(own) for own in (x, y)])  # Welch's interval
     error, difference, reach = math.sqrt(squares.sum()), float(x.mean() - y.mean()), 0.0
     if error > 0:
         freedom = squares.sum() ** 2 / (squares**2 / [len(x) - 1, len(y) - 1]).sum()
@@ -273,16 +179,15 @@ def _random_helps(populations: Sequence[Population], _: str) -> list[Part]:
     ]
 
 
-def _identifies(populations: Sequence[Population], _: str) -> list[Part]:
-    """Measures how maps overlap with the target region: the mean map, and, by Student, the agents' own."""
-    parts = [Part(f"mean map {each.scenario}", *_mean_map(each)) for each in populations]
-    for population in populations:
-        own, valued, in_target = population.region_overlap, population.values_ping, population.in_target
-        found = (valued & in_target).sum(axis=1)
-        precision, recall = found.sum() / max(valued.sum(), 1), found.mean() / in_target.sum()
+def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
+    parts = [Part(f"mean map {agents.scenario}", *_mean_map(agents)) for agents in groups]
+    for agents in groups:
+        own, valued, in_target = agents.region_overlap, agents.values_ping, agents.in_target
+        hits = (valued & in_target).sum(axis=1)
+        precision, recall = hits.sum() / max(valued.sum(), 1), hits.mean() / in_target.sum()
         error = float(own.std(ddof=1)) / math.sqrt(len(own))
         note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
-        parts.append(Part(f"own maps {population.scenario}", *student(own), error, note))
+        parts.append(Part(f"own maps {agents.scenario}", *student(own), error, note))
     return parts
 
 
@@ -299,3 +204,66 @@ CLAIMS: Final = (
     Claim("identifies", ">", 0.9, ("S2", "S3"), _identifies),
     Claim("identifies-S1", ">", 0.9, ("S1",), _identifies),
 )
+
+
+def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.DataFrame:
+    """Measures claims; returns one row per part.
+
+    `effect` is a part's distance from the threshold, in standard deviations of a single agent, positive on
+    the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding. If it is
+    the true one, `agents_needed` agents decide an undecided part with a probability of 80 %.
+
+    Args:
+      agents: Those of at least the claims' scenarios, all of one reading and equally many.
+      curve: The array of maximum Q that the claims on curves are about.
+      claims: By default all that the paper makes.
+    """
+    rows: list[dict[str, object]] = []
+    for claim in claims:
+        about = [agents[name] for name in claim.scenarios]
+        judged = [_judged(claim, part, len(about[0].seeds)) for part in claim.measure(about, curve)]
+        worst = max(STATES.index(str(row["state"])) for row in judged)
+        rows += [row | {"verdict": VERDICTS[worst]} for row in judged]
+    return pd.DataFrame(rows)
+
+
+def _judged(claim: Claim, part: Part, n_agents: int) -> dict[str, object]:
+    sign = 1 if claim.right_side == ">" else -1
+    margin, *ends = (sign * (x - claim.threshold) for x in (part.value, part.low, part.high))
+    state = "passes" if np.min(ends) > 0 else "fails" if np.max(ends) <= 0 else "undecided"  # NaN, too
+    deviation = math.sqrt(n_agents) * part.standard_error
+    effect = margin / deviation if deviation > _LEAST_DEVIATION else math.nan
+    needed = float(np.ceil((_REACH / effect) ** 2)) if effect and state == "undecided" else math.nan
+    row: dict[str, object] = {"claim": claim.id, "part": part.name, "agents": n_agents}
+    row |= {"value": part.value, "low": part.low, "high": part.high}
+    row |= {"right_side": claim.right_side, "threshold": claim.threshold, "state": state, "verdict": ""}
+    return row | {"effect": effect, "agents_needed": needed, "note": part.note, "drawn": part.drawn}
+
+
+def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
+    """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side.
+
+    Args:
+      parts: Rows of `judge`, perhaps of several readings or numbers of agents.
+      keys: The columns that tell those apart, beside the claim.
+    """
+    sign = np.where(parts["right_side"] == ">", 1, -1)
+    ranked = parts.assign(
+        _state=parts["state"].map(STATES.index), _margin=sign * (parts["value"] - parts["threshold"])
+    ).sort_values(["_state", "_margin"], ascending=[False, True], na_position="first", kind="stable")
+    kept = ranked.drop_duplicates(["claim", *keys]).index
+    return parts.loc[parts.index.isin(kept)]
+
+
+def agreement(judged: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Returns in how many of these sets of agents each claim has the same verdict as in `judged`.
+
+    Its columns: sets, sets_agreeing, share, share_low, share_high (95 %, exact; NaN without sets).
+    """
+    agreeing = np.zeros(len(judged), dtype=int)
+    for other in sets:
+        agreeing += judged["claim"].map(other.groupby("claim")["verdict"].first()) == judged["verdict"]
+    share = agreeing / len(sets) if sets else np.full(len(judged), np.nan)
+    low, high = proportion_interval(share, len(sets)) if sets else (share, share)
+    frame = pd.DataFrame({"sets": len(sets), "sets_agreeing": agreeing, "share": share}, judged.index)
+    return frame.assign(share_low=low, share_high=high)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from string import ascii_lowercase
-from typing import Any
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -12,20 +12,30 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from agents.policy import contains, greedy_masks
+from benchmark.analysis.frames import RecordsOf
 from benchmark.analysis.intervals import proportion
-from benchmark.analysis.population import OPTIMUM_TOLERANCE, Population, optimal_values
+from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
-from benchmark.drawing.tables import link, show
-from benchmark.reports.folder import Folder
-from benchmark.reports.item import Frames, drawing, entry, expanded, item
-from benchmark.reports.replication.data import Data
+from benchmark.experiments import Experiment
+from benchmark.reports.item import Frames, drawing, expanded, item
+from benchmark.reports.replication.agents import all_agents, disjoint_sets, few_agents
 from envs import ACTIONS
 from envs.scenario import FEEDBACK
 from envs.scene import scene_of
-from envs.words import listed
 
-_DASHES = ("-", "--", ":")
+_DASHES: Final = ("-", "--", ":")
+_OPTIMUM: Final = 1 - OPTIMUM_TOLERANCE  # the score of an optimal policy
+_SPREAD: Final = {
+    "min": "smallest over agents",
+    "max": "largest over agents",
+    "std": "their standard deviation",
+}
+_OPTIMAL_SHARE: Final = {"optimal_share": "share of agents whose greedy policy is optimal"}
+_REACHED: Final = (  # that readers see
+    *("scenario", "agents", "success", "optimal_share", "grid_return_learned", "grid_return_optimal"),
+    *("start_value_learned", "start_value_optimal", "cells_differing"),
+)
 
 
 @drawing(
@@ -33,27 +43,26 @@ _DASHES = ("-", "--", ":")
     "the paper's figure: maximum Q per step, final Q of the moves, final Q of PING",
     "The paper's figure: maximum Q over training, final Q of the moves and of PING.",
 )
-def figure(frames: Frames, data: Data) -> Figure | None:
-    """Draws max Q per step, final Q of the moves and final Q of PING, a column per scenario."""
-    if not {"max_q", "q_values"} <= frames.keys():
+def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | None:
+    """Draws a column per scenario."""
+    if not {"max_q", "q_values"} <= tables.keys():
         return None
-    curves, values = frames["max_q"], frames["q_values"]
+    curves, values, groups = tables["max_q"], tables["q_values"], few_agents(experiment, records)
     moves, pings = values[values["action"] != "PING"], values[values["action"] == "PING"]
     bottom, top = curves["min"].min(), curves["max"].max()
     room = 0.04 * (top - bottom)
-    with figure_of(3, len(data.models), (11.0, 9.0)) as (figure, axes):
-        for column, (name, model) in enumerate(data.models.items()):
-            curve = curves[curves["scenario"] == name]
-            letters = ascii_lowercase[column :: len(data.models)]  # as the paper's
-            axis = axes[0, column]
-            band = {"color": "0.8", "lw": 0, "label": "range over agents"}
-            axis.fill_between(curve["step"], curve["min"], curve["max"], **band)
+    with figure_of(3, len(groups), (11.0, 9.0)) as (figure, axes):
+        for column, (name, agents) in enumerate(groups.items()):
+            curve, scene = curves[curves["scenario"] == name], scene_of(agents.model)
+            letters = ascii_lowercase[column :: len(groups)]  # as the paper's
+            kind = agents.model.scenario.issuer.feedback.kind
+            axis, ends = axes[0, column], (curve["min"], curve["max"])
+            axis.fill_between(curve["step"], *ends, color="0.8", lw=0, label="range over agents")
             axis.plot(curve["step"], curve["mean"], color="black", lw=0.9, label="mean of the agents")
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a correct PING pays in S1")
-            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[model.scenario.issuer.feedback.kind]}")
+            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[kind]}")
             axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
             axis.set(ylim=(bottom - room, top + room))
-            scene = scene_of(model)
             triangles(axes[1, column], scene, moves[moves["scenario"] == name], norm_of(moves["mean"]))
             axes[1, column].set(title=f"({letters[1]}) moves, {name}")
             ping = pings[pings["scenario"] == name]
@@ -72,26 +81,27 @@ def figure(frames: Frames, data: Data) -> Figure | None:
     return figure
 
 
-@item("max_q", "maximum Q over agents at every recorded step, of the visited cell and of the table")
-def max_q(data: Data) -> pd.DataFrame:
+@item(
+    "max_q",
+    "maximum Q over agents at every recorded step, of the visited cell and of the table",
+    meanings=_SPREAD
+    | {
+        "mean": "mean over agents of the largest Q of the visited cell",
+        "table_mean": "the same of the largest Q of the whole table",
+        "table_min": "its smallest over agents",
+        "table_max": "its largest over agents",
+    },
+)
+def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the maximum Q of the visited cell, and of the table, over agents at each record."""
     frames = []
-    for population in data.default:
-        curves, every = population.arrays["max_q"], population.specification["settings"]["record_every"]
-        columns = {"scenario": population.scenario, "step": np.arange(curves.shape[1]) * every}
-        columns |= _spread(curves)
-        table = _spread(population.arrays["table_max_q"])
-        columns |= {f"table_{name}": values for name, values in table.items() if name != "std"}
+    for name, agents in few_agents(experiment, records).items():
+        curves, every = agents.arrays["max_q"], agents.run.settings.model_dump()["record_every"]
+        columns = {"scenario": name, "step": np.arange(curves.shape[1]) * every} | _spread(curves)
+        table = _spread(agents.arrays["table_max_q"])
+        columns |= {f"table_{key}": values for key, values in table.items() if key != "std"}
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
-
-
-@max_q.sentence
-def _(table: pd.DataFrame, _: Folder) -> str:
-    """Says how high the averaged curves get."""
-    peaks = table.loc[table.groupby("scenario", sort=False)["mean"].idxmax()]
-    texts = [f"{link(show(row['mean']), 'max_q', row)} in {row['scenario']}" for _, row in peaks.iterrows()]
-    return f"Where the paper writes 'around 1', the averaged curves of max Q peak at {listed(texts)}."
 
 
 @item(
@@ -99,26 +109,27 @@ def _(table: pd.DataFrame, _: Folder) -> str:
     "success, score of the greedy policy, and the share of optimal agents, over training",
     dict.fromkeys(("scenario", "success", "score", "optimal_share", "unbounded_score"), ""),
     where=lambda frame: frame[frame["step"] == frame["step"].max()],
+    meanings=_OPTIMAL_SHARE,
 )
-def learning(data: Data) -> pd.DataFrame:
-    """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training.
-
-    `score` is the mean over agents of scores clipped to [0, 1], and `unbounded_score` that of the scores.
-    """
+def learning(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
+    """Tabulates success, the score of the greedy policy, and the share of optimal agents, over training."""
     frames = []
-    for population in data.default:
-        columns: dict[str, Any] = {"scenario": population.scenario, "step": population.evaluation_steps}
-        columns["success"] = proportion(population.arrays["success"])
-        columns["score"] = proportion(np.clip(population.unbounded_scores, 0.0, 1.0))
-        columns["optimal_share"] = proportion(_is_optimal(population.unbounded_scores))
-        columns["unbounded_score"] = population.unbounded_scores.mean(axis=0)
+    for name, agents in few_agents(experiment, records).items():
+        scores = agents.unbounded_scores()
+        columns = {
+            "scenario": name,
+            "step": agents.evaluation_steps,
+            "success": proportion(agents.arrays["success"]),
+            "score": proportion(np.clip(scores, 0.0, 1.0)),
+            "optimal_share": proportion(scores >= _OPTIMUM),
+            "unbounded_score": scores.mean(axis=0),
+        }
         frames.append(pd.DataFrame(expanded(columns)))
     return pd.concat(frames, ignore_index=True)
 
 
 @learning.figure("How well agents act while they learn: success, score, and how many are optimal.")
-def _(frames: Frames, data: Data) -> Figure:
-    frame = frames["learning"]
+def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
     panels = {
         "success": "success probability",
         "score": "mean score, clipped to [0, 1]",
@@ -126,12 +137,12 @@ def _(frames: Frames, data: Data) -> Figure:
     }
     with figure_of(1, len(panels), (11.0, 3.6)) as (figure, axes):
         for axis, (key, label) in zip(axes[0], panels.items(), strict=True):
-            for i, name in enumerate(data.models):
-                rows = frame[frame["scenario"] == name]
+            for i, name in enumerate(experiment.scenarios):
+                rows = table[table["scenario"] == name]
                 axis.plot(rows["step"], rows[key], label=name, color=COLOURS[i], ls=_DASHES[i % len(_DASHES)])
                 ends = rows[f"{key}_low"], rows[f"{key}_high"]
                 axis.fill_between(rows["step"], *ends, color=COLOURS[i], alpha=0.25, lw=0)
-            axis.set(xlabel="environment step", title=label, xlim=(0, max(frame["step"].max(), 1)))
+            axis.set(xlabel="environment step", title=label, xlim=(0, max(table["step"].max(), 1)))
             axis.set(ylim=(-0.03, 1.03))
             axis.xaxis.set_major_locator(MaxNLocator(4))
         figure.legend(
@@ -141,53 +152,49 @@ def _(frames: Frames, data: Data) -> Figure:
     return figure
 
 
-@item("optimal", "the exact optimum, what was learned, success, and the regret, with all agents as well")
-def optimal(data: Data) -> Iterator[dict[str, Any]]:
-    """Tabulates what the greedy policies reach after training, and the exact anchors, by population."""
-    for population in [*data.default, *(data.everyone.values() if data.sets else ())]:
-        first, *_, last = population.seeds
-        row: dict[str, Any] = {"scenario": population.scenario, "agents": len(population.seeds)}
-        row |= {"first_seed": first, "last_seed": last}
-        row["success"] = proportion(population.arrays["success"][:, -1])
-        row["optimal_share"] = proportion(_is_optimal(population.unbounded_scores[:, -1]))
-        for name, (random, best) in population.anchors.items():
-            learned = population.arrays[name][:, -1].mean()
+@item(
+    "optimal",
+    "the exact optimum, what was learned, success, and the regret, with all agents as well",
+    dict.fromkeys(_REACHED, ""),
+    meanings=_OPTIMAL_SHARE
+    | {
+        "agents": "agents per scenario",
+        "first_seed": "seed of the first agent",
+        "last_seed": "seed of the last agent",
+        "grid_return": "expected sum of the grid's rewards of an episode",
+        "scenario_return": "expected sum of all rewards of an episode, with the issuer's",
+        "start_value_optimal": "optimal value of the start cell",
+        "start_value_learned": "largest Q in the start cell, mean over agents",
+        "cells_differing": "share of cells in which a greedy action is not optimal, mean over agents",
+    },
+)
+def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
+    """Tabulates what the greedy policies reach after training, and the exact anchors."""
+    groups = [*few_agents(experiment, records).values()]
+    if disjoint_sets(experiment, records):
+        groups += all_agents(experiment, records).values()
+    for agents in groups:
+        model = agents.model
+        row: dict[str, object] = {"scenario": agents.scenario, "agents": len(agents.seeds)}
+        row |= {"first_seed": agents.seeds[0], "last_seed": agents.seeds[-1]}
+        row["success"] = proportion(agents.arrays["success"][:, -1])
+        row["optimal_share"] = proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)
+        for name, (random, best) in agents.anchors.items():
+            learned = agents.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
             row[f"{name}_regret"] = best - learned
-        model = population.model
         start = model.observation[model.start]
-        row["start_value_optimal"] = optimal_values(population).max(axis=1)[start]
-        row["start_value_learned"] = population.arrays["q"].max(axis=-1).mean(axis=0)[start]
-        row["cells_differing"] = differing(population)[~model.is_over[model.fresh_state]].mean()
+        row["start_value_optimal"] = optimal_values(agents).max(axis=1)[start]
+        row["start_value_learned"] = agents.arrays["q"].max(axis=-1).mean(axis=0)[start]
+        row["cells_differing"] = differing(agents)[~model.is_over[model.fresh_state]].mean()
         yield row
 
 
-@optimal.sentence
-def _(table: pd.DataFrame, _: Folder) -> str | None:
-    """Says how often agents succeed in S2."""
-    rows = table[table["scenario"] == "S2"].sort_values("agents", ascending=False)
-    texts = [
-        f"{entry(row, 'success', 'optimal')} with {row['agents']:,} agents" for _, row in rows.iterrows()
-    ]
-    return f"After training the success probability in S2 is {listed(texts)}." if texts else None
-
-
-@optimal.shown
-def _(frame: pd.DataFrame) -> pd.DataFrame:
-    hidden = ("scenario", "agents", "first_seed", "last_seed")
-    keys = [key for key in map(str, frame) if key not in hidden and not key.endswith(("_low", "_high"))]
-    columns = {
-        f"{row['scenario']}, {row['agents']:,}": [entry(row, key, "optimal") for key in keys]
-        for _, row in frame.iterrows()
-    }
-    return pd.DataFrame({"": [key.replace("_", " ") for key in keys]} | columns)
-
-
 @optimal.figure("What is optimal, how far what was learned is from it, and where agents act optimally.")
-def _(frames: Frames, data: Data) -> Figure | None:
-    if "q_values" not in frames:
+def _(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure | None:
+    if "q_values" not in tables:
         return None
-    cells = frames["q_values"]
+    cells, groups = tables["q_values"], few_agents(experiment, records)
     by_cell = cells.groupby(["scenario", "row", "column"], sort=False)
     best = by_cell[["optimal", "largest_learned", "differs"]].max()
     best = best.assign(difference=best["largest_learned"] - best["optimal"], agrees=1 - best["differs"])
@@ -196,9 +203,9 @@ def _(frames: Frames, data: Data) -> Figure | None:
         "difference": "learned minus optimal value",
         "agrees": "share of agents acting optimally",
     }
-    with figure_of(3, len(data.models), (11.0, 9.6)) as (figure, axes):
-        for column, (name, model) in enumerate(data.models.items()):
-            scene = scene_of(model)
+    with figure_of(3, len(groups), (11.0, 9.6)) as (figure, axes):
+        for column, (name, agents) in enumerate(groups.items()):
+            scene = scene_of(agents.model)
             for row, (key, label) in enumerate(labels.items()):
                 shown = np.where(scene.is_over, np.nan, best.loc[name][key].to_numpy())
                 heat(axes[row, column], scene, shown, norm_of(best[key]))
@@ -214,37 +221,42 @@ def _(frames: Frames, data: Data) -> Figure | None:
     return figure
 
 
-@item("q_values", "final Q over agents and Q* of every cell and action, and where policies differ")
-def q_values(data: Data) -> pd.DataFrame:
-    """Tabulates the final Q-values over agents, and Q*: one row per scenario, cell and action.
-
-    Q* (`optimal`) is that of an agent that knows its state, with no wrong PING so far, discounted and with
-    the issuer's mean rewards, as the learner's is. `largest_learned` is the mean over agents of their largest
-    Q in the cell (and so no less than the largest of the means); `differs` is the share of agents whose
-    greedy action there is not an optimal one.
-    """
+@item(
+    "q_values",
+    "final Q over agents and Q* of every cell and action, and where policies differ",
+    meanings=_SPREAD
+    | {
+        "row": "row of the cell",
+        "column": "column of the cell",
+        "action": "action",
+        "mean": "mean over agents of the final Q",
+        "optimal": "optimal action value",
+        "difference": "`mean` minus `optimal`",
+        "is_optimal": "whether the action is optimal in the cell",
+        "largest_learned": "largest Q in the cell, mean over agents",
+        "differs": "share of agents whose greedy action in the cell is not optimal",
+    },
+)
+def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
+    """Tabulates final Q-values, and those of an agent that knows its state, with no wrong PING so far."""
     frames = []
-    for population in data.default:
-        best, q = optimal_values(population), population.arrays["q"]
-        row, column = population.model.position.repeat(len(ACTIONS), axis=0).T
-        columns = {"scenario": population.scenario, "row": row, "column": column}
-        columns["action"] = np.tile(ACTIONS, len(best))
+    for name, agents in few_agents(experiment, records).items():
+        best, q = optimal_values(agents), agents.arrays["q"]
+        row, column = agents.model.position.repeat(len(ACTIONS), axis=0).T
+        columns = {"scenario": name, "row": row, "column": column, "action": np.tile(ACTIONS, len(best))}
         values = _spread(q) | {"optimal": best, "difference": q.mean(axis=0) - best}
         values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
-        columns |= {name: array.ravel() for name, array in values.items()}
+        columns |= {key: array.ravel() for key, array in values.items()}
         columns["largest_learned"] = q.max(axis=-1).mean(axis=0).repeat(len(ACTIONS))
-        columns["differs"] = differing(population).repeat(len(ACTIONS))
+        columns["differs"] = differing(agents).repeat(len(ACTIONS))
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
 
-def differing(population: Population) -> NDArray[np.float64]:
-    """Returns the share of agents whose greedy action is not an optimal one, (O,).
-
-    An agent with several best actions, which it draws from, counts by the share that is not optimal.
-    """
-    best = contains(greedy_masks(optimal_values(population), OPTIMUM_TOLERANCE))  # (O, A)
-    greedy = contains(population.arrays["greedy"][:, -1])  # (N, O, A)
+def differing(agents: Records) -> NDArray[np.float64]:
+    """Returns the share of agents whose greedy action is not optimal, (O,); if they draw it, in part."""
+    best = contains(greedy_masks(optimal_values(agents), OPTIMUM_TOLERANCE))  # (O, A)
+    greedy = contains(agents.arrays["greedy"][:, -1])  # (N, O, A)
     wrong = (greedy & ~best).sum(axis=-1) / greedy.sum(axis=-1)
     return np.asarray(wrong.mean(axis=0))
 
@@ -253,8 +265,3 @@ def _spread(values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Returns mean, sample standard deviation and extremes over agents of (N, ...) values."""
     std = values.std(axis=0, ddof=1)
     return {"mean": values.mean(axis=0), "std": std, "min": values.min(axis=0), "max": values.max(axis=0)}
-
-
-def _is_optimal(scores: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Returns which scores are those of an optimal policy."""
-    return scores >= 1 - OPTIMUM_TOLERANCE

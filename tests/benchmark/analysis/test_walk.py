@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agents.dynamic_programming import evaluate, solve
 from agents.policy import contains, greedy_masks, mask_policy
 from benchmark.analysis.walk import CIRCLE, HORIZON, mulberry32, walk
-from envs import ACTIONS, Model, compile_scenario, load_scenario
+from envs import ACTIONS, compile_scenario, load_scenario
 
 UP, DOWN, LEFT, RIGHT, PING = (1 << action for action in range(len(ACTIONS)))
 S1 = compile_scenario(load_scenario("S1"))
@@ -64,16 +64,14 @@ def test_ending_takes_precedence_over_the_horizon() -> None:
     assert walk(S1, everywhere(RIGHT), 1).ending == HORIZON
 
 
+def test_walks_into_the_issuer_end_there() -> None:
+    model = compile_scenario(load_scenario("S1", {"grid.start": [6, 5]}))  # the issuer's row
+    walked = walk(model, everywhere(RIGHT), 200)
+    assert (walked.cells, walked.ending) == ((77, 78, 79, 80), "issuer_reached")
+
+
 def test_generator_gives_the_numbers_of_its_reference() -> None:
     # Printed by Tommy Ettinger's C code, and by the page's script in Node.
     assert list(islice(mulberry32(0), 4)) == [1144304738, 1416247, 958946056, 627933444]
     expected = [3330711924, 1013586841, 3849122242, 3043720034, 2559647987, 3994298338]
     assert list(islice(mulberry32(2021), 6)) == expected
-
-
-def test_walks_of_models_that_start_elsewhere() -> None:
-    model: Model = compile_scenario(load_scenario("S1", {"grid.start": [6, 5]}))  # the issuer's row
-    assert walk(model, everywhere(UP), 200).cells == (77, 65, 53, 41, 29, 17, 5, 5)
-    walked = walk(model, everywhere(RIGHT), 200)
-    assert walked.ending == "issuer_reached"
-    assert walked.cells == (77, 78, 79, 80)

@@ -49,17 +49,6 @@ def hatched(axis: Axes, film: Film) -> NDArray[np.bool_]:
     return np.asarray(np.array([path.contains_points(points) for path in paths]).any(axis=0))
 
 
-def test_values_are_on_the_side_to_which_the_moves_lead(film: Film) -> None:
-    drawn = shown(film, Moment(25, (0,)))
-    low, high = np.percentile(film.values, [1, 99])
-    sides = {"UP": (-0.25, 0.18), "DOWN": (0.25, 0.18), "LEFT": (0.18, -0.25), "RIGHT": (0.18, 0.25)}
-    for row, column in ((2, 3), (3, 8), (7, 2), (9, 6)):
-        values = film.values[25, row * 12 + column]
-        for name, (down, right) in sides.items():
-            value = values[ACTIONS.index(name)]
-            assert pixel(*drawn, row + down, column + right) == cividis(value, low, high)
-
-
 def test_agent_issuer_and_greedy_actions_are_marked(film: Film) -> None:
     cells = (0, 12, 3 * 12 + 4)
     axis, image = shown(film, Moment(25, cells))
@@ -104,7 +93,7 @@ def test_large_rooms_get_smaller_cells(film: Film) -> None:
     scene = scene_of(compile_scenario(load_scenario("S1", {"grid.rows": 10, "grid.columns": 900})))
     values, greedy = np.zeros((1, 9000, 5)), np.full((1, 9000), 31, dtype=np.uint8)
     made = Film("", scene, [0], values, greedy, np.zeros(1), film.walks[:1])
-    assert 7_900 < learning([[made]])[0].width < 8_200
+    assert 2_000 < learning([[made]])[0].width < 2_200
 
 
 def test_films_side_by_side_show_every_step_of_any(film: Film) -> None:
@@ -124,25 +113,23 @@ def test_animation_has_as_many_films_as_fit_into_a_file(film: Film, tmp_path: Pa
 
 
 def test_films_of_a_row_share_a_colour_scale(film: Film) -> None:
-    of_last: dict[str, Any] = {
-        "greedy": film.greedy[25:],
-        "scores": film.scores[25:],
-        "walks": film.walks[25:],
-    }
+    ranges = np.linspace(-1, 0, 600), np.linspace(0, 3, 600)
     row = [
-        replace(film, steps=[0], values=values.reshape(1, 120, 5), **of_last)
-        for values in (np.linspace(-1, 0, 600), np.linspace(0, 3, 600))
+        replace(film, steps=[0], values=values.reshape(1, 120, 5), greedy=film.greedy[25:])
+        for values in ranges
     ]
     screen = Screen([row])
     plt.close(screen.figure)
     image = screen.image()
     low, high = -0.98, 2.94  # without 12 of 1,200 values at each end
-    first, second, bar = screen.figure.axes
+    *axes, bar = screen.figure.axes
     assert bar.get_ylim() == pytest.approx((low, high), abs=0.01)
-    for axis, shown_film in ((first, row[0]), (second, row[1])):
-        for row_, column in ((2, 3), (7, 2), (9, 6)):
-            value = shown_film.values[0, row_ * 12 + column, 0]
-            assert pixel(axis, image, row_ - 0.3, column + 0.05) == cividis(value, low, high)
+    sides = {"UP": (-0.3, 0.05), "DOWN": (0.3, 0.05), "LEFT": (0.05, -0.3), "RIGHT": (0.05, 0.3)}
+    for axis, shown_film in zip(axes, row, strict=True):
+        for y, x in ((2, 3), (7, 2), (9, 6)):
+            for name, (down, right) in sides.items():
+                value = shown_film.values[0, y * 12 + x, ACTIONS.index(name)]
+                assert pixel(axis, image, y + down, x + right) == cividis(value, low, high)
 
 
 @pytest.mark.parametrize("name", ["film.webp", "film.GIF"])
@@ -185,11 +172,10 @@ def test_text_has_the_colours_of_the_largest_values(film: Film) -> None:
     greedy = film.greedy.copy()
     greedy[25, 7] = 31  # all alike: the agent has not been there
     text = to_text(replace(film, values=values, greedy=greedy), Moment(25, (0,)))
-    styles = [str(span.style) for span in text.spans][:120]
-    assert styles[1].endswith("rgb(255,255,255) on rgb(0,34,77)")  # the ends of cividis
-    assert styles[119].endswith("rgb(0,0,0) on rgb(253,231,55)") or styles[119].endswith("on rgb(254,232,56)")
-    assert styles[7].endswith("rgb(0,0,0) on rgb(250,250,250)")
-    assert styles[5].endswith("rgb(0,0,0) on rgb(250,250,250)")
+    styles = [str(span.style) for span in text.spans]
+    assert styles[1] == "rgb(255,255,255) on rgb(0,34,77)"  # the ends of cividis
+    assert styles[119] == "rgb(0,0,0) on rgb(253,231,55)"
+    assert styles[7] == styles[5] == "rgb(0,0,0) on rgb(250,250,250)"
 
 
 def test_film_of_an_agent_that_sees_the_offset_is_around_the_issuer() -> None:

@@ -107,7 +107,8 @@ def test_gallery_shows_zones_walls_people_starts_and_the_way() -> None:
     egg = scene_of(models[1])
     filled = [patch for patch in drawn(shown[3].patches, PathPatch) if patch.get_fill()]
     for (row, column), zone in zip(egg.position, egg.zone, strict=True):
-        colours = [each.get_facecolor() for each in filled if each.get_path().contains_point((column, row))]
+        covering = [patch for patch in filled if patch.get_path().contains_point((column, row))]
+        colours = [patch.get_facecolor() for patch in covering]
         (*_, colour) = colours or [shown[3].get_facecolor()]
         assert np.array(colour[:3]) * 255 == pytest.approx(COLOURS[zone])
     assert [len(np.asarray(line.get_xydata())) for line in shown[4].lines] == [95, 1]

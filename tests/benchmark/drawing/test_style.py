@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb, to_rgba
 
-from benchmark.drawing.style import _KNOWN, INK, figure_of, learner_style, save_figure, variant_style
+from benchmark.drawing.style import _KNOWN, INK, figure_of, learner_style, save_figure
 
 
 def brightness(colour: Any) -> float:
@@ -17,23 +17,21 @@ def brightness(colour: Any) -> float:
 
 
 def test_no_two_variants_look_alike_in_grey_either() -> None:
-    names = [*_KNOWN, *(f"mine_{i}" for i in range(300))]
-    styles = {name: variant_style(name, names) for name in names}
+    names = [*_KNOWN, *(f"mine_{i}" for i in range(120))]
+    styles = {name: learner_style(name, "index", names) for name in names}
     own = [styles[name] for name in names if name.startswith("mine")]
-    assert len({(to_rgba(style["color"]), style["marker"]) for style in own}) == 300
+    assert len({(to_rgba(style["color"]), style["marker"]) for style in own}) == 120
     assert styles["dqn_offset"] == styles["dqn"]  # the same learner with other settings
     known = [style for name, style in styles.items() if name in _KNOWN and not name.endswith("_offset")]
     assert len({style["marker"] for style in known}) == len(known)
-    assert (
-        variant_style("mine_1", ["dqn", "mine_0", "mine_1"]) == styles["mine_1"]
-    )  # known ones take no place
+    assert learner_style("mine_1", "index", ["dqn", "mine_0", "mine_1"]) == styles["mine_1"]
     for one, other in (("dqn", "dqn_linear"), ("ppo", "ppo_default"), ("dqn_default", "dqn_linear")):
         colours = [styles[name]["color"] for name in (one, other)]
         assert abs(brightness(colours[0]) - brightness(colours[1])) > 0.15, (one, other)
 
 
 def test_what_a_learner_observes_shows() -> None:
-    looks = [learner_style("dqn", each, []) for each in ("one_hot", "coordinates", "offset_coordinates")]
+    looks = [learner_style("dqn", form, []) for form in ("one_hot", "coordinates", "offset_coordinates")]
     assert len({str(look["ls"]) for look in looks}) == len({look["color"] for look in looks}) == 3
     assert len({look["marker"] for look in looks}) == 1
 

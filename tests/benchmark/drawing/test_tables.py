@@ -60,21 +60,21 @@ def test_columns_without_any_value_are_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("places", "rows"), [([0], "2"), ([2, 0], "2;4"), ([0, 1, 2], "2-4"), ([3, 1, 0], "2-3;5")]
+    ("indices", "rows"), [([0], "2"), ([2, 0], "2;4"), ([0, 1, 2], "2-4"), ([3, 1, 0], "2-3;5")]
 )
-def test_links_name_the_lines_of_the_csv_file(tmp_path: Path, places: list[int], rows: str) -> None:
+def test_links_name_the_lines_of_the_csv_file(tmp_path: Path, indices: list[int], rows: str) -> None:
     frame = pd.DataFrame({"value": [0.125, 2.0, 30.0, 4.5]})
     write_csv(frame, tmp_path / "t.csv")
     lines = (tmp_path / "t.csv").read_text().splitlines()
-    for i in places:
+    for i in indices:
         match = LINK.fullmatch(link("x", "t", frame.iloc[i]))
         assert match is not None
         assert match.groups()[:2] == ("x", "t.csv")
         assert float(lines[int(match[3]) - 1]) == frame["value"][i]
-    linked = link("0.5 [0, 1]", "t", frame.loc[places])
+    linked = link("0.5 [0, 1]", "t", frame.loc[indices])
     assert linked == f"[0.5 [0, 1]](t.csv#row={rows})"
-    assert link("x", "t", *(frame.loc[i] for i in places)) == f"[x](t.csv#row={rows})"
-    assert plain(f"It is {link('0.5', 't', frame.loc[places])}.") == "It is 0.5."
+    assert link("x", "t", *(frame.loc[i] for i in indices)) == f"[x](t.csv#row={rows})"
+    assert plain(f"It is {link('0.5', 't', frame.loc[indices])}.") == "It is 0.5."
 
 
 # Texts of somebody else
@@ -119,9 +119,9 @@ def test_names_of_missing_values_are_texts(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_markdown_of_a_text_is_the_text_in_a_paragraph(text: str) -> None:
     rendered = markdown_parser().render(f"before\n\n{paragraph(text)}\n\n[a] [^1]")
-    found = re.fullmatch(r"<p>before</p>\n<p>(.*)</p>\n<p>\[a\] \[\^1\]</p>\n", rendered)
-    assert found is not None
-    shown = re.sub("</?(em|strong|code)>", "", found[1])
+    match = re.fullmatch(r"<p>before</p>\n<p>(.*)</p>\n<p>\[a\] \[\^1\]</p>\n", rendered)
+    assert match is not None
+    shown = re.sub("</?(em|strong|code)>", "", match[1])
     assert "<" not in shown
     assert "$" not in paragraph(text)  # sites draw formulas
     if "`" not in text and "*" not in text:

@@ -2,95 +2,24 @@
 
 import threading
 import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
 import pytest
-from numpy.random import SeedSequence
 
-from agents import Algorithm, LearnerSettings, Schedule, Training, load_algorithm
+from agents import load_algorithm
 from agents.dynamic_programming import evaluate
-from agents.policy import ALL_ACTIONS, mask_policy
+from agents.policy import mask_policy
 from benchmark.execution import job as execution
 from benchmark.execution.driver import pending, run
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import (
-    RunSpecification,
-    all_specifications,
-    load_experiment,
-)
-from envs import Model, compile_scenario
+from benchmark.experiments import all_specifications, load_experiment
+from envs import compile_scenario
 from tests.support import specifications
 
 SMALL = load_experiment("reproduce_smoke")
-
-
-class Settings(LearnerSettings):
-    """A budget and a time limit."""
-
-    @property
-    def discount_factor(self) -> float:
-        """A constant."""
-        return 0.9
-
-
-class Toy(Algorithm):
-    """An algorithm whose tables hold a number that depends on the seed, or that raises an error."""
-
-    error: Exception | None = None
-    settings = Settings
-    batch_size = 4
-    placement = "thread"
-
-    def train(
-        self,
-        model: Model,
-        settings: Any,  # noqa: ARG002
-        observation: str,  # noqa: ARG002
-        seeds: Sequence[SeedSequence],
-        schedule: Schedule,
-        logs: Sequence[Path] = (),  # noqa: ARG002
-    ) -> Training:
-        """Fills the tables of action values."""
-        if self.error is not None:
-            raise self.error
-        learned = np.array([seed.generate_state(1)[0] for seed in seeds], dtype=np.float64)
-        n, steps, table = len(seeds), len(schedule.evaluation_steps), (model.n_observations, 5)
-        return Training(
-            greedy=np.full((n, steps, model.n_observations), ALL_ACTIONS, dtype=np.uint8),
-            q=np.broadcast_to(learned[:, None, None], (n, *table)),
-            stochastic=np.empty((n, 0, *table)),
-            values=np.zeros((n, len(schedule.map_steps), *table), dtype=np.float32),
-            disagreements=np.zeros((n, steps), dtype=np.int64),
-            cpu_time_s=np.zeros((n, steps)),
-            updates=np.zeros(n, dtype=np.int64),
-            parameters=np.ones(n, dtype=np.int64),
-            diverged_at=np.full(n, -1),
-        )
-
-
-FICKLE = Toy()
-
-
-def toy_runs(folder: Path, name: str, seeds: Sequence[int]) -> list[RunSpecification]:
-    """Runs of one of the algorithms above."""
-    path = folder / "toy.toml"
-    path.write_text(
-        f"""
-        description = ""
-        scenarios = ["S1"]
-        horizon = 200
-        evaluation_every = 250
-        map_every = 1000
-        settings.budget = 10_000
-        algorithms.toy = {{ algorithm = "{__name__}:{name}", observations = ["index"], seeds = 10 }}
-        """,
-        encoding="utf-8",
-    )
-    return specifications(load_experiment(path), "default", "S1", "toy", "index", seeds)
 
 
 def test_every_run_is_reported_once(tmp_path: Path) -> None:
@@ -135,10 +64,14 @@ def test_records_hold_what_training_and_evaluation_gave(tmp_path: Path) -> None:
 
 
 def test_failed_runs_are_stored_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = toy_runs(tmp_path, "FICKLE", range(6))
+    runs = all_specifications(SMALL)[:6]
+
+    def fail(_: str) -> NoReturn:
+        raise FloatingPointError("diverged")
+
     with Store(tmp_path / "runs.db") as store:
         with monkeypatch.context() as patch:
-            patch.setattr(FICKLE, "error", FloatingPointError("diverged"))
+            patch.setattr(execution, "load_algorithm", fail)
             errors = run(runs, store, jobs=1)
         assert errors == ["FloatingPointError: diverged"] * 6
         assert set(store.statuses().values()) == {"failed"}

@@ -14,7 +14,6 @@ from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 from benchmark.__main__ import main
 from benchmark.analysis.population import Population
-from benchmark.commands.doctor import BROWSERS
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.page import build
@@ -23,7 +22,7 @@ from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.page.made import TEXT, Learners, load
 from tests.support import ROOT
 
-CHROMIUM = next(filter(None, map(shutil.which, BROWSERS)), None)
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",

@@ -74,5 +74,5 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     experiment = experiment_of(results / "small.toml")
     with Store(results / "runs.db") as store:
         trained(experiment, store)
-        assert draw.draw(experiment, store, results / "small").is_new
+        assert draw.draw(experiment, draw.report_of(experiment), store, results / "small").is_new
     return Drawn(experiment, results, results / "small")

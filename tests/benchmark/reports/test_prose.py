@@ -1,52 +1,72 @@
-"""Texts written by hand: their numbers are in the tables, whose rows show their claims."""
+"""Texts written by hand: their numbers are in the tables, which show their claims."""
 
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
+from benchmark.drawing.tables import LINK
 from benchmark.experiments import EXPERIMENT_DIRECTORY
+from benchmark.reports import prose
 from benchmark.reports.document import Document
+from benchmark.reports.folder import Folder
 from envs import InputError
-from tests.benchmark.reports.sentences import check_links
 from tests.support import ROOT
 
 NAMES = [path.name.partition(".")[0] for path in sorted(EXPERIMENT_DIRECTORY.glob("*.md.jinja"))]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_numbers_of_published_texts_are_in_the_tables(name: str) -> None:
-    document = Document(ROOT / "results" / name)
-    assert document.headline == document.written is not None
-    check_links(document, fewest=1)
+def test_published_tables_show_what_texts_claim_and_have_their_numbers(name: str) -> None:
+    folder = Folder(ROOT / "results" / name)
+    text = prose.written(folder)
+    assert text is not None
+    links = [link for link in LINK.findall(text) if link[2].isdigit()]  # to a single row
+    assert links
+    for number, file, row in links:
+        values = pd.read_csv(folder.path / file).iloc[int(row) - 2]
+        shown = {f"{value:,.{n}f}" for value in values if isinstance(value, int | float) for n in range(3)}
+        assert number in shown or number.endswith(("s", *values.astype(str))), number  # seconds, or a name
 
 
-def copied(folder: Path, **changes: str) -> Document:
-    """Copies the published results of the search, with changes of texts in some files."""
-    shutil.copytree(ROOT / "results" / "tuning", folder)
+def copied(path: Path, **changes: str) -> Folder:
+    """Copies the published replication, with changes of texts in some files."""
+    shutil.copytree(ROOT / "results" / "reproduce", path)
     for stem, change in changes.items():
-        path = next(folder.glob(f"{stem}.*"))
+        file = next(path.glob(f"{stem}.*"))
         old, new = change.split(" -> ")
-        text = path.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8")
         assert old in text
-        path.write_text(text.replace(old, new), encoding="utf-8")
-    return Document(folder)
+        file.write_text(text.replace(old, new), encoding="utf-8")
+    return Folder(path)
 
 
-def test_a_claim_that_tables_do_not_show_is_refused_and_not_published(tmp_path: Path) -> None:
-    missing = copied(tmp_path / "missing", chosen="watkins_q_lambda,offset -> watkins_q_lambda,index")
-    with pytest.raises(InputError, match=r"missing: .*chosen.csv has 0 rows with .*watkins_q_lambda"):
-        _ = missing.headline
-    false = copied(tmp_path / "false", chosen="0.808792,0.7315 -> 0.1,0.7315")
-    with pytest.raises(InputError, match=r"do not show what the text claims: the best net is DQN"):
-        _ = false.written
-    assert false.headline == false.report.headline(false.folder)
+def test_a_claim_that_tables_do_not_show_is_not_published(tmp_path: Path) -> None:
+    folder = copied(tmp_path / "false", claims="holds,0.361358 -> undecided,0.361358")
+    assert prose.failed_claims(folder) == ["variability-S2 holds"]
+    with pytest.raises(prose.ClaimError, match="do not show that variability-S2 holds"):
+        prose.written(folder)
+    document = Document(folder.path)
+    assert document.headline == document.report.headline(folder)
+
+
+def test_a_number_that_tables_do_not_have_is_refused(tmp_path: Path) -> None:
+    folder = copied(tmp_path / "missing", claims="S2/S1,1000 -> S2/S9,1000")
+    with pytest.raises(InputError, match=r"missing: .*claims.csv has 0 rows with .*variability-S2"):
+        prose.written(folder)
 
 
 @pytest.mark.parametrize(
-    "change", ['"partial": "" -> "partial": "Few."', "tuning --rep -> tuning --seeds 0-9 --rep"]
+    "change", ['"partial": "" -> "partial": "Few."', "reproduce --rep -> reproduce --seeds 0-9 --rep"]
 )
-def test_other_runs_have_generated_sentences(change: str, tmp_path: Path) -> None:
-    document = copied(tmp_path / "tuning", manifest=change)
-    assert document.written is None
-    assert document.headline is not None
+def test_other_runs_have_no_text(change: str, tmp_path: Path) -> None:
+    assert prose.written(copied(tmp_path / "other", manifest=change)) is None
+
+
+def test_paragraphs_are_found_by_their_title() -> None:
+    folder = Folder(ROOT / "results" / "when")
+    assert prose.paragraphs(folder).startswith("In a room of 10")
+    assert prose.paragraphs(folder, "How nets generalise").startswith("**How nets generalise.** As a control")
+    with pytest.raises(InputError, match=r"when: its text has no paragraph nothing"):
+        prose.paragraphs(folder, "nothing")

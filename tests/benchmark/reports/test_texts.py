@@ -11,8 +11,8 @@ import pytest
 from markdown_it.token import Token
 
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment
 from benchmark.reports import draw
+from benchmark.reports.data import load
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.reports.conftest import experiment_of, trained
 from tests.support import markdown_parser
@@ -47,29 +47,27 @@ kind = "comparison"
 omit = ["agents", "learning", "wrong_pings"]
 pool = "none"
 contrasts = [["one-1, index", "2_two, index"]]
-effects = [["mood-1 @ one-1, index", "S1 @ one-1, index", EFFECT], ["mood-1", "S1", OTHER]]
+effects = [["mood-1", "S1", EFFECT]]
 """
 
 
 @pytest.fixture(scope="module")
-def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Path]:
-    """An experiment with these texts, and its folder of results."""
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders with the results of an experiment with these texts, its LaTeX tables and its SVG figures."""
     folder = tmp_path_factory.mktemp("texts")
     moody = (SCENARIO_DIRECTORY / "Moody.toml").read_text(encoding="utf-8")
     moody = moody.replace('"calm"', json.dumps(PHASE)).replace("{ calm =", f"{{ {json.dumps(PHASE)} =")
     moody = re.sub("description = .*", lambda _: f"description = {json.dumps(TEXT)}", moody)
     (folder / "mood-1.toml").write_text(moody, encoding="utf-8")
-    text = EXPERIMENT.replace("FOLDER", str(folder))
-    text = (
-        text.replace("EFFECT", json.dumps(EFFECT))
-        .replace("OTHER", json.dumps("2" + EFFECT))
-        .replace("GROUP", json.dumps(GROUP))
-    )
-    experiment = experiment_of(folder / "mine-1.toml", text)
+    text = EXPERIMENT.replace("FOLDER", str(folder)).replace("EFFECT", json.dumps(EFFECT))
+    experiment = experiment_of(folder / "mine-1.toml", text.replace("GROUP", json.dumps(GROUP)))
+    report = draw.report_of(experiment)
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
-        draw.draw(experiment, store, folder / "mine-1")
-    return experiment, folder / "mine-1"
+        draw.draw(experiment, report, store, folder / "mine-1")
+        for form in ("tex", "svg"):
+            draw.export(load(experiment, store), report, folder / form, form)
+    return folder
 
 
 def walk(tokens: list[Token] | None) -> Iterator[Token]:
@@ -78,10 +76,8 @@ def walk(tokens: list[Token] | None) -> Iterator[Token]:
         yield from walk(token.children)
 
 
-def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(
-    hostile: tuple[Experiment, Path],
-) -> None:
-    parser, text = markdown_parser(), (hostile[1] / "README.md").read_text(encoding="utf-8")
+def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(hostile: Path) -> None:
+    parser, text = markdown_parser(), (hostile / "mine-1" / "README.md").read_text(encoding="utf-8")
     tokens = list(walk(parser.parse(text)))
     kinds = Counter(token.type for token in tokens)
     assert not kinds["html_block"] + kinds["html_inline"]
@@ -95,26 +91,15 @@ def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(
     assert cells == sum(rows)
     words = " ".join(html.unescape(re.sub("<[^>]+>", " ", parser.render(text))).split())
     assert words.count(" ".join(TEXT.split())) == 3  # of the experiment, its note and the scenario
-    assert f"Exploratory, {EFFECT}: the success of" in words
 
 
-@pytest.fixture(scope="module")
-def exported(hostile: tuple[Experiment, Path]) -> Path:
-    """The experiment's tables for LaTeX, and its figures as SVG files."""
-    experiment, folder = hostile
-    with Store(folder.parent / "runs.db", read_only=True) as store:
-        for form in ("tex", "svg"):
-            draw.export(experiment, store, folder.parent / form, None, form)
-    return folder.parent
-
-
-def test_latex_has_no_commands_but_its_own(exported: Path) -> None:
+def test_latex_has_no_commands_but_its_own(hostile: Path) -> None:
     own = {
         "LTleft", "LTright", "begin", "bottomrule", "end", "endhead", "ensuremath", "footnotesize", "hline",
         "midrule", "setlength", "tabcolsep", "textasciitilde", "textbackslash", "textbar", "textbf",
         "toprule", "usepackage",
     }  # fmt: skip
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in (exported / "tex").glob("*.tex")}
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in (hostile / "tex").glob("*.tex")}
     assert r"\textbackslash{}input\{x\}" in texts["scenarios"]
     for name, text in texts.items():
         assert set(re.findall(r"\\([A-Za-z]+)", text)) <= own, name
@@ -123,11 +108,11 @@ def test_latex_has_no_commands_but_its_own(exported: Path) -> None:
         assert not re.findall(r"(?<!\\)[$#]|\|", text)
 
 
-def test_figures_have_the_texts_as_characters(exported: Path) -> None:
+def test_figures_have_the_texts_as_characters(hostile: Path) -> None:
     """Ill-formed mathematics could not have been drawn."""
     texts = {
         path.stem: html.unescape("\n".join(re.findall("<text[^>]*>([^<]*)</text>", path.read_text())))
-        for path in (exported / "svg").glob("*.svg")
+        for path in (hostile / "svg").glob("*.svg")
     }
     assert f"{EFFECT}:\nmood-1" in texts["effects"]
     assert PHASE in texts["scenarios"]

@@ -1,0 +1,97 @@
+"""The manifest of a folder of results: what was run, and from the records what ran it."""
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from benchmark.analysis.records import Provenance
+from benchmark.experiments import RunSpecification
+from benchmark.reports.data import Data
+
+
+def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[str, object]:
+    """Returns the manifest; drawing again gives the same.
+
+    Args:
+      data: What is drawn.
+      seeds: Other seeds than the declared ones.
+      before: The manifest that this one replaces, if there is one.
+    """
+    declared, runs = data.experiment.declared, data.specifications
+    sizes = Counter(run.population for run in runs)
+    largest = max(sizes, key=lambda population: sizes[population])
+    # One run of each learner in each scenario, under the first condition that has it.
+    first: dict[tuple[str, str], RunSpecification] = {}
+    for group in data.groups:
+        population = group.population
+        first.setdefault((population.scenario.name, population.learner.name), population.first)
+    option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
+    manifest = {
+        "experiment": declared.name,
+        "description": declared.description,
+        "command": f"python -m benchmark run {declared.argument}{option} --report",
+        "partial": data.note,
+        "argument": declared.argument,
+        **declared.model_dump(mode="json", include={"report", "solved", "search"}),
+        "grids": {name: [*grid.axes] for name, grid in declared.grids.items()},
+        "horizon": declared.horizon,
+        "scenarios": {run.scenario.name: run.scenario.model_dump(mode="json") for run in first.values()},
+        "algorithms": _variants(data, first, sizes),
+        "note": declared.note.strip(),
+        "readings": {
+            name: reading.model_dump(include={"question", "answer"})
+            for name, reading in declared.readings.items()
+        },
+        "runs": len(runs),
+        "seeds": sizes[largest],
+        "first_seed": min(run.seed for run in runs if run.population == largest),
+        "digest": hashlib.sha256("".join(sorted(run.digest for run in runs)).encode()).hexdigest(),
+        **_made_by(data.provenance),
+    }
+    return manifest | {"looks": _looks(before, manifest)}
+
+
+def _variants(
+    data: Data, first: Mapping[tuple[str, str], RunSpecification], sizes: Mapping[str, int]
+) -> dict[str, dict[str, object]]:
+    """Returns what is said of each variant, with the settings of its learners by form of observation."""
+    variants: dict[str, dict[str, object]] = {}
+    settings: dict[str, dict[str, object]] = {}
+    for (_, name), run in first.items():
+        learner = data.experiment.learners[name]
+        keys = {"algorithm", "title", "reference_for", "policy", "tuned_by"}
+        about = learner.declared.model_dump(include=keys)
+        about |= {"family": learner.family, "packages": learner.algorithm.packages}
+        about |= {"changed": learner.changed, "runs": sizes[run.population]}  # in a scenario
+        of_forms = settings.setdefault(learner.variant, {})
+        of_forms[learner.observation] = run.settings.model_dump(mode="json")
+        variants.setdefault(learner.variant, about | {"settings": of_forms})
+    return variants
+
+
+def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
+    """Returns what made the runs, and when."""
+    keys = {"commits": "commit", "machines": "machine", "processors": "processor", "versions": "versions"}
+    # Records that were made before the processor was noted do not have it.
+    texts = {
+        key: {json.dumps(run[name], sort_keys=True) for run in provenance if name in run}
+        for key, name in keys.items()
+    }
+    return {key: [json.loads(text) for text in sorted(found)] for key, found in texts.items()} | {
+        "first_started_at": min(run["started_at"] for run in provenance),
+        "last_started_at": max(run["started_at"] for run in provenance),
+        "busy_time_s": round(sum(run["wall_time_s"] for run in provenance), 3),
+    }
+
+
+def _looks(path: Path, manifest: Mapping[str, object]) -> list[int]:
+    """Returns how many seeds earlier reports in this folder had, if fewer of the same than there are now."""
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+        if any(before[key] != manifest[key] for key in ("experiment", "first_seed")):
+            return []
+        return sorted(n for n in {*before["looks"], before["seeds"]} if n < manifest["seeds"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
