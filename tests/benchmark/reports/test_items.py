@@ -159,7 +159,7 @@ def test_the_best_learner_of_each_class_is_that_of_the_search() -> None:
     }  # fmt: skip
     for gone in ({"soft", "ppo"}, {"near", "ppo"}):  # no stochastic policy, or nobody sees the offset
         left = {name: each for name, each in chosen.items() if name not in gone}
-        assert item("classes").table(data_of(cells, chosen=left)) is None
+        assert item("classes").tabulate(data_of(cells, chosen=left)) is None
 
 
 def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> None:
@@ -198,7 +198,7 @@ def test_many_contrasts_are_counted_in_a_table() -> None:
     learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0))}
     scenarios = ["S1", "S2", "S3", "Hall"]
     few = compared(learners, [("x", "y")], ["y"], scenarios, pool="none")
-    assert item("verdicts").table(few) is None
+    assert item("verdicts").tabulate(few) is None
     learners["z"] = Made("deep", 1.0)
     many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
     assert table("verdicts", many).to_dict("records") == [
@@ -262,7 +262,7 @@ def until_learned(steps: NDArray[np.int_], n_points: int) -> NDArray[np.float64]
 
 def ratios(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[dict[str, float]]:
     data = data_of([Cell("net", x, family="deep"), Cell("table", y)])
-    frame = item("speedups").table(data)
+    frame = item("speedups").tabulate(data)
     return [] if frame is None else frame.to_dict("records")  # type: ignore[return-value]
 
 
