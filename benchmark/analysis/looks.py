@@ -25,7 +25,7 @@ from benchmark.analysis.frames import Group, by_population, by_step, learned, ta
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
 from benchmark.execution import driver
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, Population, RunSpecification
+from benchmark.experiments import Experiment, Population
 
 NEITHER: Final = "neither"  # most runs of neither learner learn, whatever their budgets
 TOO_SHORT: Final = "too short"  # nor within the smaller budget; within its own, most runs of one do
@@ -163,35 +163,26 @@ def _look(
     return None if decision is None else Contrast(*sides, (x[: decision.n], y[: decision.n]), decision)
 
 
-def groups(experiment: Experiment, store: Store) -> list[Group]:
-    """Lists the runs of all populations that are known by what is stored, at all looks."""
-    *_, last = _stages(experiment, store)
-    return last
+def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
+    """Yields the declared runs, and for every further look those of contrasts that are undecided before it.
 
-
-def further_stages(experiment: Experiment, store: Store) -> Iterator[list[RunSpecification]]:
-    """Yields the further runs of every look, as long as those before are stored: of undecided contrasts."""
-    for before, now in pairwise(_stages(experiment, store)):
-        known = {run.digest for group in before for run in group.runs}
-        runs = {run.digest: run for group in now for run in group.runs}
-        yield [run for digest, run in runs.items() if digest not in known]
-
-
-def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
-    """Yields the runs of all populations at one look after the other."""
+    A stage is known as soon as all runs before are stored.
+    """
     assert experiment.report is not None
-    seeds = {population: population.seeds for population in experiment.populations}
-    sides = dict.fromkeys(side for pair in compared(experiment) for side in pair)
-    yield [Group(population, population.runs()) for population in seeds]
-    for n in experiment.report.looks[1:]:
-        looked_at = [Group(side, side.runs(seeds[side])) for side in sides]
-        if driver.pending([run for group in looked_at for run in group.runs], store):
+    sides = {side for pair in compared(experiment) for side in pair}
+    groups = [Group(population, population.runs()) for population in experiment.populations]
+    looked_at = [group for group in groups if group.population in sides]
+    yield groups
+    for before, n in pairwise(experiment.report.looks):
+        if driver.pending([run for group in groups for run in group.runs], store):
             return
         _, curves = tables(looked_at, store, ["success", *SPENT.values()])
         looked = contrasts(experiment, curves)
         undecided = [contrast for contrast in looked if contrast.decision.verdict == UNDECIDED]
-        if not undecided:
+        more = dict.fromkeys(side for contrast in undecided for side in (contrast.x, contrast.y))
+        if not more:
             return
-        for side in (side for contrast in undecided for side in (contrast.x, contrast.y)):
-            seeds[side] = range(side.seeds.start, side.seeds.start + n)
-        yield [Group(population, population.runs(some)) for population, some in seeds.items()]
+        first = {side: side.seeds.start for side in more}
+        groups = [Group(side, side.runs(range(start + before, start + n))) for side, start in first.items()]
+        looked_at += groups
+        yield groups

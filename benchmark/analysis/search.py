@@ -9,7 +9,7 @@ seeds, the chosen settings, and the same with one of them at other values.
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice, product
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmark.analysis.frames import Group, tables
 from benchmark.execution import driver
 from benchmark.execution.store import Store
-from benchmark.experiments import Experiment, Learner, Population, RunSpecification
+from benchmark.experiments import Experiment, Learner, Population
 from benchmark.experiments.search import Chosen, Search
 from envs.inputs import override, parse
 
@@ -89,7 +89,8 @@ def settings_of(experiment: Experiment, learner: Learner, trial: int) -> dict[st
 
 def chosen(experiment: Experiment, store: Store) -> dict[str, Chosen]:
     """Returns the chosen settings of every learner and the effort, by its name; all runs are stored."""
-    return chosen_by(experiment, tables(groups(experiment, store), store, COLUMNS)[0])
+    groups = [group for groups in stages(experiment, store) for group in groups]
+    return chosen_by(experiment, tables(groups, store, COLUMNS)[0])
 
 
 def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
@@ -110,19 +111,7 @@ def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
     return found
 
 
-def groups(experiment: Experiment, store: Store) -> list[Group]:
-    """Lists the runs of all stages that are known by what is stored."""
-    return [group for stage in _stages(experiment, store) for group in stage]
-
-
-def further_stages(experiment: Experiment, store: Store) -> Iterator[list[RunSpecification]]:
-    """Yields the runs of the second and third stage, each as long as those before are stored."""
-    for stage in islice(_stages(experiment, store), 1, None):
-        runs = {run.digest: run for group in stage for run in group.runs}
-        yield [*runs.values()]
-
-
-def _stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
+def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     """Yields the runs of each stage, as long as those before are stored."""
     search, names = experiment.declared.search, [*experiment.scenarios]
     assert search is not None

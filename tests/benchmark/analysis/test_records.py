@@ -1,30 +1,23 @@
-"""Populations: what they are read from, and what is computed of each."""
+"""Records: what they are read from, and what is computed of each."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmark.analysis.intervals import RESAMPLES
-from benchmark.analysis.population import load_population, optimal_values, overlap
+from benchmark.analysis.records import load_records, optimal_values, overlap
 from benchmark.execution.driver import run
 from benchmark.execution.executors.threads import Threads
 from benchmark.execution.store import Store
-from benchmark.experiments import load_experiment, specifications
+from benchmark.experiments import load_experiment
 from envs import InputError
 from envs.model import PING
 from tests.benchmark.populations import population
+from tests.support import specifications
 
 SMOKE = load_experiment("reproduce_smoke")
-
-
-def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
-    runs = specifications(SMOKE, "default", "S1", "q_learning", "index", [0])
-    with Store(tmp_path / "runs.db") as store:
-        run(runs, store, 1, executor=Threads)
-        with pytest.raises(InputError, match="runs per scenario and learner = 1: accepted: at least 2"):
-            load_population(runs, store)
-        assert len(load_population(runs, store, fewest=1).unbounded_scores) == 1
 
 
 def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
@@ -32,9 +25,9 @@ def test_incomplete_populations_are_refused(tmp_path: Path) -> None:
     with Store(tmp_path / "runs.db") as store:
         run(runs[:2] + runs[3:], store, 1, executor=Threads)
         with pytest.raises(InputError, match=r"1 of 6 runs of q_learning in S2 .* \(the first is seed 2\)"):
-            load_population(runs, store)
+            load_records(runs, store)
         run(runs, store, 1, executor=Threads)
-        loaded = load_population(runs[::-1], store)
+        loaded = load_records(runs[::-1], store)
         assert list(loaded.seeds) == [5, 4, 3, 2, 1, 0]
         records = store.get([runs[i].digest for i in (5, 0)])
     for i, record in zip((0, 5), records, strict=True):
@@ -48,7 +41,7 @@ def test_scores_lie_between_the_exact_anchors() -> None:
     random, optimal = population().anchors["grid_return"]
     assert optimal == pytest.approx(0.0, abs=1e-12)
     returns = np.array([[optimal, random, (optimal + random) / 2, random - (optimal - random)]])
-    assert population(n=1, grid_return=returns).unbounded_scores[0] == pytest.approx([1, 0, 0.5, -1])
+    assert population(n=1, grid_return=returns).unbounded_scores()[0] == pytest.approx([1, 0, 0.5, -1])
 
 
 def test_target_cells_are_those_of_the_region() -> None:
@@ -66,7 +59,8 @@ def test_ping_is_valued_where_its_value_is_positive() -> None:
     began = np.full((1, 120, 5), 0.5)  # what a table began with is no value of PING
     began[0, 7, PING], began[0, 8, PING] = 0.4, -0.1
     made = population(n=1, q=began)
-    made.specification["settings"]["initial_value"] = 0.5
+    settings = made.run.settings.model_copy(update={"initial_value": 0.5})
+    made = replace(made, run=replace(made.run, settings=settings))
     assert np.flatnonzero(made.values_ping[0]).tolist() == [7]
 
 
