@@ -71,7 +71,7 @@ class Cell(NamedTuple):
     observation: str = "index"
     reference_for: str = ""
     wrong_pings: ArrayLike = 0  # (N, T) of training, since its start
-    runs: Mapping[str, ArrayLike] = {}  # further columns of the table `runs`
+    runs: Mapping[str, Sequence[float]] = MappingProxyType({})  # further columns of the table `runs`
 
 
 def over_training(final: ArrayLike) -> NDArray[np.float64]:

@@ -29,10 +29,11 @@ NEVER = math.inf
 
 
 def test_steps_count_from_the_last_evaluation_below_enough() -> None:
-    early, late, never = [0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]
+    curves = [[0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]]
+    early, late, never = np.array(curves)
     cells = [
-        Cell("a", [early] * 3 + [never]),
-        Cell("b", [late, late, late, early]),
+        Cell("a", np.array([early] * 3 + [never])),
+        Cell("b", np.array([late] * 3 + [early])),
         Cell("c", np.ones((2, 5))),
     ]
     a, b, c = table("steps", data_of(cells)).to_dict("records")
@@ -57,6 +58,7 @@ def test_wrong_pings_are_counted_per_1000_steps_since_the_last_evaluation() -> N
 
 def test_region_by_hand() -> None:
     """The target region of S1 has 16 cells; a run without any marked cell has no precision."""
+    marked: dict[str, list[float]]
     marked = {"target_cells_marked": [8, 16], "cells_marked": [8, 24], "region_overlap": [8 / 16, 16 / 24]}
     data = data_of([Cell("a", np.zeros(2), runs=marked), Cell("b", np.zeros(2))])
     row, none = table("region", data).to_dict("records")

@@ -1,7 +1,8 @@
 """What a comparison concludes: rules by hand, and outcomes that must not be drawn."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,8 +23,8 @@ def outcomes(data: Data) -> list[str]:
     return list(table("outcomes", data)["outcome"])
 
 
-def contrasts(data: Data) -> list[dict[str, object]]:
-    return table("contrasts", data).to_dict("records")  # type: ignore[return-value]
+def contrasts(data: Data) -> list[dict[Hashable, Any]]:
+    return table("contrasts", data).to_dict("records")
 
 
 def headline(path: Path, data: Data) -> str:
@@ -237,7 +238,7 @@ def test_exchanging_x_and_y_exchanges_better_and_worse_and_nothing_else(y: tuple
         assert one[f"{endpoint}_except"] == other[f"{endpoint}_except"]
         for key, opposite in (("", ""), ("_low", "_high"), ("_low_90", "_high_90")):
             value = one[f"{endpoint}_difference{key}"]
-            assert value == pytest.approx(-np.float64(other[f"{endpoint}_difference{opposite}"]))
+            assert value == pytest.approx(-other[f"{endpoint}_difference{opposite}"])
         for key in ("p_different", "p_equivalent"):
             assert one[f"{endpoint}_{key}"] == pytest.approx(other[f"{endpoint}_{key}"], nan_ok=True)
 
@@ -296,9 +297,9 @@ def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     }
     data = compared(learners, baseline=["table"], scenarios=["S1", "S2", "S3", "Hall", "Walls"], pool="none")
     assert headline(tmp_path, data) == (
-        "With 400 steps of training and 50 to 100 runs per learner, of 5 scenarios: deep RL earns its keep in 1 "
-        "(S1); deep RL does not earn its keep in 2 (S2 and S3); only nets have learned in 1 (Walls); neither a "
-        "table nor a net compared has learned in 1 (Hall)."
+        "With 400 steps of training and 50 to 100 runs per learner, of 5 scenarios: deep RL earns its keep "
+        "in 1 (S1); deep RL does not earn its keep in 2 (S2 and S3); only nets have learned in 1 (Walls); "
+        "neither a table nor a net compared has learned in 1 (Hall)."
     )
 
 
