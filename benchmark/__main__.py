@@ -17,7 +17,7 @@ _SPEED_INTERRUPTED: Final = "interrupted: a table is written only after all rows
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Returns whether Ctrl-C was pressed; packages turn that into errors of their own."""
+    """Returns whether Ctrl-C was pressed, which packages may turn into errors of their own."""
     if error is None:
         return False
     is_one = "KeyboardInterrupt" in f"{type(error).__name__}: {error}"
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if [] in vars(options).values():  # argparse takes the -- of --save=-- away
             raise InputError("an option has the value --; accepted: another value.")
         command = options.command
-        if command == "doctor":  # which would end, or hang, by what it is to find
+        if command == "doctor":
             _examine()
         # Imported on demand: --help and mistakes do not wait for what a command needs.
         with needed_by(f"benchmark {command}"):
@@ -95,16 +95,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _examine() -> None:
-    """Refuses, by an InputError, a package that cannot be imported and without which no command works."""
-    there = [module for module in EXTRAS["reproduce"] if find_spec(module) is not None]
-    found = packages.unusable(there, os.cpu_count() or 1)
-    for module in there:
-        if module in found:
-            raise InputError(found[module])
+    """Refuses a package whose import fails or hangs and without which `doctor` itself cannot run."""
+    installed = [module for module in EXTRAS["reproduce"] if find_spec(module) is not None]
+    problems = packages.unusable(installed, os.cpu_count() or 1)
+    for module in installed:
+        if module in problems:
+            raise InputError(problems[module])
 
 
 def _open_streams() -> None:
-    """Opens the standard streams that are closed, or a file would take the place of one."""
+    """Opens the standard streams that are closed, since a file would get the descriptor of one."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -115,7 +115,7 @@ def _open_streams() -> None:
 
 
 def _silence_output() -> None:
-    """Lets what is still to be printed go nowhere: at its end, Python would try again."""
+    """Discards what is still to be printed, which Python would try to print when it exits."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -129,9 +129,12 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    raw = argparse.RawDescriptionHelpFormatter
-    about = "Runs experiments on the proxemic gridworld and draws their results."
-    parser = _Parser(prog="python -m benchmark", description=about, epilog=_EPILOG, formatter_class=raw)
+    parser = _Parser(
+        prog="python -m benchmark",
+        description="Runs experiments on the proxemic gridworld and draws their results.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     def command(name: str, summary: str, results: Path | None = Path("results")) -> argparse.ArgumentParser:
@@ -165,9 +168,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "only write figures (svg, pdf) or tables (tex) in this form, into EXPERIMENT_FORMAT"
     report.add_argument("--format", choices=("svg", "pdf", "tex"), help=about)
 
-    verify = command(
-        "verify", "verify checksums, repeat some runs, and make tables, figures, texts and page again"
-    )
+    summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
+    verify = command("verify", summary)
     _add_experiment(verify, "; by default all that 'list' shows", seeds=False)
     about = "how many runs to repeat, drawn at random (default: 20)"
     verify.add_argument("--runs", type=int, default=20, metavar="N", help=about)
@@ -176,7 +178,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_jobs(verify)
 
     watch = command("watch", "show an agent learn, in a window or in the terminal")
-    watch.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
+    _add_scenario(watch)
     about = "a variant of the experiment (default: q_learning)"
     watch.add_argument("--algorithm", default="q_learning", metavar="NAME", help=about)
     watch.add_argument("--observation", help="an observation of that variant (default: its first)")
@@ -199,11 +201,9 @@ def _parser() -> argparse.ArgumentParser:
     assess.add_argument("--algorithm", metavar="MODULE:CLASS", help=about)
     about = "let a saved model sample its actions (default: greedy)"
     assess.add_argument("--stochastic", action="store_true", help=about)
-    assess.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
-    about = (
-        "form of observation that the agent takes: index, one_hot or coordinates, or with the issuer's cell "
-        "relative to the agent's: offset, offset_one_hot or offset_coordinates"
-    )
+    _add_scenario(assess)
+    about = "form of observation that the agent takes: index, one_hot or coordinates, or with the issuer's "
+    about += "cell relative to the agent's: offset, offset_one_hot or offset_coordinates"
     assess.add_argument("--observation", required=True, help=about)
     assess.add_argument("--save", type=Path, metavar="FILE", help="draw a map of the agent, .png or .svg")
 
@@ -220,8 +220,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_scenario(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--scenario", default="S1", help="a name or a path (default: S1)")
+
+
 def _add_jobs(command: argparse.ArgumentParser, otherwise: str = "") -> None:
-    """Adds the number of jobs to a command's arguments, and says when the default is another one."""
+    """Adds `--jobs`; `otherwise` says when the default is another one."""
     about = "number of jobs to run at a time; results do not depend on it (default: number of cores"
     command.add_argument("--jobs", type=int, metavar="N", help=f"{about}{otherwise})")
 
@@ -229,16 +233,13 @@ def _add_jobs(command: argparse.ArgumentParser, otherwise: str = "") -> None:
 def _add_experiment(
     command: argparse.ArgumentParser, if_missing: str = "", *, seeds: bool = True, draws: bool = True
 ) -> None:
-    """Adds an experiment, and perhaps its seeds, to a command's arguments.
-
-    An experiment is required, unless it is said what happens if it is missing.
-    """
+    """Adds an experiment, required unless `if_missing` says what happens without one, and its seeds."""
     about = f"a name shown by 'list', or the path of a TOML file{if_missing}"
     nargs = "?" if if_missing else None
     command.add_argument("experiment", metavar="EXPERIMENT", nargs=nargs, help=about)
-    about = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
-    about += "; tables and figures of other seeds go into EXPERIMENT_seeds_A-B" * draws
     if seeds:
+        about = "seeds of the runs, for example 0-29 or 7 (default: those that the experiment declares)"
+        about += "; tables and figures of other seeds go into EXPERIMENT_seeds_A-B" * draws
         command.add_argument("--seeds", metavar="A-B", help=about)
 
 

@@ -1,8 +1,7 @@
 """Assesses any agent exactly: its score, a map of where it PINGs, its rank among the published learners.
 
 An agent is a function of the observation, or a model of Stable-Baselines3, loaded or saved. It is read as a
-table over all observations, so it counts as memoryless: what a function remembers between calls is not
-judged.
+table over all observations, so it has to be memoryless.
 """
 
 from collections.abc import Callable
@@ -38,15 +37,15 @@ with needed_by("benchmark.assessment"):
     from benchmark.experiments import experiment_names
     from benchmark.reports.folder import SCORES, Folder, with_titles
 
-Act = Callable[[Any], object]  # from an observation to an action, or to a probability of each action
+Act = Callable[[Any], object]  # from an observation to an action, or to the probability of each action
 
 HORIZON: Final = 200  # steps after which an episode is truncated, as in the published experiments
 RESULTS: Final = Path(__file__).parents[1] / "results"
 PICTURES: Final = (".png", ".svg")  # endings of files
-_ASKED_AGAIN: Final = 200  # observations for which a function is asked a second time
+_ASKED_AGAIN: Final = 200  # observations for which a function is called a second time
 _TOLERANCE: Final = 1e-5  # of probabilities, which may be of single precision
-_RANKED: Final = ["success", "score"]  # columns, the first of which counts first
-_ROUNDING: Final = 1e-6  # of these, which files have with six significant digits
+_RANKED: Final = ["success", "score"]  # columns, in order of precedence
+_ROUNDING: Final = 1e-6  # of these columns, which files have with six significant digits
 _LONGEST_ANSWER: Final = 100  # characters that a message repeats
 _TIE: Final = 1e-9  # moves whose probabilities differ by less are equally likely
 
@@ -74,7 +73,7 @@ class Assessment:
 
     @cached_property
     def unbounded_score(self) -> float:
-        """The return as a score: 0 is the random policy, 1 the optimal one, and below 0 is possible."""
+        """The return as a score: 0 for the random policy, 1 for the optimal one; it can be below 0."""
         random, optimal = anchors(self.model, HORIZON, "start")["grid_return"]
         return round((float(self.evaluation.grid_return) - random) / (optimal - random), 9)
 
@@ -137,7 +136,7 @@ class Assessment:
         """Draws where the agent PINGs, and its likeliest moves elsewhere, as a .png or .svg file.
 
         If the agent observes the offset alone, the map is around the issuer. If it observes anything else but
-        its cell, the map is of the first place of the issuer and of the first phase, before any wrong PING.
+        its cell, the map is of the issuer's first position and of the first phase, before any wrong PING.
 
         Raises:
           InputError: The file name has another ending, or the file cannot be written.
@@ -154,7 +153,7 @@ class Assessment:
 
 
 def assess(
-    agent: Any,
+    agent: object,
     *,
     scenario: ScenarioLike,
     observation: str,
@@ -177,7 +176,7 @@ def assess(
 
     Raises:
       InputError: The scenario, the form of observation or the model cannot be used, or the function
-        returns something else, or not the same when it is asked again.
+        returns something else, or not the same when it is called again.
     """
     loaded = load_scenario(scenario)
     model = compile_seen(loaded, observation)
@@ -188,33 +187,28 @@ def assess(
     if is_path or is_sb3_class(type(agent)):
         policy = _policy_of_model(agent, algorithm, model, observation, stochastic=stochastic)
     elif not callable(agent):
-        raise InputError(
-            f"agent = {_shown(agent)}: accepted: a function, a model of Stable-Baselines3, or the path of a "
-            "saved one."
-        )
+        accepted = "a function, a model of Stable-Baselines3, or the path of a saved one"
+        raise InputError(f"agent = {_shown(agent)}: accepted: {accepted}.")
     elif stochastic:
         raise InputError("stochastic = True: accepted only with a model of Stable-Baselines3.")
     else:
-        policy = policy_of(agent, model, observation)
+        policy = _policy_of_function(agent, model, observation)
     return Assessment(loaded, model, observation, policy, evaluate(model, policy, HORIZON), Path(results))
 
 
-def policy_of(act: Act, model: Model, observation: str) -> Policy:
-    """Asks a function for its action in every observation, given in a form; returns probabilities, (O, A).
+def _policy_of_function(act: Act, model: Model, observation: str) -> Policy:
+    """Calls a function with every observation; returns its action probabilities, (O, A).
 
-    Some observations are asked a second time in another order, since a function that remembers or draws
+    It is called with some observations again, in another order, since a function that remembers or draws
     something would be misjudged. This finds most such functions, not all.
-
-    Raises:
-      InputError: `act` fails, or returns something else, or another answer the second time.
     """
     table = observation_table(model, observation)
-    # As an environment gives it: a number, or an array that the function may change.
-    given: list[Any] = table.tolist() if table.ndim == 1 else list(table)
 
-    def ask(o: int) -> NDArray[np.float64]:
+    def probabilities(o: int) -> NDArray[np.float64]:
+        # As an environment gives it: a number, or an array that the function may change.
+        given = int(table[o]) if table.ndim == 1 else table[o].copy()
         try:
-            answer = act(given[o] if isinstance(given[o], int) else given[o].copy())
+            answer = act(given)
         except Exception as error:  # whatever the function raises
             reason = f"{type(error).__name__}: {error}"
             raise InputError(f"act: failed for {_named(model, o)}: {reason}.") from error
@@ -226,9 +220,9 @@ def policy_of(act: Act, model: Model, observation: str) -> Policy:
             )
         return row
 
-    policy = np.stack([ask(o) for o in range(len(given))])
-    for o in np.random.default_rng(0).permutation(len(given))[:_ASKED_AGAIN].tolist():
-        if abs(ask(o) - policy[o]).max() > _TOLERANCE:
+    policy = np.stack([probabilities(o) for o in range(len(table))])
+    for o in np.random.default_rng(0).permutation(len(table))[:_ASKED_AGAIN].tolist():
+        if abs(probabilities(o) - policy[o]).max() > _TOLERANCE:
             raise InputError(
                 f"act: returned another answer, asked again, for {_named(model, o)}; accepted: one without "
                 f"memory; an agent that draws its actions returns {len(ACTIONS)} probabilities."
@@ -261,9 +255,8 @@ def _policy_of_model(
     is_path = isinstance(agent, str | Path)
     where = str(agent) if is_path else "agent"
     if is_path and algorithm is None:
-        raise InputError(
-            f"{where}: the algorithm is missing; accepted: module:class, such as stable_baselines3:PPO."
-        )
+        accepted = "module:class, such as stable_baselines3:PPO"
+        raise InputError(f"{where}: the algorithm is missing; accepted: {accepted}.")
     with needed_by(f"{where}: a saved model"):
         from agents.sb3.tables import agent_table, saved_table
     if algorithm is not None:
@@ -299,15 +292,15 @@ def _shown(answer: object) -> str:
 
 def _named(model: Model, o: int) -> str:
     """Returns which observation this is: its number, the agent's cell or the offset, and the rest."""
-    first = model.components[0]
+    first, *others = model.components
     rest, cell = divmod(o, first.size)
     if first.name == "offset":
-        parts = [
-            "the issuer's row {:+d}, column {:+d} from the agent".format(*model.scenario.grid.offset[cell])
-        ]
+        row, column = model.scenario.grid.offset[cell]
+        parts = [f"the issuer's row {row:+d}, column {column:+d} from the agent"]
     else:
-        parts = ["row {}, column {}".format(*model.position[cell])]
-    for component in model.components[1:]:
+        row, column = model.position[cell]
+        parts = [f"row {row}, column {column}"]
+    for component in others:
         rest, value = divmod(rest, component.size)
         parts.append(f"{component.name} {value}")
     return f"observation {o} ({', '.join(parts)})"
@@ -316,41 +309,36 @@ def _named(model: Model, o: int) -> str:
 def _published(scenario: Scenario, results: Path) -> pd.DataFrame | None:
     """Reads the results of all published runs in a scenario: experiment, learner, success, score.
 
-    Experiments of users do not count, nor do miniatures for tests.
+    Those of users' experiments and of miniatures for tests do not count.
 
     Raises:
       InputError: A folder of results is damaged.
     """
-    found = []
+    frames = []
     for name in experiment_names():
         folder = Folder(results / name)
         if SCORES in folder and not name.endswith("_smoke"):
             with folder.reading():
-                found += _scores(folder, scenario)
-    return pd.concat(found, ignore_index=True) if found else None
+                frame = read_csv(folder.path / SCORES)
+                if _is_comparable(folder, scenario) and {*_RANKED} <= {*frame}:
+                    frames.append(_scores(folder, frame[frame["scenario"] == scenario.name]))
+    return pd.concat(frames, ignore_index=True) if frames else None
 
 
-def _scores(folder: Folder, scenario: Scenario) -> list[pd.DataFrame]:
-    """Reads the scores of a folder's learners in a scenario; none if they cannot be compared.
+def _is_comparable(folder: Folder, scenario: Scenario) -> bool:
+    """Returns whether a folder has the scenario as it is now and the same time limit, and is complete."""
+    manifest = folder.manifest
+    declared = manifest["scenarios"].get(scenario.name)
+    is_same = declared == scenario.model_dump(mode="json") and manifest["horizon"] == HORIZON
+    return is_same and not manifest["partial"]
 
-    They can if the folder has the scenario as it is now and the same time limit, and is complete. Reference
-    implementations do not count, as they are trained with the settings of another learner.
-    """
-    name, manifest, frame = scenario.name, folder.manifest, read_csv(folder.path / SCORES)
-    is_comparable = (
-        manifest["scenarios"].get(name) == scenario.model_dump(mode="json")
-        and manifest["horizon"] == HORIZON
-        and not manifest["partial"]
-        and {*_RANKED} <= {*frame}  # not every experiment measures them
-    )
-    if not is_comparable:
-        return []
-    references = [
-        variant for variant, declared in manifest["algorithms"].items() if declared["reference_for"]
-    ]
-    frame = frame[(frame["scenario"] == name) & ~frame["algorithm"].isin(references)]
-    learner = with_titles(frame, folder.titles)["learner"]
-    return [frame[_RANKED].assign(experiment=folder.path.name, learner=learner)]
+
+def _scores(folder: Folder, runs: pd.DataFrame) -> pd.DataFrame:
+    """Returns what is ranked, except reference implementations: others have chosen their settings."""
+    variants = folder.manifest["algorithms"]
+    runs = runs[[not variants[name]["reference_for"] for name in runs["algorithm"]]]
+    learner = with_titles(runs, folder.titles)["learner"]
+    return runs[_RANKED].assign(experiment=folder.path.name, learner=learner)
 
 
 def draw_map(assessment: Assessment) -> Figure:

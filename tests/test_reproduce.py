@@ -51,10 +51,9 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     assert 100 <= count < RUNS
     done = make("reproduce", cwd=folder)
     assert done.returncode == 0, done.stderr
-    found = re.search(r"(\d+) runs done, (\d+) were done already", done.stdout)
-    assert found is not None
-    assert int(found[2]) >= count  # nothing finished was lost or repeated
-    assert int(found[1]) + int(found[2]) == RUNS
+    ((n_done, n_before),) = re.findall(r"(\d+) runs done, (\d+) were done already", done.stdout)
+    assert int(n_before) >= count  # nothing finished was lost or repeated
+    assert int(n_done) + int(n_before) == RUNS
     return folder, done.stdout
 
 

@@ -21,18 +21,7 @@ from envs import InputError
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
-        if options.partial or options.format or options.seeds is not None:
-            raise InputError("--partial, --format, --seeds: accepted only together with an experiment.")
-        folders = sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}"))
-        if folders:
-            with files.alone(options.results):
-                for folder in folders:
-                    _write_texts(folder)
-                if options.results.resolve() == sameness.REPOSITORY / "results":
-                    text = document.front(options.results)
-                    files.write_text(sameness.REPOSITORY / "README.md", text)
-        print(f"the page is {page.write(options.results)}.")
-        return 0
+        return _rewrite(options)
     if options.format and options.partial:
         raise InputError("--format, --partial: accepted: one of the two.")
     experiment = load_experiment(options.experiment)
@@ -55,6 +44,20 @@ def main(options: argparse.Namespace) -> int:
         print(made.certificate)
     for claim in prose.failed_claims(Folder(directory)):  # on another processor, nets learn differently
         print(f"{experiment.name}: its text is not used, as these tables do not show that {claim}.")
+    return 0
+
+
+def _rewrite(options: argparse.Namespace) -> int:
+    """Writes the texts of all results and the page, from the tables that are there."""
+    if options.partial or options.format or options.seeds is not None:
+        raise InputError("--partial, --format, --seeds: accepted only together with an experiment.")
+    if folders := sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}")):
+        with files.alone(options.results):
+            for folder in folders:
+                _write_texts(folder)
+            if options.results.resolve() == sameness.REPOSITORY / "results":
+                files.write_text(sameness.REPOSITORY / "README.md", document.front(options.results))
+    print(f"the page is {page.write(options.results)}.")
     return 0
 
 

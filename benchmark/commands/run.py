@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Collection, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
-    jobs = parse_jobs(options.jobs)
+    parse_jobs(options.jobs)
     experiment = load_experiment(options.experiment)
     name, seeds = experiment.name, parse_seeds(options.seeds)
     if options.report or experiment.report is not None:
@@ -49,7 +49,7 @@ def main(options: argparse.Namespace) -> int:
         for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
             runs = runs_of(groups)
             label = f"{name}, stage {stage}" if experiment.has_stages else name
-            if code := _execute(label, runs, store, options, jobs, executor):
+            if code := _execute(label, runs, store, options, executor):
                 return code
     return report.main(options) if options.report else 0
 
@@ -59,50 +59,38 @@ def _execute(
     runs: Sequence[RunSpecification],
     store: Store,
     options: argparse.Namespace,
-    jobs: int,
     executor: ExecutorFactory | None,
 ) -> int:
-    """Trains the runs that are missing when no other command trains; returns the exit code."""
+    """Executes the missing runs when no other command trains, and says how many; returns the exit code."""
     if n_damaged := store.discard_damaged(run.digest for run in runs):
         print(f"{name}: repeating runs whose records are damaged: {n_damaged}.", file=sys.stderr)
-    with store.alone() if driver.pending(runs, store) else nullcontext():
-        return _train(name, runs, store, options, jobs, executor)
-
-
-def _train(
-    name: str,
-    runs: Sequence[RunSpecification],
-    store: Store,
-    options: argparse.Namespace,
-    jobs: int,
-    executor: ExecutorFactory | None,
-) -> int:
-    """Executes the runs that are missing now, and says how many; returns the exit code."""
-    todo = driver.pending(runs, store)
-    n_done = len(runs) - len(todo)
-    if options.tensorboard is not None and n_done:
-        print(f"{name}: {n_done} runs were done already; they are not trained again for --tensorboard.")
-    if not todo:
-        print(f"{name}: all {len(runs)} runs are done already.")
-        return 0
     with ExitStack() as stack:
+        if driver.pending(runs, store):
+            stack.enter_context(store.alone())
+        todo = driver.pending(runs, store)  # another command may have trained some meanwhile
+        n_done = len(runs) - len(todo)
+        if options.tensorboard is not None and n_done:
+            print(f"{name}: {n_done} runs were done already; they are not trained again for --tensorboard.")
+        if not todo:
+            print(f"{name}: all {len(runs)} runs are done already.")
+            return 0
+        jobs, logs = parse_jobs(options.jobs), options.tensorboard
         if options.cluster is not None:
             cluster = connect(options.cluster, {run.algorithm for run in todo})
             stack.callback(cluster.cancel)
             # A worker finds its next job waiting.
             jobs, executor = parse_jobs(options.jobs, 2 * cluster.workers), lambda _: cluster
-        display = stack.enter_context(Display(name, runs, store.ended()))
-        logs = options.tensorboard
-        errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
+        with Display(name, runs, store.ended()) as display:
+            errors = driver.run(runs, store, jobs, display.advance, display.start, logs, executor)
     statuses = store.statuses()
     n_lost = sum(run.digest not in statuses for run in runs)
+    problem = ""
     if errors:
-        again = "the same command tries them again"
-        print(f"error: {len(errors)} runs failed; {again}. First error: {errors[0]}", file=sys.stderr)
-        return 1
-    if n_lost:
-        lost = f"runs that were stored but are no longer there: {n_lost}"
-        print(f"error: {lost}; the same command repeats them.", file=sys.stderr)
+        problem = f"{len(errors)} runs failed; the same command tries them again. First error: {errors[0]}"
+    elif n_lost:
+        problem = f"runs that were stored but are no longer there: {n_lost}; the same command repeats them."
+    if problem:
+        print(f"error: {problem}", file=sys.stderr)
         return 1
     n_diverged = sum(statuses[run.digest] == "diverged" for run in todo)
     which = f", {n_diverged} of them diverged" if n_diverged else ""

@@ -5,10 +5,9 @@ import secrets
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +16,7 @@ from benchmark.commands import parse_jobs
 from benchmark.commands.report import folder_name
 from benchmark.execution import driver
 from benchmark.execution.store import REPAIR_ADVICE, DamagedError, Record, Store
-from benchmark.experiments import (
-    Experiment,
-    RunSpecification,
-    experiment_names,
-    load_experiment,
-)
+from benchmark.experiments import Experiment, RunSpecification, experiment_names, load_experiment
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, sameness
 from benchmark.reports.folder import MANIFEST
@@ -37,7 +31,7 @@ def main(options: argparse.Namespace) -> int:
             raise InputError(f"--{option} {getattr(options, option)}: accepted: at least 0.")
     names = experiment_names() if options.experiment is None else [options.experiment]
     experiments = [load_experiment(name) for name in names]
-    problems = []
+    n_problems = 0
     try:
         with (
             Store(options.results / "runs.db", read_only=True) as store,
@@ -46,13 +40,13 @@ def main(options: argparse.Namespace) -> int:
         ):
             for problem in _problems(experiments, store, options, Path(scratch)):
                 print(problem, file=sys.stderr)
-                problems.append(problem)
+                n_problems += 1
     except DamagedError as error:
         print(error, file=sys.stderr)
-        problems.append(str(error))
-    if problems:
-        print(f"problems found: {len(problems)}.")
-    return 1 if problems else 0
+        n_problems += 1
+    if n_problems:
+        print(f"problems found: {n_problems}.")
+    return 1 if n_problems else 0
 
 
 def _problems(
@@ -62,54 +56,58 @@ def _problems(
     path = options.results / "runs.db"
     if structure := store.problem():
         yield f"{path} is damaged: {structure}; {REPAIR_ADVICE}."
+    runs_of = {experiment.name: known_runs(experiment, store) for experiment in experiments}
+    declared = {run.digest: run for runs in runs_of.values() for run in runs}
     ended = store.ended()
-    runs = {experiment.name: known_runs(experiment, store) for experiment in experiments}
-    wanted = {run.digest: run for of_experiment in runs.values() for run in of_experiment}
-    every = [*store.statuses()] if options.experiment is None else sorted(wanted.keys() & ended)
-    if options.experiment is not None and not (every or structure):
+    checked = [*store.statuses()] if options.experiment is None else sorted(declared.keys() & ended)
+    if options.experiment is not None and not (checked or structure):
         raise InputError(f"{path}: no run of {options.experiment} is stored; accepted: a store with some.")
-    damaged = store.damaged(every)
-    ended -= {*damaged}
-    if damaged:
-        first = damaged[0][:12]
+    if damaged := store.damaged(checked):
+        first, n_others = damaged[0][:12], len({*damaged} - declared.keys())
         yield (
-            f"checksums: {len(damaged)} of {len(every)} records are damaged (the first: {first}); run their "
-            f"experiments again, which repeats them ({len({*damaged} - wanted.keys())} are of other "
-            f"experiments; sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{first}%'\" removes one)."
+            f"checksums: {len(damaged)} of {len(checked)} records are damaged (the first: {first}); run "
+            f"their experiments again, which repeats them ({n_others} are of other experiments; "
+            f"sqlite3 {path} \"DELETE FROM runs WHERE digest LIKE '{first}%'\" removes one)."
         )
     else:
-        print(f"checksums: correct in all {len(every)} records.")
-    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
-    stored = [run for digest, run in wanted.items() if digest in ended]
-    chosen = np.random.default_rng(seed).permutation(len(stored))[: options.runs]
-    sample = [stored[i] for i in sorted(chosen)]
-    print(f"repeating {len(sample)} runs ...", file=sys.stderr)
-    differences = [*_differences(sample, store, scratch / "runs.db", options.jobs)]
-    yield from differences
-    n_same, drawn = len(sample) - len(differences), f"drawn from {len(stored)} with --seed {seed}"
-    print(f"runs: {n_same} of {len(sample)} repeated runs are identical ({drawn}).")
+        print(f"checksums: correct in all {len(checked)} records.")
+    ended -= {*damaged}
+    stored = [run for digest, run in declared.items() if digest in ended]
+    yield from _differences(stored, store, scratch / "runs.db", options)
     pages = set[str | None]()
     for experiment in experiments:
         folder = options.results / folder_name(experiment, None, partial=False)
         is_published = bool(experiment.report) and (folder / MANIFEST).is_file()
-        if is_published and all(run.digest in ended for run in runs[experiment.name]):
-            yield from _redrawn(experiment, store, folder, scratch)
-        elif is_published or any(run.digest in ended for run in runs[experiment.name]):
-            what = "runs are missing" if is_published else "there is no report"
-            print(f"{experiment.name}: not drawn again, since {what}.")
+        is_stored = [run.digest in ended for run in runs_of[experiment.name]]
         if is_published:
             pages.add(None if experiment.name in page.CHAPTERS else experiment.name)
+        if is_published and all(is_stored):
+            yield from _redrawn(experiment, store, folder, scratch)
+        elif is_published or any(is_stored):
+            reason = "runs are missing" if is_published else "there is no report"
+            print(f"{experiment.name}: not drawn again, since {reason}.")
     yield from rewritten(pages, options.results)
 
 
-def _differences(runs: Sequence[RunSpecification], store: Store, path: Path, jobs: int) -> Iterator[str]:
-    """Executes stored runs again, into another store; yields a sentence for each that differs."""
+def _differences(
+    stored: Sequence[RunSpecification], store: Store, path: Path, options: argparse.Namespace
+) -> Iterator[str]:
+    """Executes some stored runs again, into another store; yields a sentence for each that differs."""
+    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
+    chosen = np.random.default_rng(seed).permutation(len(stored))[: options.runs]
+    sample = [stored[i] for i in sorted(chosen)]
+    print(f"repeating {len(sample)} runs ...", file=sys.stderr)
+    n_same = 0
     with Store(path) as repeated:
-        driver.run(runs, repeated, jobs)
-        for run in runs:
+        driver.run(sample, repeated, options.jobs)
+        for run in sample:
             (before,), (after,) = store.get([run.digest]), repeated.get([run.digest])
-            if what := _difference(before, after):
-                yield f"{run.folder} ({run.digest[:12]}): {what}."
+            if difference := _difference(before, after):
+                yield f"{run.folder} ({run.digest[:12]}): {difference}."
+            else:
+                n_same += 1
+    drawn = f"drawn from {len(stored)} with --seed {seed}"
+    print(f"runs: {n_same} of {len(sample)} repeated runs are identical ({drawn}).")
 
 
 def _difference(before: Record, after: Record) -> str:
@@ -117,11 +115,12 @@ def _difference(before: Record, after: Record) -> str:
     if before.status != after.status:
         return f"it was {before.status}, but is {after.status} now{f': {after.error}' * bool(after.error)}"
 
-    def bits(arrays: Mapping[str, Any], name: str) -> object:
-        return name in arrays and (arrays[name].dtype, arrays[name].shape, arrays[name].tobytes())
+    def bits(record: Record, name: str) -> object:
+        array = record.arrays.get(name)
+        return None if array is None else (array.dtype, array.shape, array.tobytes())
 
     names = sorted(before.arrays.keys() | after.arrays.keys())
-    differing = [name for name in names if bits(before.arrays, name) != bits(after.arrays, name)]
+    differing = [name for name in names if bits(before, name) != bits(after, name)]
     old, new = (
         record.provenance["versions"] | {"machine": record.provenance["machine"]}
         for record in (before, after)
@@ -140,12 +139,13 @@ def _redrawn(experiment: Experiment, store: Store, folder: Path, scratch: Path) 
         shutil.copy(folder / MANIFEST, made)
     draw.draw(experiment, draw.report_of(experiment), store, made)
     # Measured times, too, are those that the store has.
-    found = sameness.compare(made, experiment.name, (), folder)
-    assert found is not None  # there is a manifest
-    if found.is_identical:
-        print(found)
+    certificate = sameness.compare(made, experiment.name, (), folder)
+    assert certificate is not None  # there is a manifest
+    if certificate.is_identical:
+        print(certificate)
     else:
-        yield f"{found}\n{experiment.name}: 'report {experiment.argument}' makes them from the stored runs."
+        again = f"'report {experiment.argument}' makes them from the stored runs"
+        yield f"{certificate}\n{experiment.name}: {again}."
 
 
 def rewritten(pages: set[str | None], results: Path) -> Iterator[str]:

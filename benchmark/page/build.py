@@ -7,16 +7,15 @@ counted as by RFC 7111.
 
 import base64
 import gzip
-import io
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import jinja2
 import pandas as pd
@@ -42,11 +41,10 @@ _TASK: Final = Path(__file__).parents[1] / "reports" / "task.md"
 _SIZE: Final = re.compile(r' (?:width|height)="([\d.]+)pt"')  # of an SVG
 _MOST_ROWS: Final = 60  # of a table; of longer ones, the page shows the CSV file on demand
 _MOST_KEYS: Final = 3  # columns that name a row, and share one column on a narrow screen
-_MARK: Final = (
-    "\ue000"  # around the name of an item, which its HTML replaces at the end; FOLD: shown on demand
-)
+_MARK: Final = "\ue000"  # around an item's name, until its HTML takes its place; FOLD: shown on demand
 _MARKED: Final = re.compile(f"(?:<p>)?{_MARK}(FOLD )?([^{_MARK}]*){_MARK}(?:</p>)?")
 _FOLDED: Final = "Terms"  # heading of a section that is shown on demand
+_SECTIONS: Final = re.compile(rf"\n(?=## |#+ {_FOLDED}\n)")  # where the sections of a document begin
 _MINUS: Final = re.compile(r"(?<![\w-])-(?=\d)")
 # A cell of a column of numbers: a number, perhaps with its interval or a sign.
 _NUMBER: Final = re.compile(r"((-|never|[−+]?[\d,.]+(e[-+]\d+)?)( ?[%(\[✓✗?].*)?)?")
@@ -55,22 +53,22 @@ _EXPORT: Final = re.compile(r"^export ", re.MULTILINE)
 _TEMPORARY: Final = ("*_smoke", "*_partial", "*_seeds_*")  # folders that the list of results leaves out
 
 
-def chapters(results: Path) -> list[str]:
-    """Lists the folders that the page of all chapters shows; none if no experiment is there."""
-    names = [name for name in CHAPTERS if (results / name / MANIFEST).exists()]
-    return [*names, *([SPEED] if names and (results / SPEED / MANIFEST).exists() else [])]
-
-
 def published(results: Path) -> list[Path]:
     """Lists the folders of published results that are there, in order of importance."""
     folders = [results / name for name in (*PUBLISHED, SPEED)]
     return [folder for folder in folders if (folder / MANIFEST).exists()]
 
 
+def chapters(results: Path) -> list[str]:
+    """Lists the folders that the page of all chapters shows; none if no experiment is there."""
+    names = [folder.name for folder in published(results) if folder.name in (*CHAPTERS, SPEED)]
+    return names if names != [SPEED] else []
+
+
 def write(results: Path, experiment: str | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
-    A folder that is not published gets a `.gitignore`, so that git leaves it alone.
+    In this repository, a folder that is not published gets a `.gitignore`, so that git leaves it alone.
 
     Raises:
       InputError: There is nothing to show, or the page cannot be written.
@@ -81,7 +79,7 @@ def write(results: Path, experiment: str | None = None) -> Path:
             files.write_text(path, content)
         if experiment in PUBLISHED:
             (results / str(experiment) / ".gitignore").unlink(missing_ok=True)
-        elif experiment is not None:
+        elif experiment is not None and _is_in_repository(results):
             files.write_text(page.with_name(".gitignore"), "*\n")
     return page
 
@@ -97,18 +95,17 @@ def texts(results: Path, experiment: str | None = None) -> Iterator[tuple[Path, 
     Raises:
       InputError: There is nothing to show.
     """
-    if experiment is None or experiment in CHAPTERS:
-        names, prefix, page = chapters(results), "{}/", results / "index.html"
-    else:
-        names, prefix, page = [experiment], "", results / experiment / "index.html"
-    if not names:
+    has_own_page = experiment not in (None, *CHAPTERS)
+    folders = [results / str(experiment)] if has_own_page else [results / name for name in chapters(results)]
+    if not folders:
         others = ", ".join(sorted(path.parent.name for path in results.glob(f"*/{MANIFEST}")))
         hint = f"; the page of {others} is in its folder" if others else ""
         raise InputError(
             f"{results}: there are no results of {' or '.join(CHAPTERS)} to report; make reproduce and make "
             f"compare-deep make them{hint}."
         )
-    yield page, _render([_Part(results / name, prefix.format(name)) for name in names])
+    page = (folders[0] if has_own_page else results) / "index.html"
+    yield page, _render([_Part(folder, "" if has_own_page else f"{folder.name}/") for folder in folders])
     yield results / "README.md", _index(results)
 
 
@@ -124,42 +121,31 @@ class _Part:
         self.root = f"results/{path.name}/"  # in the repository
         self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
 
-    def report(self, templates: jinja2.Environment) -> dict[str, Any]:
-        """Returns what the page shows of the report.
-
-        Args:
-          templates: Those of the page, with what all of them need among their globals.
-        """
+    def report(self, templates: jinja2.Environment) -> dict[str, object]:
+        """Returns what the page shows of the report, by the page's templates."""
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
         lead = items.get(document.report.lead)
-        if lead is not None and not document.has_figure(lead):
-            lead = None
+        lead = lead if lead is not None and document.has_figure(lead) else None
 
-        def content(match: "re.Match[str]") -> str:
+        def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
             has_figure = document.has_figure(item) and item is not lead and not (table and is_folded)
-            return (
-                templates.get_template("item.html")
-                .render(
-                    item=item,
-                    table=table,
-                    figure=self._figure(item) if has_figure else None,
-                    is_folded=is_folded,
-                    most_rows=_MOST_ROWS,
-                    source=self.link(f"{item.name}.csv"),
-                )
-                .strip()
+            html = templates.get_template("item.html").render(
+                item=item,
+                table=table,
+                figure=self._figure(item) if has_figure else None,
+                is_folded=is_folded,
+                most_rows=_MOST_ROWS,
+                source=self.link(f"{item.name}.csv"),
             )
+            return html.strip()
 
         markdown = document.render(
             lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
         )
-        sections = self._sections(markdown)
-        for section in sections:  # their HTML is ours
-            section["body"] = Markup(_MARKED.sub(content, section["body"]))
         description = self.inline(inert(manifest["description"]))
         making = templates.get_template("made.html").render(
             made=manifest, description=description, manifest=self.link(MANIFEST)
@@ -173,7 +159,7 @@ class _Part:
             "lead": self._figure(lead) if lead is not None else None,
             "description": description,
             "note": self.inline(inert(manifest.get("note", ""))),
-            "sections": sections,
+            "sections": self._sections(markdown, content),
             "readme": self.link("README.md"),
             "made": manifest,
             "partial": self.inline(manifest.get("partial") or ""),
@@ -209,7 +195,7 @@ class _Part:
     def _html(self, tokens: Sequence[Token]) -> Markup:
         """Returns parsed Markdown as HTML, with links from the page to what can be reached from it."""
         bare = ""  # the file of a link that leads nowhere from the page, which is then named
-        for token in [child for each in tokens for child in (each.children or [])]:
+        for token in [child for block in tokens for child in (block.children or [])]:
             target = str(token.attrGet("href") or "")
             if token.type == "link_close" and bare:
                 token.type, token.content, bare = "text", f" ({bare})", ""
@@ -225,25 +211,31 @@ class _Part:
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
 
-    def _sections(self, markdown: str) -> list[dict[str, Any]]:
-        """Returns a document's sections: heading, id and body of each; what stands first has no heading."""
-        sections: list[tuple[Markup, str, list[Token]]] = [(Markup(), "", [])]
-        tokens = self._parser.parse(markdown)
-        for token, following in zip(tokens, [*tokens[1:], Token("", "", 0)], strict=True):
-            if token.type == "heading_open" and (token.tag == "h2" or following.content == _FOLDED):
-                sections.append((self._html([following]), f"{self.name}-{_slug(following.content)}", []))
-                continue
-            token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
-            sections[-1][2].append(token)
-            if token.type == "heading_close" and len(sections[-1][2]) == 2:
-                sections[-1][2].clear()  # of the section itself
-        return [
-            {"heading": heading, "id": key, "is_folded": heading == _FOLDED, "body": self._html(parsed)}
-            for heading, key, parsed in sections
-            if key or parsed
-        ]
+    def _sections(self, markdown: str, content: Callable[[re.Match[str]], str]) -> list[dict[str, object]]:
+        """Returns a document's sections; what stands first has no heading.
 
-    def _table(self, item: Item) -> dict[str, Any] | None:
+        Args:
+          markdown: The document, with marks around the names of items.
+          content: Returns the HTML of a marked item.
+        """
+        sections = []
+        for text in _SECTIONS.split(f"\n{markdown}\n"):
+            heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
+            heading = heading.strip("# ")
+            tokens = self._parser.parse(body)
+            for token in tokens:
+                token.tag = re.sub(r"^h(\d)$", lambda match: f"h{int(match[1]) + 2}", token.tag)
+            if heading or tokens:
+                section = {
+                    "heading": self.inline(heading),
+                    "id": f"{self.name}-{_slug(heading)}" if heading else "",
+                    "is_folded": heading == _FOLDED,
+                    "body": Markup(_MARKED.sub(content, self._html(tokens))),
+                }
+                sections.append(section)
+        return sections
+
+    def _table(self, item: Item) -> dict[str, object] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
         shown = self.document.shown(item) if self.document.has_table(item) else pd.DataFrame()
         if shown.empty:
@@ -252,32 +244,21 @@ class _Part:
         kinds = [_kind(str(name), [row[i].striptags() for row in cells]) for i, name in enumerate(shown)]
         n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
-        return {
-            "columns": [self.inline(str(name)) for name in shown],
-            "kinds": kinds,
-            "rows": cells,
-            "n_keys": n_keys,
-        }
+        columns = [self.inline(str(name)) for name in shown]
+        return {"columns": columns, "kinds": kinds, "rows": cells, "n_keys": n_keys}
 
     def _figure(self, item: Item) -> dict[str, object]:
         """Returns a figure as the page shows it: its file, in base64, and its size in pixels."""
         path = self.folder.path / self.document.figure(item)
-        content = path.read_bytes()
-        if path.suffix == ".svg":
-            form = "image/svg+xml"
-            width, height = (round(float(length) * 4 / 3) for length in _SIZE.findall(content.decode())[:2])
+        content, form = path.read_bytes(), path.suffix[1:]
+        if form == "svg":
+            form, sizes = "svg+xml", _SIZE.findall(content.decode())[:2]
+            width, height = (round(float(size) * 4 / 3) for size in sizes)
         else:
-            form = f"image/{path.suffix[1:]}"
-            with Image.open(io.BytesIO(content)) as image:
+            with Image.open(path) as image:
                 width, height = image.size
-        return {
-            "caption": self.inline(item.caption),
-            "alt": item.caption,
-            "type": form,
-            "data": _base64(content),
-            "width": width,
-            "height": height,
-        }
+        texts = {"caption": self.inline(item.caption), "alt": item.caption}
+        return {**texts, "type": form, "data": _base64(content), "width": width, "height": height}
 
 
 def _slug(text: str) -> str:
@@ -318,20 +299,20 @@ def _render(parts: Sequence[_Part]) -> str:
     # The page of a user's experiment does not tell of a scenario that it does not have.
     usual = load_scenario(episode.SCENARIO).model_dump(mode="json")
     has_episode = bool(parts[0].prefix) or first["scenarios"].get(episode.SCENARIO) == usual
-    shown = episode.highlights(steps) if has_episode else []
     with parts[0].folder.reading():
         return templates.get_template("page.html").render(
             reports=reports,
             task=parts[0].inline(_TASK.read_text(encoding="utf-8")),
-            moving=episode.moving(scene, steps),
-            steps=[(step, episode.still(scene, steps, step)) for step in shown],
+            scene=scene,
+            episode=steps,
+            steps=episode.highlights(steps) if has_episode else [],
             rate=episode.RATE,
             discount=episode.DISCOUNT,
             scenarios=scenarios,
             horizon=first.get("horizon"),
             agents=explored,
             command="make report" if len(parts) > 1 else first["command"],
-            year=max(report["year"] for report in reports),
+            year=max(str(report["year"]) for report in reports),
             css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
             js=Markup(_script()),
             data=_base64(explorer.compressed(tables)),
@@ -364,10 +345,9 @@ def _agents(folder: Folder) -> bytes:
 
 
 def _script() -> str:
-    """Returns `main.js` and all modules that it needs as one script, each module after those that it imports.
+    """Returns `main.js` and all modules that it imports as one script, since the page can import no files.
 
-    The page is one file, which cannot import others. All modules share one scope, so their top-level names
-    must differ.
+    A module comes after those that it imports. All share one scope, so their top-level names must differ.
     """
     texts: dict[str, str] = {}
 
@@ -382,10 +362,14 @@ def _script() -> str:
     return "\n".join(texts.values())
 
 
+def _is_in_repository(results: Path) -> bool:
+    return results.resolve() == sameness.REPOSITORY / "results"
+
+
 def _index(results: Path) -> str:
     """Returns the list of results: the published ones, and outside of the repository all others."""
     folders = published(results)
-    if results.resolve() != sameness.REPOSITORY / "results":
+    if not _is_in_repository(results):
         others = sorted(path.parent for path in results.glob(f"[!.]*/{MANIFEST}"))
         folders += [path for path in others if path not in folders and not any(map(path.match, _TEMPORARY))]
     template = templates_in(_TEMPLATES).get_template("index.md.jinja")

@@ -6,7 +6,6 @@ check a file, columns from the published files, and what they mean from the item
 
 import json
 import re
-from itertools import groupby
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -88,26 +87,25 @@ def _accepted(schema: Schema) -> str:
         return " or ".join(dict.fromkeys(words))
     if values := _values(schema):
         return " or ".join(json.dumps(value) for value in values)
-    match schema.get("type"):
-        case "array" if "prefixItems" in schema:
-            items = [_accepted(item) for item in schema["prefixItems"]]
-            return "[ROW, COLUMN]" if items == ["whole number"] * 2 else f"[{', '.join(items)}]"
+    match schema.get("type", ""):
         case "array":
-            number = _range(schema, "minItems", "maxItems", " item").removeprefix(", ")
-            inner = _accepted(schema["items"]).replace("[a table]", "[tables]")
-            return f"list of {inner}{number and f' ({number})'}"
+            return _accepted_list(schema)
         case "object" if isinstance(schema.get("additionalProperties"), dict):
             return f"{_accepted(schema['additionalProperties'])} for each name"
-        case "object":
-            return "a table"
         case "integer" | "number" as kind:
             word = "whole number" if kind == "integer" else "number"
             return word + _range(schema, "minimum", "maximum")
-        case "boolean":
-            return "true or false"
-        case "string":
-            return "text"
-    return "anything"
+        case other:
+            return {"object": "a table", "boolean": "true or false", "string": "text"}.get(other, "anything")
+
+
+def _accepted_list(schema: Schema) -> str:
+    if "prefixItems" in schema:
+        items = [_accepted(item) for item in schema["prefixItems"]]
+        return "[ROW, COLUMN]" if items == ["whole number"] * 2 else f"[{', '.join(items)}]"
+    number = _range(schema, "minItems", "maxItems", " item").removeprefix(", ")
+    inner = _accepted(schema["items"]).replace("[a table]", "[tables]")
+    return f"list of {inner}{number and f' ({number})'}"
 
 
 def _range(schema: Schema, least: str, most: str, unit: str = "") -> str:
@@ -171,29 +169,25 @@ def experiments() -> str:
 
 def columns(results: Path) -> str:
     """Returns the reference of all columns of the published tables in a folder of results."""
-    tables: dict[tuple[str, str], dict[str, None]] = {}
-    folders: dict[str, list[str]] = {}
-    items: dict[tuple[str, str], Item] = {}
-    for path in published(results):
-        report = load_report(Folder(path).manifest["report"]["kind"])
-        folders.setdefault(report.name, []).append(f"`{path.name}`")
-        for item in report.items:
-            file = path / (item.file or f"{item.name}.csv")
-            if ".csv" in file.name and file.exists():
-                key = report.name, file.name
-                items[key] = item
-                tables.setdefault(key, {}).update(dict.fromkeys(header(file)))
+    by_kind: dict[str, list[Path]] = {}
+    for folder in published(results):
+        by_kind.setdefault(Folder(folder).manifest["report"]["kind"], []).append(folder)
     parts = [
         "# Columns of the tables",
         "Tables of results are CSV files with six significant digits. `NAME_low` and `NAME_high` are the "
         "ends of the 95 % interval of `NAME`. An empty field means that there is no number, and inf that it "
         "never happens.",
     ]
-    for name, keys in groupby(sorted(tables), key=lambda key: key[0]):
-        parts += [f"## {name.capitalize()}", f"In {listed(folders[name])}."]
-        for key in keys:
-            rows = _described(items[key], [*tables[key]])
-            parts += [f"### `{key[1]}`", items[key].description, grid(["column", "meaning"], rows)]
+    for kind, folders in by_kind.items():
+        report = load_report(kind)
+        parts += [f"## {report.name.capitalize()}", f"In {listed(f'`{folder.name}`' for folder in folders)}."]
+        for item in report.items:
+            file = item.file or f"{item.name}.csv"
+            paths = [path for folder in folders if (path := folder / file).exists() and ".csv" in file]
+            if paths:
+                names = dict.fromkeys(column for path in paths for column in header(path))
+                table = grid(["column", "meaning"], _described(item, [*names]))
+                parts += [f"### `{file}`", item.description, table]
     return "\n\n".join(parts)
 
 

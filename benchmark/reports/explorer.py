@@ -192,8 +192,10 @@ def _scene(model: Model) -> dict[str, object]:
 
 def _sight(model: Model) -> dict[str, object]:
     """Returns which components of a state are observed, and each state's observation less that before it."""
-    names = [component.name for component in model.components]
-    return {"observed": names, "changes": np.diff(model.observation, prepend=0).tolist()}
+    return {
+        "observed": [component.name for component in model.components],
+        "changes": np.diff(model.observation, prepend=0).tolist(),
+    }
 
 
 def _listed(values: NDArray[np.float64]) -> list[float | None]:

@@ -11,7 +11,7 @@
 
 The function of a table, and that of a figure, take those of the arguments that they name: `runs` and `curves`
 (see `benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
-`is_partial`, which says whether runs are missing; a figure also `table` (its own) and `tables` (all, by name).
+`is_partial`, whether runs are missing; a figure also `table` (its own) and `tables` (all, by name).
 The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 

@@ -1,10 +1,9 @@
 """Whether files are the same: as when they were made, as published, or as drawn again.
 
 Files are compared by git's ids of their contents. A *stamp* beside a folder's files, which is not published,
-notes the ids and what the files were made from: what is up to date need not be made again. A *certificate*
-says whether a folder is the same as a published one. Files that hold measured times are set apart, since they
-differ each time. If a summary differs, the certificate also says how far its numbers are from the published
-ones, relative to the published 95 % intervals.
+notes these ids and what the files were made from: what is up to date need not be made again. A *certificate*
+says whether a folder is the same as a published one, except files that hold measured times. If a summary
+differs, it also says how far its numbers are from the published ones, relative to their 95 % intervals.
 """
 
 import gzip
@@ -103,7 +102,7 @@ def published_file(name: str, file: str) -> bytes | None:
 
 
 def keep_published(folder: Path, name: str) -> None:
-    """Keeps the published bytes of packed files with the published content: zlib's versions differ."""
+    """Takes the published bytes of packed files that have the same content, since versions of zlib differ."""
     for path in folder.glob("*.gz"):
         published = published_file(name, path.name)
         if published and gzip.decompress(published) == gzip.decompress(path.read_bytes()):

@@ -4,7 +4,6 @@ import gzip
 import json
 import math
 import re
-import shutil
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -104,9 +103,18 @@ def test_other_answers_are_refused_in_one_sentence(answer: object) -> None:
         assess(lambda o: answer if o == 14 else 0, scenario="S1", observation="index")
 
 
-def test_a_refusal_names_the_observation_by_its_parts() -> None:
-    with pytest.raises(InputError, match=r"observation 385 \(row 2, column 1, wrong_pings 3\)"):
-        assess(lambda o: o[9] if o == 385 else 0, scenario="Counted", observation="index")
+@pytest.mark.parametrize(
+    ("scenario", "observation", "o", "named"),
+    [
+        ("Counted", "index", 385, "observation 385 (row 2, column 1, wrong_pings 3)"),
+        ("Anywhere", "offset", 212, "observation 212 (the issuer's row +0, column -6 from the agent)"),
+    ],
+)
+def test_a_refusal_names_the_observation_by_its_parts(
+    scenario: str, observation: str, o: int, named: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(named)):
+        assess(lambda number: 9 if number == o else 0, scenario=scenario, observation=observation)
 
 
 @pytest.mark.parametrize("observation", ["index", "one_hot", "coordinates"])
@@ -168,14 +176,12 @@ def test_offset_is_enough_for_the_optimum_where_the_issuer_is_seen() -> None:
     def by_coordinates(o: NDArray[np.float32]) -> int:
         return towards(round(float(o[0]) * 18) * 23 + round(float(o[1]) * 22))
 
-    for act, form in (
-        (by_coordinates, "offset_coordinates"),
-        (lambda o: towards(o.argmax()), "offset_one_hot"),
-    ):
+    def by_one_hot(o: NDArray[np.float32]) -> int:
+        return towards(int(o.argmax()))
+
+    for act in (by_coordinates, by_one_hot):
+        form = act.__name__.replace("by", "offset")
         assert (assess(act, scenario="Anywhere", observation=form).policy == by_number.policy).all()
-    named = r"observation 212 \(the issuer's row \+0, column -6 from the agent\)"
-    with pytest.raises(InputError, match=named):
-        assess(lambda o: 9 if o == 9 * 23 + 5 else 0, scenario="Anywhere", observation="offset")
 
 
 # Saved models
@@ -201,32 +207,42 @@ def test_saved_model_acts_as_it_predicts(saved: dict[str, Path], name: str) -> N
     agent = getattr(stable_baselines3, name).load(saved[name], device="cpu")
     observations = observation_table(model, "one_hot")
     actions, _ = agent.predict(observations, deterministic=True)
-    options: dict[str, Any] = {"algorithm": f"stable_baselines3:{name}", "scenario": "Moody"}
-    from_file = assess(saved[name], **options, observation="one_hot")
+    options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot"}
+    from_file = assess(saved[name], algorithm=f"stable_baselines3:{name}", **options)
     assert from_file.success == float(evaluate(model, np.eye(5)[actions], 200).success)
     assert (from_file.policy == np.eye(5)[actions]).all()
-    assert (assess(agent, scenario="Moody", observation="one_hot").policy == from_file.policy).all()
-    with pytest.raises(InputError, match=r"^agent: observation_space = .* accepted in Moody with"):
-        assess(agent, scenario="Moody", observation="coordinates")
-    with pytest.raises(
-        InputError, match=r"^algorithm = x:y: accepted only with the path of a saved model\.$"
-    ):
-        assess(agent, scenario="Moody", observation="one_hot", algorithm="x:y")
-    other = "DQN" if name == "PPO" else "PPO"
-    with pytest.raises(
-        InputError, match=rf"zip: it holds the policy \w+, which stable_.*:{other} does not have; acc"
-    ):
-        assess(saved[name], **options | {"algorithm": f"stable_baselines3:{other}"}, observation="one_hot")
-    if name == "DQN":
-        with pytest.raises(InputError, match="stochastic"):
-            assess(saved[name], **options, observation="one_hot", stochastic=True)
-        return
-    drawn = assess(str(saved[name]), **options, observation="one_hot", stochastic=True)
-    loaded = assess(agent, scenario="Moody", observation="one_hot", stochastic=True)
-    assert (loaded.policy == drawn.policy).all()
+    assert (assess(agent, **options).policy == from_file.policy).all()
+
+
+def test_a_stochastic_policy_is_read_from_a_model_and_from_its_file(saved: dict[str, Path]) -> None:
+    from stable_baselines3 import PPO
+
+    agent: Any = PPO.load(saved["PPO"], device="cpu")
+    options: dict[str, Any] = {"scenario": "Moody", "observation": "one_hot", "stochastic": True}
+    drawn = assess(str(saved["PPO"]), algorithm="stable_baselines3:PPO", **options)
+    assert (assess(agent, **options).policy == drawn.policy).all()
+    observations = observation_table(compile_scenario(load_scenario("Moody")), "one_hot")
     tensor, _ = agent.policy.obs_to_tensor(observations)
     probabilities = agent.policy.get_distribution(tensor).distribution.probs.detach().numpy()
     assert drawn.policy == pytest.approx(probabilities, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"observation": "coordinates"}, r"zip: observation_space = .* accepted in Moody with"),
+        (
+            {"algorithm": "stable_baselines3:PPO"},
+            r"zip: it holds the policy \w+, which stable_.*:PPO does not",
+        ),
+        ({"stochastic": True}, "stochastic = True: accepted only with action probabilities"),
+        ({"algorithm": None}, "zip: the algorithm is missing"),
+    ],
+)
+def test_mistakes_about_saved_models(saved: dict[str, Path], options: dict[str, Any], expected: str) -> None:
+    given = {"algorithm": "stable_baselines3:DQN", "scenario": "Moody", "observation": "one_hot"} | options
+    with pytest.raises(InputError, match=expected):
+        assess(saved["DQN"], **given)
 
 
 # Rank
@@ -259,13 +275,6 @@ def test_standing_by_hand() -> None:
     standing = standing_of(0.3, 0.5, pd.concat([low, high]))
     assert (standing.rank, standing.tied, [*standing.learners["learner"]]) == (2, 0, ["c", "b", "a"])
     assert standing.learners[["lower", "equal", "higher"]].to_numpy().argmax(axis=1).tolist() == [2, 0, 0]
-
-
-def test_a_policy_that_only_pings_ranks_last() -> None:
-    standing = assess(lambda _: PING, scenario="S1", observation="index").standing
-    assert standing is not None
-    n_failing = int((standing.learners["success"] == 0).sum())
-    assert standing.rank >= len(standing.learners) + 1 - n_failing
 
 
 def publish(folder: Path, scores: str, **changes: Any) -> None:
@@ -325,13 +334,10 @@ def test_published_learners_are_those_that_can_be_compared(tmp_path: Path) -> No
     assert (len(standing().learners), standing().rank, standing().tied) == (6, 5, 2)
     assert set(standing().learners["experiment"]) == {"beyond", "ablation"}
     assert standing("S2") is None
-    publish(tmp_path / "reproduce", "algorithm,success,score\ntable,1.0,1.0\n")
-    with pytest.raises(InputError, match="damaged"):
-        standing()
-    shutil.rmtree(tmp_path / "reproduce")
     whole = (tmp_path / "beyond" / "scores.csv.gz").read_bytes()
-    for part in (whole[:-12], whole[:20] + b"xxxx" + whole[24:], b""):
-        (tmp_path / "beyond" / "scores.csv.gz").write_bytes(part)
+    other_columns = gzip.compress(b"algorithm,success,score\ntable,1.0,1.0\n")
+    for content in (other_columns, whole[:-12], whole[:20] + b"xxxx" + whole[24:], b""):
+        (tmp_path / "beyond" / "scores.csv.gz").write_bytes(content)
         with pytest.raises(InputError, match="beyond: damaged"):
             standing()
 
@@ -363,33 +369,20 @@ def test_map_shows_the_likeliest_actions_where_something_can_be_done() -> None:
 
     figure = draw_map(assess(act, scenario="S1", observation="coordinates"))
     axis = figure.axes[0]
-    (mesh,) = [each for each in axis.collections if isinstance(each, QuadMesh)]
+    (mesh,) = [artist for artist in axis.collections if isinstance(artist, QuadMesh)]
     shown = np.ma.filled(np.ma.asarray(mesh.get_array()).astype(float), np.nan).reshape(10, 12)
     expected = np.zeros((10, 12))
     expected[6] = 0.4
     expected[6, 8] = np.nan  # the issuer's cell
     assert np.array_equal(shown, expected, equal_nan=True)
-    heads = [len(each.get_paths()) for each in axis.collections if type(each) is PolyCollection]
+    heads = [len(artist.get_paths()) for artist in axis.collections if type(artist) is PolyCollection]
     assert heads == [0, 108, 0, 108]  # up, down, left, right; nine rows of twelve cells
     dots = [line for line in axis.lines if line.get_marker() == "o"]
     assert sorted(np.asarray(dots[0].get_xydata())[:, 0]) == [c for c in range(12) if c != 8]
     assert set(np.asarray(dots[0].get_xydata())[:, 1]) == {6}
-
-
-def test_map_of_offsets_is_around_the_issuer() -> None:
-    figure = draw_map(assess(towards, scenario="Anywhere", observation="offset"))
-    axis = figure.axes[0]
-    (mesh,) = [each for each in axis.collections if isinstance(each, QuadMesh)]
-    shown = np.ma.filled(np.ma.asarray(mesh.get_array()).astype(float), np.nan).reshape(19, 23)
-    assert {(row - 9, column - 11) for row, column in np.argwhere(shown == 1)} == {
-        (row, column) for row in range(-2, 3) for column in range(-2, 3) if max(abs(row), abs(column)) == 2
-    }
-    right = [each for each in axis.collections if type(each) is PolyCollection][RIGHT].get_paths()
-    assert {np.asarray(path.vertices)[:, 0].mean().round() - 11 for path in right} == set(range(-11, -2))
-    figure.canvas.draw()
-    assert [label.get_text() for label in axis.get_xticklabels()] == ["−9", "−6", "−3", "0", "3", "6", "9"]
-    assert axis.get_ylabel() == "rows from the issuer"
-    assert axis.get_title() == "Anywhere: score 1, success 1"
+    around = draw_map(assess(towards, scenario="Anywhere", observation="offset")).axes[0]
+    assert around.get_ylabel() == "rows from the issuer"
+    assert around.get_title() == "Anywhere: score 1, success 1"
 
 
 def test_maps_are_written_with_equal_bytes_or_it_is_reported(tmp_path: Path) -> None:

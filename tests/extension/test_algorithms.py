@@ -199,8 +199,8 @@ def test_module_beside_the_experiment_is_found_and_digested(
     assert "" != before != digest_of_source("beside_mine")
 
 
-def test_the_example_of_contributing_runs(tmp_path: Path) -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+def test_the_example_of_the_guide_runs(tmp_path: Path) -> None:
+    text = (ROOT / "agents" / "README.md").read_text(encoding="utf-8")
     for name, content in re.findall(r"```(?:python|toml)\n# (\w+\.\w+)\n(.*?)```", text, re.DOTALL):
         (tmp_path / name).write_text(content, encoding="utf-8")
     command = [sys.executable, "-m", "benchmark", "run", "mine.toml", "--seeds", "0-1", "--results", "."]

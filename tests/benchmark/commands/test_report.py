@@ -7,11 +7,11 @@ from benchmark.commands.report import folder_name, other_seeds
 from benchmark.experiments import load_experiment
 
 DECLARED = load_experiment("reproduce")
-(ARM,) = (
+(VARIANT,) = (
     variant.model_copy(update={"seeds": 100, "first_seed": 0}) for variant in DECLARED.algorithms.values()
 )
 DEFAULT = {"default": DECLARED.readings["default"].model_copy(update={"seeds": None})}
-REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": ARM}, "readings": DEFAULT})
+REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": VARIANT}, "readings": DEFAULT})
 
 
 @pytest.mark.parametrize(
@@ -34,9 +34,9 @@ def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
 
 
 def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_variant() -> None:
-    later = ARM.model_copy(update={"first_seed": 100})
-    for variants, declared in (([later], "100-199"), ([ARM, ARM], "0-99"), ([ARM, later], None)):
-        algorithms = {str(i): each for i, each in enumerate(variants)}
+    other = VARIANT.model_copy(update={"first_seed": 100})
+    for variants, declared in (([other], "100-199"), ([VARIANT, VARIANT], "0-99"), ([VARIANT, other], None)):
+        algorithms = {str(i): variant for i, variant in enumerate(variants)}
         experiment = REPRODUCE.model_copy(update={"algorithms": algorithms})
         for text in ("0-99", "100-199", "0-199"):
             seeds = parse_seeds(text)

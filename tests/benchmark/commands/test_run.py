@@ -1,15 +1,14 @@
 """The command `run`."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from benchmark.__main__ import main
 from benchmark.execution import driver
-from benchmark.execution.job import execute_job
+from benchmark.execution.progress import Display
 from benchmark.execution.store import Record, Store
-from benchmark.experiments import all_specifications, load_experiment
+from tests.benchmark.execution.test_processes import arrays_of
 
 LOGGED = """
 description = "A table, and nets that write logs."
@@ -25,17 +24,18 @@ algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1, set
 
 
 def test_logs_come_from_worker_processes_and_change_nothing(tmp_path: Path) -> None:
-    experiment = tmp_path / "logged.toml"
+    experiment, logs = tmp_path / "logged.toml", tmp_path / "logs"
     experiment.write_text(LOGGED, encoding="utf-8")
-    logs = tmp_path / "logs"
-    arguments = ["run", str(experiment), "--jobs", "1", "--results", str(tmp_path / "results")]
-    assert main([*arguments, "--tensorboard", str(logs)]) == 0
+    arrays = []
+    for name, options in (("plain", []), ("logged", ["--tensorboard", str(logs)])):
+        arguments = ["run", str(experiment), "--jobs", "1", "--results", str(tmp_path / name), *options]
+        assert main(arguments) == 0
+        with Store(tmp_path / name / "runs.db") as store:
+            arrays.append(arrays_of(store.get(sorted(store.ended()))))
     written = {str(path.parent.relative_to(logs)) for path in logs.rglob("events*")}
     assert written == {"logged/S2/ppo_coordinates/seed_0", "logged/S2/dqn_one_hot/seed_0"}
-    with Store(tmp_path / "results" / "runs.db") as store:
-        for run in all_specifications(load_experiment(experiment)):
-            (plain,), (logged,) = execute_job([run]), store.get([run.digest])
-            assert all(plain.arrays[name].tobytes() == logged.arrays[name].tobytes() for name in plain.arrays)
+    assert len(arrays[0]) == 3
+    assert arrays[0] == arrays[1]
 
 
 def test_runs_that_are_lost_meanwhile_are_not_said_to_be_done(
@@ -45,20 +45,16 @@ def test_runs_that_are_lost_meanwhile_are_not_said_to_be_done(
     text = "\n".join(line for line in LOGGED.splitlines() if "one_hot" not in line and "ppo" not in line)
     experiment.write_text(text.replace('["S2"]', '["S1", "S2", "S3"]'), encoding="utf-8")
     arguments = ["run", str(experiment), "--jobs", "1", "--results", str(tmp_path / "results")]
-    run = driver.run
+    advance, removed = Display.advance, list[Record]()
 
-    def run_and_remove(runs: Any, store: Store, jobs: int, on_progress: Any, *others: Any) -> list[str]:
-        def remove(records: list[Record]) -> None:
-            if not removed:
-                (tmp_path / "results" / "runs.db").unlink()
-            removed.append(True)
-            on_progress(records)
-
-        removed: list[bool] = []
-        return run(runs, store, jobs, remove, *others)
+    def remove_first(display: Display, records: list[Record]) -> None:
+        if not removed:
+            (tmp_path / "results" / "runs.db").unlink()
+        removed.extend(records)
+        advance(display, records)
 
     with monkeypatch.context() as patch:
-        patch.setattr(driver, "run", run_and_remove)
+        patch.setattr(Display, "advance", remove_first)
         assert main(arguments) == 1
     assert capsys.readouterr().err.splitlines()[-1].startswith("error: runs that were stored")
     assert main(arguments) == 0

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from benchmark.analysis.population import Population
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 from benchmark.__main__ import main
-from benchmark.analysis.population import Population
 from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.page import build
@@ -80,6 +80,11 @@ class Opened:
         scenario, algorithm, observation = names
         for menu, value in (("scenario", scenario), ("learner", LABELS[algorithm, observation])):
             self.panel(side, f"select[name={menu}]").select_option(value)
+
+    def choose_both(self, *names: str) -> None:
+        """Chooses the same in both panels."""
+        for side in ("left", "right"):
+            self.choose(side, *names)
 
     def to_map(self, place: int) -> None:
         """Moves the slider to a place."""

@@ -1,21 +1,20 @@
 """The page in a real browser: the explorer, sorting, sources, accessibility."""
 
-import json
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from benchmark.analysis.population import Population, optimal_values
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
-from playwright.sync_api import Browser
 
 from agents.dynamic_programming import solve
 from agents.policy import ALL_ACTIONS, contains, greedy_masks
-from benchmark.analysis.population import Population, optimal_values
 from benchmark.analysis.walk import CIRCLE, HORIZON, walk
 from benchmark.page import build
 from benchmark.reports.explorer import FILE, Shown, compressed, packed
@@ -26,6 +25,8 @@ from tests.benchmark.page.conftest import LABELS, NET, POLICY, TABLE, Open, Open
 from tests.benchmark.populations import population as blank
 
 Learners = dict[tuple[str, str, str], Population]
+Everything = tuple[Path, dict[str, Population]]  # a folder, and the runs there by scenario
+Explore = Callable[..., tuple[Opened, Population]]
 
 
 def number(text: str) -> float:
@@ -61,8 +62,7 @@ def test_explorer_shows_what_was_stored(
     population = learners[key]
     observed = cell[0] * population.model.scenario.grid.columns + cell[1]
     chosen = shown_maps(population)[place]
-    for side in ("left", "right"):
-        opened.choose(side, *key)
+    opened.choose_both(*key)
     n_maps = len(shown_maps(population))
     assert opened.page.locator("#step").is_visible() == (n_maps > 1)
     if n_maps > 1:
@@ -93,16 +93,6 @@ def test_explorer_shows_what_was_stored(
     assert [number(text) for text in found.groups()] == pytest.approx(means, abs=0.0006)
 
 
-def test_mean_score_in_the_explorer_links_to_its_row(opened: Opened, results: Path) -> None:
-    link = opened.panel("left", ".about a.n")
-    file, _, row = str(link.get_attribute("href")).partition("#row=")
-    link.click()
-    cells = dict(line.split("\t") for line in opened.page.locator("dialog tbody").inner_text().splitlines())
-    header, *rows = rows_of(results / file)
-    assert cells == dict(zip(header, rows[int(row) - 2], strict=True))
-    assert [cells[key] for key in ("scenario", "algorithm", "step")] == ["room", "a-table_b", "8000"]
-
-
 def fills(opened: Opened, side: str = "left") -> list[str]:
     """Returns the colours of a map's moves."""
     shapes = opened.panel(side, ".map svg > g:first-child polygon")
@@ -110,8 +100,7 @@ def fills(opened: Opened, side: str = "left") -> list[str]:
 
 
 def test_slider_shows_learning_and_the_address_keeps_it(opened: Opened, open_page: Open) -> None:
-    for side in ("left", "right"):
-        opened.choose(side, "S2", *TABLE)
+    opened.choose_both("S2", *TABLE)
     opened.walk(3)
     assert "3 steps from" in opened.panel("left", ".walked").inner_text()
     opened.to_map(0)
@@ -145,8 +134,7 @@ def test_address_is_followed_and_names_the_experiment(opened: Opened) -> None:
 
 
 def test_scale_ends_at_the_limits_of_every_back_end(opened: Opened, learners: Learners) -> None:
-    for side in ("left", "right"):
-        opened.choose(side, "S2", *TABLE)
+    opened.choose_both("S2", *TABLE)
     population = learners["S2", *TABLE]
     values = population.agents[0]["values"][shown_maps(population)].astype(float)
     low, high = colour_limits(values[:, ~population.model.is_over[population.model.fresh_state]])
@@ -317,16 +305,14 @@ def violations(opened: Opened, context: str | None = None) -> list[tuple[str, st
     return [(each["id"], each["nodes"][0]["html"]) for each in found]
 
 
-SEEN = {
-    **dict.fromkeys(
-        ("Turning", "MoodyHidden", "Walls", "TwoPeople", "Counted", "Delayed", "Anywhere"), "index"
-    ),
-    "Walking": "offset",
-}
+SEEN = dict.fromkeys(
+    ("Turning", "MoodyHidden", "Walls", "TwoPeople", "Counted", "Delayed", "Anywhere"), "index"
+)
+SEEN["Walking"] = "offset"
 
 
 @pytest.fixture(scope="module")
-def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Population]]:
+def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everything:
     """A page on scenarios of all kinds, with policies that are optimal but for some observations."""
     folder = tmp_path_factory.mktemp("everything")
     shutil.copytree(made, folder / "mine")
@@ -343,6 +329,17 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     (folder / "mine" / FILE).write_bytes(compressed(packed(shown)))
     build.write(folder, "mine")
     return folder / "mine", populations
+
+
+@pytest.fixture
+def explore(everything: Everything, open_page: Open) -> Explore:
+    """Opens policies of one or two of these scenarios; returns the page, and the runs of the left one."""
+
+    def open_at(left: str, right: str = "") -> tuple[Opened, Population]:
+        agents = [f"{name}.a-table_b.{SEEN[name]}" for name in (left, right or left)]
+        return open_page(everything[0], f"#explorer={'~'.join(agents)}~600~policy"), everything[1][left]
+
+    return open_at
 
 
 def assert_optimum(opened: Opened, population: Population, states: NDArray[np.integer], cell: int) -> None:
@@ -369,30 +366,20 @@ def colour_of(share: float) -> str:
 
 
 @pytest.mark.parametrize("name", SEEN)
-def test_every_scenario_is_walked_and_solved_as_in_python(
-    everything: tuple[Path, dict[str, Population]], open_page: Open, name: str
-) -> None:
-    folder, populations = everything
-    population = populations[name]
-    model, greedy = population.model, population.agents[0]["greedy"][-1]
-    agent = f"{name}.a-table_b.{SEEN[name]}"
-    opened = open_page(folder, f"#explorer={agent}~{agent}~600~policy")
+def test_every_scenario_is_walked_and_solved_as_in_python(explore: Explore, name: str) -> None:
+    opened, population = explore(name)
+    model = population.model
     block = model.start - model.cell[model.start] + np.arange(len(model.position))
     assert_optimum(opened, population, block, int(np.flatnonzero(~model.is_over[block])[-1]))
-    assert_walks(opened, population, greedy)
+    assert_walks(opened, population, population.agents[0]["greedy"][-1])
     n_walls = int(model.scenario.grid.is_wall.sum())
     assert opened.panel("left", ".map svg > g:first-child rect[fill='#55555f']").count() == n_walls
-    people = model.scenario.people[0][0]
-    assert opened.panel("left", ".map .things polygon[points]").count() == len(people) * (
-        1 + model.scenario.has_front
-    )
+    n_signs = len(model.scenario.people[0][0]) * (1 + model.scenario.has_front)
+    assert opened.panel("left", ".map .things polygon[points]").count() == n_signs
 
 
-def test_another_draw_of_chance_takes_another_walk(
-    everything: tuple[Path, dict[str, Population]], open_page: Open
-) -> None:
-    agent = "MoodyHidden.a-table_b.index"
-    opened = open_page(everything[0], f"#explorer={agent}~{agent}~600~policy")
+def test_another_draw_of_chance_takes_another_walk(explore: Explore) -> None:
+    opened, _ = explore("MoodyHidden")
     walks = set()
     for _ in range(5):
         opened.walk(30)
@@ -402,20 +389,16 @@ def test_another_draw_of_chance_takes_another_walk(
 
 
 def test_the_person_is_moved_by_pointer_keys_and_menus(
-    everything: tuple[Path, dict[str, Population]], open_page: Open
+    explore: Explore, everything: Everything, open_page: Open
 ) -> None:
-    folder, populations = everything
-    population = populations["Anywhere"]
-    model = population.model
-    agent = "Anywhere.a-table_b.index"
-    opened = open_page(folder, f"#explorer={agent}~{agent}~600~policy")
+    opened, population = explore("Anywhere")
     cells, menu = opened.panel("left", ".map svg > g:first-child > g"), "select[name=person]"
-    places = [row * 12 + column for row, column in model.scenario.places]
+    places = [row * 12 + column for row, column in population.model.scenario.places]
 
     def assert_at(person: int) -> None:
         for side in ("left", "right"):  # which show the same room
             assert opened.panel(side, menu).input_value() == str(person)
-        assert_optimum(opened, population, model.states_of(places.index(person)), 100)
+        assert_optimum(opened, population, population.model.states_of(places.index(person)), 100)
 
     opened.panel("left", ".map").scroll_into_view_if_needed()
     cells.nth(places[0]).hover()
@@ -433,62 +416,32 @@ def test_the_person_is_moved_by_pointer_keys_and_menus(
     assert_at(2 * 12 + 6)
     # The address keeps it, and a walk starts from where episodes start with the person there.
     opened.page.wait_for_function(f"location.hash.includes('.{places.index(2 * 12 + 6) * 5}~')")
-    again = open_page(folder, opened.page.evaluate("location.hash"))
+    again = open_page(everything[0], opened.page.evaluate("location.hash"))
     assert again.panel("right", menu).input_value() == str(2 * 12 + 6)
     assert "The agent is at row 0, column 0." in again.panel("left", ".walked").inner_text()
 
 
-def test_a_finger_drags_the_person_and_not_the_page(
-    everything: tuple[Path, dict[str, Population]], open_page: Open
-) -> None:
-    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "reduced_motion": "reduce"}
-    opened = open_page(everything[0], "#explorer=Anywhere.a-table_b.index~", **phone)
-    cells, menu = opened.panel("left", ".map svg > g:first-child > g"), opened.panel("left", "[name=person]")
-    opened.panel("left", ".map").evaluate("map => map.scrollIntoView({ block: 'center' })")
-    before = opened.page.evaluate("scrollY")
-    ends = [cells.nth(cell).bounding_box() for cell in (int(menu.input_value()), 7 * 12 + 6)]
-    (x, y), (to_x, to_y) = [
-        (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2) for box in ends if box
-    ]
-    fingers = opened.page.context.new_cdp_session(opened.page)
-    for kind, share in (("Start", 0.0), *(("Move", 0.1 * i) for i in range(1, 11))):
-        points = [{"x": x + share * (to_x - x), "y": y + share * (to_y - y)}]
-        fingers.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
-    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    assert menu.input_value() == str(7 * 12 + 6)
-    assert opened.page.evaluate("scrollY") == before
-
-
-def test_phase_and_wrong_pings_are_chosen(
-    everything: tuple[Path, dict[str, Population]], open_page: Open
-) -> None:
-    folder, populations = everything
-    turning, counted = populations["Turning"], populations["Counted"]
-    opened = open_page(folder, "#explorer=Turning.a-table_b.index~Counted.a-table_b.index~600~policy")
+def test_phase_and_wrong_pings_are_chosen(explore: Explore, everything: Everything) -> None:
+    opened, turning = explore("Turning", "Counted")
     opened.panel("left", "select[name=phase]").select_option(label="looks down")
     assert_optimum(opened, turning, turning.model.states_of(2), 20)
     opened.choose("left", "Counted", *TABLE)
     opened.panel("left", "select[name=pings]").select_option("3")
-    assert_optimum(opened, counted, 3 * 120 + np.arange(120), 20)
+    assert_optimum(opened, everything[1]["Counted"], 3 * 120 + np.arange(120), 20)
     assert opened.panel("right", "select[name=pings]").input_value() == "3"  # the same room
 
 
-def test_hidden_parts_are_named(everything: tuple[Path, dict[str, Population]], open_page: Open) -> None:
-    opened = open_page(
-        everything[0], "#explorer=MoodyHidden.a-table_b.index~Anywhere.a-table_b.index~600~policy"
-    )
+def test_hidden_parts_are_named(explore: Explore) -> None:
+    opened, _ = explore("MoodyHidden", "Anywhere")
     hidden = [opened.panel(side, ".about").inner_text() for side in ("left", "right")]
     assert ["It does not see the phase" in text for text in hidden] == [True, False]
     assert violations(opened, "#explorer") == []
 
 
-def test_first_pair_ends_differently(
-    everything: tuple[Path, dict[str, Population]], open_page: Open, tmp_path: Path
-) -> None:
+def test_first_pair_ends_differently(everything: Everything, open_page: Open, tmp_path: Path) -> None:
     model = everything[1]["Anywhere"].model
-    best = greedy_masks(solve(model, 1.0, 200).q, 1e-9)
     masks = np.zeros((2, model.n_observations), dtype=np.uint8)
-    masks[:, model.observation[::-1]] = best[::-1]
+    masks[:, model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
     fails_at = 70  # place in which the first agent PINGs at once, again and again
     masks[0, model.observation[model.states_of(fails_at)]] = 1 << ACTIONS.index("PING")
     shown = [
@@ -503,39 +456,6 @@ def test_first_pair_ends_differently(
     assert chosen == [LABELS[TABLE], LABELS[NET]]
     row, column = model.scenario.places[fails_at]
     assert opened.panel("left", "select[name=person]").input_value() == str(row * 12 + column)
-
-
-def test_learners_of_two_experiments_with_one_name_keep_their_titles(
-    results: Path, tmp_path: Path, open_page: Open
-) -> None:
-    shutil.copytree(results, tmp_path / "results")
-    manifest = tmp_path / "results" / "compare_deep" / "manifest.json"
-    changed = json.loads(manifest.read_text(encoding="utf-8"))
-    changed["algorithms"]["a-table_b"]["title"] = "paper's table"
-    manifest.write_text(json.dumps(changed), encoding="utf-8")
-    build.write(tmp_path / "results")
-    for experiment, title in (("reproduce", "a-table_b"), ("compare_deep", "paper's table")):
-        opened = open_page(tmp_path / "results", f"#explorer=S2.a-table_b.index.{experiment}.0.0~S2~0~values")
-        menus = [opened.panel("left", f"select[name={menu}]") for menu in ("learner", "experiment")]
-        assert [menu.input_value() for menu in menus] == [title, experiment]
-        assert menus[0].locator("option").all_inner_texts().count(title) == 1
-        assert menus[1].locator("option").all_inner_texts() == [experiment]
-
-
-def test_a_shared_link_is_followed_before_the_data_are_there(
-    browser: Browser, results: Path, tmp_path: Path
-) -> None:
-    text = (results / "index.html").read_text(encoding="utf-8")
-    (tmp_path / "index.html").write_text(text.replace("DecompressionStream", "Nothing"), encoding="utf-8")
-    page = browser.new_page(viewport={"width": 1280, "height": 400})
-    page.goto((tmp_path / "index.html").as_uri() + "#explorer=S2")
-    page.wait_for_function("document.documentElement.classList.contains('js')")
-    assert page.locator("#explore").is_hidden()
-    top, bar = (
-        page.locator(part).evaluate("part => part.getBoundingClientRect()") for part in ("#explorer", "nav")
-    )
-    assert bar["bottom"] <= top["top"] < bar["bottom"] + 40
-    page.close()
 
 
 def test_page_without_agents(made: Path, tmp_path: Path, open_page: Open) -> None:
@@ -572,8 +492,7 @@ def test_maps_of_the_same_size_follow_each_other(opened: Opened) -> None:
 def test_cells_without_preference_are_hatched_and_scores_below_zero_drawn_at_zero(
     opened: Opened, learners: Learners
 ) -> None:
-    for side in ("left", "right"):
-        opened.choose(side, "S2", *TABLE)
+    opened.choose_both("S2", *TABLE)
     population = learners["S2", *TABLE]
     shown = population.map_indices[shown_maps(population)]
     greedy, scores = population.agents[0]["greedy"][shown], population.unbounded_scores[0, shown]
@@ -598,40 +517,15 @@ def box_of(opened: Opened, selector: str) -> dict[str, float]:
     return {"x": box["x"], "y": box["y"], "width": box["width"], "height": box["height"]}
 
 
-def assert_in_view(opened: Opened, selector: str) -> None:
-    """Checks that an element is in a laptop's window."""
-    box = box_of(opened, selector)
-    assert box["x"] >= 0 <= box["y"], selector
-    assert box["x"] + box["width"] <= 1366, selector
-    assert box["y"] + box["height"] <= 768, selector
-
-
 def test_published_page_answers_at_once_and_is_short(open_page: Open, published: Path) -> None:
     opened = open_page(published, viewport={"width": 1366, "height": 768})
     opened.page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
-    for part in ("h1", ".lead", "#finding img"):
-        assert_in_view(opened, part)
-    assert box_of(opened, "#finding img")["height"] > 768 * 0.4
+    boxes = [box_of(opened, part) for part in ("nav", "h1", ".lead", "#finding img")]
+    assert [box["y"] for box in boxes] == sorted(box["y"] for box in boxes)
+    assert all(0 <= box["x"] <= box["x"] + box["width"] <= 1366 for box in boxes)
+    assert boxes[-1]["y"] + boxes[-1]["height"] <= 768
+    assert boxes[-1]["height"] > 768 * 0.4
     assert opened.page.evaluate("document.documentElement.scrollHeight") < 15_000
-
-
-def test_answer_and_explorer_fit_a_laptop(open_page: Open) -> None:
-    fragment = "#explorer=S2.a-table_b.index~S2.ppo.one_hot~1600~values"
-    opened = open_page(viewport={"width": 1366, "height": 768}, reduced_motion="reduce", fragment=fragment)
-    assert_in_view(opened, "#step")
-    for side in ("left", "right"):
-        panel = f".panel[data-side={side}]"
-        for part in (".legend", ".map svg", ".readout table", ".curve svg"):
-            assert_in_view(opened, f"{panel} {part}")
-        assert box_of(opened, f"{panel} .map")["width"] >= box_of(opened, f"{panel} .numbers")["width"]
-        readout = opened.panel(side, ".readout")
-        assert readout.evaluate("box => box.scrollWidth <= box.clientWidth")  # no label is cut
-    opened.page.evaluate("scrollTo(0, 0)")
-    parts = ("nav", "h1", ".lead", "#finding img")
-    for part in parts:
-        assert_in_view(opened, part)
-    tops = [box_of(opened, part)["y"] for part in parts]
-    assert tops == sorted(tops)
 
 
 def test_names_of_rows_stay_in_view_on_a_phone(open_page: Open) -> None:

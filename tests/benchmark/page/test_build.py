@@ -4,18 +4,19 @@ import json
 import re
 import shutil
 from collections import Counter
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from benchmark.__main__ import main
 from benchmark.drawing.tables import plain, show
-from benchmark.experiments import experiment_names
+from benchmark.experiments import PUBLISHED
 from benchmark.page import build
 from benchmark.reports import sameness
 from benchmark.reports.document import Document
+from benchmark.reports.folder import MANIFEST
 from envs import InputError, load_scenario
 from tests.benchmark.page.conftest import rows_of
 from tests.benchmark.page.made import TEXT
@@ -134,21 +135,16 @@ def test_every_link_leads_somewhere(folder: Path) -> None:
             assert (folder / file).exists(), target
 
 
-def test_links_to_files_that_the_page_lacks_lead_to_the_repository_if_it_has_an_address(
+def test_other_links_lead_to_the_repository_if_it_has_an_address(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(results, tmp_path / "results")
-
-    def others() -> set[str]:
-        page = Page(build.write(tmp_path / "results"))
-        return {target for _, target, _ in page.links if not target.startswith("#") and ".csv" not in target}
-
-    assert others() == {"https://arxiv.org/abs/2108.03730"} | {each for each in others() if "://" in each}
     about = {"version": "9", "repository": "https://example.org/a/b"}
     monkeypatch.setattr(build, "about", lambda: about)
-    found = others()
-    assert "https://example.org/a/b/blob/main/results/compare_deep/manifest.json" in found
-    assert all(target.startswith("https://") for target in found)
+    page = Page(build.write(tmp_path / "results"))
+    others = {target for _, target, _ in page.links if not target.startswith("#") and ".csv" not in target}
+    assert "https://example.org/a/b/blob/main/results/compare_deep/manifest.json" in others
+    assert all(target.startswith("https://") for target in others)
 
 
 def numbers_in(row: list[str], like: str) -> set[str]:
@@ -173,20 +169,23 @@ def test_every_number_is_in_the_row_that_it_links_to(folder: Path) -> None:
     assert checked > 100
 
 
-@pytest.mark.parametrize(
-    ("file", "content"),
-    [("manifest.json", None), ("summary.csv", None)]
-    + [(name, b"{}") for name in ("manifest.json", "summary.csv", "curves.svg", "agents.json.gz")]
-    + [("manifest.json", b"{")],
-)
-def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, content: bytes | None) -> None:
-    shutil.copytree(results / "reproduce", tmp_path / "reproduce")
-    (tmp_path / "reproduce" / file).unlink()
-    if content is not None:
-        (tmp_path / "reproduce" / file).write_bytes(content)
+def refused(results: Path, folder: Path, change: Callable[[Path], object]) -> None:
+    """Checks that a page is refused after a change of one of two folders, in a sentence that names it."""
+    for name in ("compare_deep", "reproduce"):
+        shutil.copytree(results / name, folder / name)
+    change(folder / "reproduce")
     with pytest.raises(InputError, match="reproduce"):
-        build.write(tmp_path, "reproduce" if file == "manifest.json" else None)
-    assert not (tmp_path / "index.html").exists()
+        build.write(folder)
+    assert not (folder / "index.html").exists()
+
+
+@pytest.mark.parametrize("file", ["manifest.json", "summary.csv", "curves.svg", "agents.json.gz"])
+def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str) -> None:
+    refused(results, tmp_path, lambda folder: (folder / file).write_bytes(b"{}"))
+
+
+def test_missing_tables_are_refused(results: Path, tmp_path: Path) -> None:
+    refused(results, tmp_path, lambda folder: (folder / "summary.csv").unlink())
 
 
 @pytest.mark.parametrize(
@@ -197,57 +196,50 @@ def test_damaged_results_are_refused(results: Path, tmp_path: Path, file: str, c
     ids=str,
 )
 def test_damaged_manifests_are_refused(results: Path, tmp_path: Path, changes: dict[str, object]) -> None:
-    for name in ("compare_deep", "reproduce"):
-        shutil.copytree(results / name, tmp_path / name)
-    path = tmp_path / "reproduce" / "manifest.json"
-    found = json.loads(path.read_text(encoding="utf-8")) | changes
-    path.write_text(json.dumps({key: value for key, value in found.items() if value is not None}))
-    with pytest.raises(InputError, match="reproduce"):
-        build.write(tmp_path)
-    assert not (tmp_path / "index.html").exists()
+    def change(folder: Path) -> None:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8")) | changes
+        kept = {key: value for key, value in manifest.items() if value is not None}
+        (folder / MANIFEST).write_text(json.dumps(kept), encoding="utf-8")
+
+    refused(results, tmp_path, change)
 
 
-def test_figure_that_is_too_high_for_the_page_is_smaller_there(results: Path, tmp_path: Path) -> None:
-    shutil.copytree(results / "reproduce", tmp_path / "reproduce")
-    (tmp_path / "reproduce" / "curves.svg").unlink(missing_ok=True)
-    Image.new("RGB", (800, 40_000)).save(tmp_path / "reproduce" / "curves.png")
-    assert re.search(r'width="32[78]" height="16383"', build.write(tmp_path).read_text(encoding="utf-8"))
-
-
-def test_page_is_written_when_a_file_has_changed(made: Path, tmp_path: Path) -> None:
-    shutil.copytree(made, tmp_path / "mine")
-    page = tmp_path / "mine" / "index.html"
-    assert build.update(tmp_path, "mine") == str(page)
-    assert build.update(tmp_path, "mine") == f"{page}, up to date"
-    manifest = json.loads((tmp_path / "mine" / "manifest.json").read_text(encoding="utf-8"))
-    (tmp_path / "mine" / "manifest.json").write_text(json.dumps(manifest | {"partial": "Said again."}))
-    assert build.update(tmp_path, "mine") == str(page)
-    assert '<p class="partial">Said again.</p>' in page.read_text(encoding="utf-8")
-    assert "[mine](mine/README.md)" in (tmp_path / "README.md").read_text(encoding="utf-8")
-
-
-def test_results_of_users_experiments_leave_git_status_clean(
+def test_git_has_the_published_results_and_ignores_those_of_users(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ignoring = (ROOT / ".gitignore").read_text(encoding="utf-8")
-    kept = {*re.findall(r"^!results/(\w+)/$", ignoring, flags=re.MULTILINE)}
-    shipped = {name for name in experiment_names() if not name.endswith("_smoke")}
-    assert kept == shipped - {"compare_deep_long"} | {build.SPEED}
+    assert {path.name for path in (ROOT / "results").glob("[!.]*/")} >= {*PUBLISHED, build.SPEED}
     results = tmp_path / "results"
     shutil.copytree(ROOT / "results" / "equivalence", results / "equivalence")
-    (tmp_path / ".gitignore").write_text(ignoring, encoding="utf-8")
+    shutil.copy(ROOT / ".gitignore", tmp_path)
     git(tmp_path, "init", "--quiet")
     monkeypatch.setattr(sameness, "REPOSITORY", tmp_path)
-    build.update(results, "equivalence")
+    build.write(results, "equivalence")
     git(tmp_path, "add", "--all")
     git(tmp_path, "commit", "--quiet", "--message", "Published")
+    listed = git(tmp_path, "ls-files").split()
+    assert {"results/README.md", "results/equivalence/manifest.json"} <= {*listed}
     shutil.copytree(made, results / "mine")
-    build.update(results, "mine")
-    for path in ("results/runs.db", "map.png", "film.webp"):
+    build.write(results, "mine")
+    for path in ("results/runs.db", "map.png", "film.webp", "results/mine_svg/curves.svg"):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).touch()
     assert git(tmp_path, "status", "--porcelain") == ""
-    (results / "equivalence" / "README.md").write_text("changed", encoding="utf-8")
-    assert git(tmp_path, "status", "--porcelain") == " M results/equivalence/README.md\n"
+    assert "mine" not in (results / "README.md").read_text(encoding="utf-8")
+    (results / "equivalence" / "new.csv").touch()
+    assert git(tmp_path, "status", "--porcelain") == "?? results/equivalence/new.csv\n"
+
+
+def test_list_of_results_has_their_findings_by_importance(results: Path, tmp_path: Path) -> None:
+    shutil.copytree(results, tmp_path / "results")
+    for name in ("mine", "mine_partial"):
+        shutil.copytree(results / "reproduce", tmp_path / "results" / name)
+    build.write(tmp_path / "results")
+    listed = re.findall(
+        r"^- \[(\w+)\]\((\w+)/README.md\): (.*?)$", (tmp_path / "results" / "README.md").read_text(), re.M
+    )
+    assert [name for name, _, _ in listed] == ["compare_deep", "reproduce", "speed", "mine"]
+    assert all(name == folder for name, folder, _ in listed)
+    assert all(finding.startswith("The worst score is ") for _, _, finding in listed)
 
 
 def test_texts_of_all_folders_and_the_page_are_written_again(

@@ -1,5 +1,7 @@
 """The episode that the page tells, against hand arithmetic."""
 
+from pathlib import Path
+
 import pytest
 
 from benchmark.page import episode
@@ -32,12 +34,14 @@ def test_steps_are_those_of_the_scenario_and_values_those_of_q_learning() -> Non
     assert len({(step.before, step.action) for step in steps}) == len(steps)
 
 
-def test_pictures_show_the_agent_where_it_is() -> None:
-    scene, steps = episode.episode()
-    last = steps[-1]
-    picture = episode.still(scene, steps, last)
-    row, column = divmod(last.after, 12)
-    assert f'translate({20 * column + 10},{20 * row + 10})"><circle class="agent"' in picture
-    moving = episode.moving(scene, steps)
-    assert moving.count("@keyframes sign") == sum(step.action == "PING" for step in steps)
-    assert "asks 2 times at a wrong distance" in moving
+def test_pictures_show_the_agent_where_it_is(results: Path) -> None:
+    _, steps = episode.episode()
+    page = (results / "index.html").read_text(encoding="utf-8")
+    pictures = page.split('<svg class="episode"')[1:]
+    shown = episode.highlights(steps)
+    assert len(pictures) == 1 + len(shown)
+    for picture, step in zip(pictures[1:], shown, strict=True):
+        row, column = divmod(step.after, 12)
+        assert f'translate({20 * column + 10},{20 * row + 10})"><circle class="agent"' in picture
+    assert pictures[0].count("@keyframes sign") == sum(step.action == "PING" for step in steps)
+    assert "asks 2 times at a wrong distance" in pictures[0]

@@ -9,17 +9,17 @@ from typing import Any
 from urllib.parse import unquote
 
 import pytest
+from benchmark.reports.columns import meaning
 
 from agents import ALGORITHMS, load_algorithm
 from benchmark.experiments.schema import Experiment, Extension
-from benchmark.page import reference, site
-from benchmark.reports import load_report, sameness
-from benchmark.reports.columns import AFFIXES, meaning
+from benchmark.page import build, reference, site
+from benchmark.reports import load_report
 from benchmark.reports.folder import MANIFEST, Folder
-from envs import EVENTS, InputError, ProxemicEnv, Scenario
+from envs import InputError, Scenario
 from envs.inputs import Table
 from envs.scenario import SCENARIO_DIRECTORY
-from tests.support import ROOT, git
+from tests.support import ROOT
 
 RESULTS = ROOT / "results"
 GUIDE = (SCENARIO_DIRECTORY / "README.md").read_text(encoding="utf-8")
@@ -41,14 +41,13 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("root", [Scenario, Experiment, Extension, *SETTINGS], ids=lambda each: each.__name__)
 def test_every_key_has_a_meaning_and_stands_in_its_reference(root: type[Table]) -> None:
-    text = reference.scenarios() if root is Scenario else reference.experiments()
-    for table in reference.tables_in(root):
-        _, _, section = text.partition(f'<a id="table-{table.__name__.lower()}">')
-        section = section.partition("<a id=")[0]
-        for key, meant in reference.meanings(table).items():
-            assert meant.endswith("."), f"{table.__name__}.{key} has no docstring below it"
-            is_file = key == "name" and root in (Scenario, Experiment) and table is root
-            assert (f"| `{key}` | " in section and meant in section) != is_file, f"{table.__name__}.{key}"
+    reference_of_files = reference.scenarios() if root is Scenario else reference.experiments()
+    for name, section in reference.sections(root).items():
+        rows = re.findall(r"^\| `(\w+)` \| .* \| (.*) \|$", section, flags=re.MULTILINE)
+        assert rows
+        for key, meant in rows:
+            assert meant.endswith("."), f"{name}.{key} has no docstring below it"
+            assert f" | {meant} |\n" in f"{reference_of_files}\n", f"{name}.{key}"
 
 
 def test_reference_says_what_is_accepted() -> None:
@@ -64,31 +63,20 @@ def test_reference_says_what_is_accepted() -> None:
         assert row in rows
 
 
-def columns() -> set[tuple[str, str, str]]:
-    """Report, table and name of every published column."""
-    found = set()
-    for folder in sameness.published_folders(RESULTS):
-        name = load_report(Folder(folder).manifest["report"]["kind"]).name
+def test_every_published_column_has_a_short_meaning() -> None:
+    text, n = reference.columns(RESULTS), 0
+    for folder in build.published(RESULTS):
+        report = load_report(Folder(folder).manifest["report"]["kind"]).name
         for file in folder.glob("*.csv*"):
-            found |= {(name, file.name.partition(".")[0], column) for column in reference.header(file)}
-    return found
-
-
-def test_every_published_column_has_a_meaning() -> None:
-    published = columns()
-    assert len(published) > 300
-    assert {each for each in published if not meaning(*each)} == set()
-    text = reference.columns(RESULTS)
-    assert {each for each in published if f"`{each[2]}`" not in text} == set()
-
-
-def test_meanings_of_columns_are_short_and_end_alike() -> None:
-    for each in sorted(columns()):
-        text = str(meaning(*each))
-        assert len(text) < 250, each
-        assert not text.endswith("."), each
-        assert "{" not in text, each
-    assert all(text.count("{") for text in AFFIXES.values())
+            for column in reference.header(file):
+                meant = meaning(report, file.name.partition(".")[0], column)
+                assert meant, f"{file}: {column}"
+                assert len(meant) < 250, f"{file}: {column}"
+                assert not meant.endswith(".")
+                assert "{" not in meant
+                assert f"`{column}`" in text
+                n += 1
+    assert n > 300
 
 
 # Pages
@@ -111,11 +99,10 @@ def test_every_link_of_the_site_leads_to_a_file(built: Path) -> None:
 
 def test_site_has_page_documents_and_api(built: Path) -> None:
     names = {path.relative_to(built).as_posix() for path in built.rglob("*") if path.is_file()}
-    documents = {
-        f"{name}.html" for name in ("index", "tour", "scenarios", "experiments", "columns", "results")
-    }
+    guides = "algorithms columns commands contributing experiments glossary index reports results scenarios"
+    documents = {f"{name}.html" for name in [*guides.split(), "tour"]}
     results = {f"results/{name}" for name in ("index.html", "reproduce.html", "reproduce/claims.csv")}
-    assert names >= documents | results | {"contributing.html", "tour.ipynb", "search.js"}
+    assert names >= documents | results | {"tour.ipynb", "search.js"}
     assert names >= {"envs.html", "envs/model.html"}
     assert "keeps bumping into a" in (built / "envs.html").read_text(encoding="utf-8")
     assert "The largest distance that belongs to" in (built / "scenarios.html").read_text(encoding="utf-8")
@@ -138,24 +125,20 @@ def test_site_deletes_nothing_else(place: str, tmp_path: Path) -> None:
         site.write(tmp_path / "results", site.ROOT.parent)
 
 
-def test_results_of_users_are_not_on_the_site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    git(tmp_path, "init", "--quiet")
-    shutil.copy(ROOT / ".gitignore", tmp_path)
-    results = tmp_path / "results"
+def test_results_of_users_are_not_on_the_site(tmp_path: Path) -> None:
+    results, folder = tmp_path / "results", tmp_path / "site"
     for name in ("reproduce", "reproduce_smoke"):
         shutil.copytree(RESULTS / "reproduce", results / name)
     (results / "mine").mkdir()
     (results / "mine" / MANIFEST).write_text('{"report": {"kind": "no_such_module:X"}}', encoding="utf-8")
     (results / "index.html").write_text("old", encoding="utf-8")
-    monkeypatch.setattr(sameness, "REPOSITORY", tmp_path)
-    (tmp_path / "site").mkdir()
+    folder.mkdir()
     for name in ("search.js", "old.html"):  # a site made before
-        (tmp_path / "site" / name).touch()
-    site.write(results, tmp_path / "site", ["agents.tabular"])
-    assert not (tmp_path / "site" / "old.html").exists()
-    made = tmp_path / "site" / "results"
-    assert {path.name for path in made.iterdir() if path.is_dir()} == {"reproduce"}
-    assert (made / "index.html").read_text(encoding="utf-8") != "old"
+        (folder / name).touch()
+    site.write(results, folder, ["agents.tabular"])
+    assert not (folder / "old.html").exists()
+    assert {path.name for path in (folder / "results").iterdir() if path.is_dir()} == {"reproduce"}
+    assert (folder / "results" / "index.html").read_text(encoding="utf-8") != "old"
 
 
 # What readers run
@@ -192,18 +175,3 @@ def test_example_of_the_guide_to_scenarios_is_right(tmp_path: Path, monkeypatch:
     result = doctest.DocTestRunner().run(test, out=said.append)
     assert result.attempted == 5
     assert not result.failed, "".join(said)
-
-
-def test_what_the_guide_says_of_counted_and_delayed_pings_is_right() -> None:
-    env = ProxemicEnv("Counted", "coordinates")
-    env.reset(seed=0)
-    steps = [env.step(4) for _ in range(5)]
-    assert [round(float(step[0][2]) * 4) for step in steps] == [1, 2, 3, 4, 4]  # type: ignore[index]
-    assert [step[4]["wrong_pings"] for step in steps] == [1, 2, 3, 4, 5]
-    assert [step[2] for step in steps] == [False] * 4 + [True]
-
-    env = ProxemicEnv("Delayed")
-    env.reset(seed=0)
-    steps = [env.step(action) for action in (4, 0, 0)]  # at (0, 0), the start, and against the wall
-    assert [EVENTS[step[4]["event"]] for step in steps] == ["wrong_ping", "move", "move"]
-    assert [step[4]["issuer_reward"] for step in steps] == [0.0, -1.0, 0.0]

@@ -149,7 +149,9 @@ def test_the_smaller_form_of_a_figure_stays(tmp_path: Path) -> None:
 
 def test_drawing_again_gives_the_same_bytes(drawn: Drawn, tmp_path: Path) -> None:
     with Store(drawn.results / "runs.db", read_only=True) as store:
-        assert not draw.draw(drawn.experiment, draw.report_of(drawn.experiment), store, drawn.folder).is_new  # it is up to date
+        assert not draw.draw(
+            drawn.experiment, draw.report_of(drawn.experiment), store, drawn.folder
+        ).is_new  # it is up to date
         assert draw.draw(drawn.experiment, draw.report_of(drawn.experiment), store, tmp_path / "small").is_new
     for path in drawn.folder.iterdir():
         assert path.read_bytes() == (tmp_path / "small" / path.name).read_bytes(), path.name

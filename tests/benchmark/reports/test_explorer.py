@@ -106,13 +106,13 @@ def test_a_scenario_is_unpacked_as_it_was_compiled(name: str, tmp_path: Path) ->
     # The number of a state, and of the view that shows it.
     _, n_ticks, n_delayed, n_pings = scene["shape"]
     block = np.arange(n_states) // len(model.position)
-    tick, place = block // n_pings // n_delayed % n_ticks, block // n_pings // n_delayed // n_ticks
-    context = place * len(scene["phases"]) + np.array(scene["ticks"])[tick]
+    tick, position = block // n_pings // n_delayed % n_ticks, block // n_pings // n_delayed // n_ticks
+    context = position * len(scene["phases"]) + np.array(scene["ticks"])[tick]
     assert (context == model.context).all()
     zones = np.array([[*map(int, view["zone"])] for view in scene["views"]])
     assert (zones[context, model.cell] == model.zone).all()
-    for place, view in zip(model.scenario.places, scene["views"][:: len(scene["phases"])], strict=True):
-        assert divmod(view["glyphs"][0]["cell"], scene["columns"]) == place
+    for cell, view in zip(model.scenario.places, scene["views"][:: len(scene["phases"])], strict=True):
+        assert divmod(view["glyphs"][0]["cell"], scene["columns"]) == cell
     assert scene["walls"] == np.flatnonzero(model.scenario.grid.is_wall).tolist()
 
 
@@ -126,8 +126,8 @@ def test_scenarios_that_differ_in_what_is_seen_share_a_scene(tmp_path: Path) -> 
 
 
 def test_large_tables_of_values_are_left_out(tmp_path: Path) -> None:
-    blanks = [blank("Anywhere", 3, observation=form) for form in ("index", "offset")]
-    data = written([Shown("table", "any", each) for each in blanks], tmp_path)
+    forms = "index", "offset"
+    data = written([Shown("table", form, blank("Anywhere", 3, observation=form)) for form in forms], tmp_path)
     assert [agent["values"] is None for agent in data["agents"]] == [True, False]
     assert [len(agent["steps"]) for agent in data["agents"]] == [1, 3]
     assert [agent["seeds"] for agent in data["agents"]] == [[0], [0]]

@@ -46,8 +46,8 @@ def test_new_files_replace_old_ones_and_others_stay(
         monkeypatch.setattr("os.link", refuse)
     (folder / "link").symlink_to("nowhere")
     replace(folder, "a.csv", "d.md")
-    kept = {name: f"old {name}" for name in ("other.txt", "notes/c.txt")}
-    assert content(folder) == {"a.csv": "new a.csv", "d.md": "new d.md"} | kept
+    others = {name: f"old {name}" for name in ("other.txt", "notes/c.txt")}
+    assert content(folder) == {"a.csv": "new a.csv", "d.md": "new d.md"} | others
     assert (folder / "link").is_symlink()
     assert [path.name for path in folder.parent.iterdir()] == ["mine"]
     replace(folder.parent / "deep" / "new", "a.csv")  # a new folder
@@ -100,14 +100,18 @@ def test_leftovers_are_removed_and_a_folder_in_between_comes_back(folder: Path) 
         assert sorted(path.name for path in folder.iterdir()) == ["a.csv", "b.csv", "notes", "other.txt"]
 
 
+def start(folder: Path, code: str) -> subprocess.Popen[str]:
+    """Starts a process that executes code after some imports."""
+    imports = "import sys\nfrom pathlib import Path\nfrom benchmark.reports import files\n"
+    command = [sys.executable, "-c", f"{imports}folder = Path(sys.argv[1])\n{code}", str(folder)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, cwd=ROOT, text=True, stdin=pipe, stdout=pipe, stderr=pipe)
+
+
 def test_reader_never_sees_a_mixture(folder: Path) -> None:
     """A process that replaces the folder again and again is killed at some moment, several times."""
     code = """
-import itertools, sys
-from pathlib import Path
-from benchmark.reports import files
-folder = Path(sys.argv[1])
-for i in itertools.count():
+for i in range(1_000_000):
     with files.alone(folder.parent), files.replaced(folder, lambda _: True) as made:
         for j in range(20):
             (made / f"{j}.csv").write_text(f"{i}")
@@ -115,9 +119,7 @@ for i in itertools.count():
 """
     replace(folder, *[f"{j}.csv" for j in range(20)])
     for i in range(3):
-        process = subprocess.Popen(
-            [sys.executable, "-c", code, str(folder)], cwd=ROOT, stdout=subprocess.PIPE, text=True
-        )
+        process = start(folder, code)
         assert process.stdout is not None
         while int(process.stdout.readline()) < 3:
             pass
@@ -132,19 +134,11 @@ for i in itertools.count():
 
 
 def test_one_process_at_a_time(folder: Path) -> None:
-    code = (
-        "import sys\nfrom pathlib import Path\nfrom benchmark.reports import files\n"
-        "with files.alone(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()\n"
-    )
-
-    def start() -> subprocess.Popen[str]:
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        return subprocess.Popen([sys.executable, "-c", code, str(folder)], cwd=ROOT, text=True, **pipes)  # type: ignore[call-overload,no-any-return]
-
-    first = start()
+    code = "with files.alone(folder): print('in', flush=True); sys.stdin.read()"
+    first = start(folder, code)
     assert first.stdout is not None
     assert first.stdout.readline() == "in\n"
-    second = start()
+    second = start(folder, code)
     assert second.stderr is not None
     assert "waiting for another command that writes there" in second.stderr.readline()
     assert first.communicate()[0] == ""

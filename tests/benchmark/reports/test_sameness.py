@@ -77,7 +77,7 @@ def test_distance_of_the_summary_by_hand(made: Path) -> None:
     counts = ("of 5 numbers", "equal to the published ones: 2;", "within the published interval: 1;",
               "outside it: 2;", "missing: 0.")  # fmt: skip
     distance = certificate(made).distance
-    assert [each for each in counts if each not in distance] == []
+    assert [count for count in counts if count not in distance] == []
 
 
 def test_nothing_published_gets_no_certificate(
@@ -101,9 +101,7 @@ def test_stamp_sees_changed_inputs_and_files(tmp_path: Path) -> None:
     assert not sameness.is_up_to_date(path, sameness.digest_of_inputs("runs", "other seeds"))
     files[0].write_text("edited")
     assert not sameness.is_up_to_date(path, inputs)
-    files[0].write_text("a.csv")
-    assert sameness.is_up_to_date(path, inputs)
-    files[1].unlink()
+    files[0].unlink()
     assert not sameness.is_up_to_date(path, inputs)
     path.write_text("{")
     assert not sameness.is_up_to_date(path, inputs)
