@@ -96,7 +96,7 @@ def test_report_of_another_kind(tmp_path: Path) -> None:
     assert manifest["report"]["kind"] == KIND
     success = pd.read_csv(folder / "successes.csv")["success"]
     readme = (folder / "README.md").read_text(encoding="utf-8")
-    assert f"**Success in S1 is {success[0]:g}.**" in readme
+    assert f"\nSuccess in S1 is {success[0]:g}.\n" in readme
     assert "## Successes" in readme
     assert Document(folder).question == "How often does it succeed?"
 

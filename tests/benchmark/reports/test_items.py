@@ -235,7 +235,8 @@ def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
     cells += [Cell("search", np.zeros(2), scenario, "planner", "stochastic") for scenario in scenarios]
     records = {}
     for name in scenarios:
-        run = SimpleNamespace(scenario=load_scenario(name), observation="index", horizon=200)
+        scenario = load_scenario(name)
+        run = SimpleNamespace(scenario=scenario, observation="index", horizon=200, variant="search")
         random, optimal = anchors(compile_scenario(run.scenario), 200, "start")["grid_return"]
         found = [
             {"stochastic_grid_return": np.array([random + score * (optimal - random)]),
