@@ -116,4 +116,4 @@ def test_one_table_of_two_is_enough_for_nothing_to_be_gained(tmp_path: Path) -> 
     assert pd.read_csv(tmp_path / "two/outcomes.csv")["outcome"].tolist() == ["does not earn"]
     readme = (tmp_path / "two/README.md").read_text(encoding="utf-8")
     assert "deep RL does not earn its keep" in readme
-    assert "The tables to beat, the *baselines*, are calm, lost." in readme
+    assert "The tables to beat, the *baselines*, are calm and lost." in readme

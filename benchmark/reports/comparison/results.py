@@ -32,7 +32,6 @@ from benchmark.reports.comparison.cells import (
 from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
-    Outcome,
     Row,
     contrast_rows,
     effect_rows,
@@ -48,7 +47,7 @@ _LABELS: Final = {"success": "success probability", "score": "score, clipped to 
 _MOST_DRAWN: Final = 12  # contrasts
 _FEWEST_COUNTED: Final = 7  # contrasts
 # Groups of scenarios in a figure, from top to bottom
-_GROUPS: Final[Mapping[Outcome, str]] = {
+_GROUPS: Final[Mapping[str, str]] = {
     "earns": "a net is better than the tables",
     "another class": "a net with a policy of another class is better",
     "no table learned": "only nets learned",
@@ -377,12 +376,13 @@ def scores(runs: pd.DataFrame, experiment: Experiment, path: Path) -> None:
 
 
 # The answer in a sentence: what is said of scenarios by their outcome, in this order
-_OUTCOMES: Final[Mapping[Outcome, str]] = {
+_OUTCOMES: Final[Mapping[str, str]] = {
     "earns": "deep RL earns its keep",
-    "another class": "a net is better, but no table with the same class of policy has learned",
+    "another class": "a net is better than all tables to beat, of which those that learned have policies of "
+    "another class",
     "does not earn": "deep RL does not earn its keep",
-    "no table learned": "only nets have learned",
-    "neither learned": "neither a table nor a net compared has learned",
+    "no table learned": "only nets are shown to beat the random policy",
+    "neither learned": "neither tables nor nets are shown to beat the random policy",
     "mixed": "results are mixed",
     "undecided": "it is undecided whether deep RL earns its keep",
     "unequal budgets": "it is left open whether deep RL earns its keep, as budgets differ",
@@ -404,13 +404,14 @@ def headline(folder: Folder) -> str | None:
     names = figures.labelled(table)["scenario"]
     if not any(names):
         scenarios = [*folder.manifest["scenarios"]]
-        return f"{start}, {_OUTCOMES[table['outcome'].iloc[0]]} on average over {listed(scenarios)}."
+        where = "on average over" if len(scenarios) > 1 else "in"
+        return f"{start}, {_OUTCOMES[table['outcome'].iloc[0]]} {where} {listed(scenarios)}."
     parts = []
     for outcome, text in _OUTCOMES.items():
         if len(rows := table[table["outcome"] == outcome]):
             where = f" ({listed(names[rows.index])})" if len(rows) <= figures.FEW else ""
             parts.append(f"{text} in {link(str(len(rows)), 'outcomes', rows)}{where}")
-    kind = " and ".join(f"{name}s" for name in ("scenario", "condition") if name in table)
+    kind = "scenarios" if "condition" not in table else "conditions" if "scenario" not in table else "cases"
     return f"{start}, of {len(table)} {kind}: {'; '.join(parts)}."
 
 

@@ -298,8 +298,8 @@ def test_the_answer_counts_scenarios_by_outcome(tmp_path: Path) -> None:
     data = compared(learners, baseline=["table"], scenarios=["S1", "S2", "S3", "Hall", "Walls"], pool="none")
     assert headline(tmp_path, data) == (
         "With 400 steps of training and 50 to 100 runs per learner, of 5 scenarios: deep RL earns its keep "
-        "in 1 (S1); deep RL does not earn its keep in 2 (S2 and S3); only nets have learned in 1 (Walls); "
-        "neither a table nor a net compared has learned in 1 (Hall)."
+        "in 1 (S1); deep RL does not earn its keep in 2 (S2 and S3); only nets are shown to beat the random "
+        "policy in 1 (Walls); neither tables nor nets are shown to beat the random policy in 1 (Hall)."
     )
 
 
