@@ -122,9 +122,9 @@ def verdicts(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> It
     rows = pd.DataFrame(contrast_rows(runs, experiment, is_partial))
     if len(rows) < _FEWEST_COUNTED or not rows.duplicated(["x", "y"]).any():
         return
-    found = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
+    verdicts = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
     for (x, y), here in rows.groupby(["x", "y"], sort=False):
-        counts = {verdict: int((here["success_verdict"] == verdict).sum()) for verdict in found}
+        counts = {verdict: int((here["success_verdict"] == verdict).sum()) for verdict in verdicts}
         yield {"x": x, "y": y, "n": len(here), **counts}
 
 
@@ -297,7 +297,9 @@ def _heat(tables: Frames, experiment: Experiment) -> Figure:
         lines = [f"success probability after {usual:,} steps of training, mean over runs"]
         if signs:
             than = {} if len(baselines) == 1 else figures.THAN
-            meaning = ", ".join(f"{sign} {each}{than.get(each, '')}" for each, sign in figures.SIGNS.items())
+            meaning = ", ".join(
+                f"{sign} {verdict}{than.get(verdict, '')}" for verdict, sign in figures.SIGNS.items()
+            )
             lines.append(f"against {listed(figures.titles(baselines, experiment))}:")
             lines.append(f"{meaning}; no sign: undecided or not compared")
         figure.supxlabel("\n".join(lines), fontsize="small")
@@ -308,11 +310,12 @@ def _grouped(tables: Frames, scenarios: list[str]) -> Mapping[str, list[str]]:
     """Returns scenarios by outcome, if there are outcomes of each."""
     if "scenario" not in tables.get("outcomes", ()):
         return {"": scenarios}
-    found = figures.labelled(tables["outcomes"]).set_index("scenario")["outcome"]
-    titles = {outcome: title for outcome, title in _GROUPS.items() if outcome in {*found}}
-    return {
-        title: [name for name in scenarios if found.get(name) == outcome] for outcome, title in titles.items()
+    outcome_of = figures.labelled(tables["outcomes"]).set_index("scenario")["outcome"]
+    groups = {
+        title: [name for name in scenarios if outcome_of.get(name) == outcome]
+        for outcome, title in _GROUPS.items()
     }
+    return {title: names for title, names in groups.items() if names}
 
 
 def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], str]:
@@ -320,8 +323,8 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
     signs: dict[tuple[str, str], str] = {}
     if "scenario" in tables.get("contrasts", ()):
         for scenario, rows in figures.labelled(tables["contrasts"]).groupby("scenario", sort=False):
-            found = standings(rows, baselines).map(figures.SIGNS).fillna("")
-            signs |= {(str(scenario), str(x)): sign for x, sign in found.items()}
+            of_learners = standings(rows, baselines).map(figures.SIGNS).fillna("")
+            signs |= {(str(scenario), str(x)): sign for x, sign in of_learners.items()}
     return signs
 
 
@@ -356,10 +359,10 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         row: Row = {name: keys[name] for name in names_of(experiment) if name in keys}
         row |= {"policy": rows["policy"].iloc[0], "runs": len(rows)}
         row |= effort(experiment.learners[keys["learner"]])
-        for name in (*ENDPOINTS, *(f"every_cell_{each}" for each in ENDPOINTS)):
+        for name in (*ENDPOINTS, *(f"every_cell_{endpoint}" for endpoint in ENDPOINTS)):
             if name in runs:
                 values = [here[name].to_numpy() for here in scenarios]
-                mean = Means([float(each.mean()) for each in values], [*map(len, values)])
+                mean = Means([float(scores.mean()) for scores in values], [*map(len, values)])
                 row[name] = Estimate(mean.mean, *mean.interval)
         final = [here["unbounded_score"].to_numpy() for here in scenarios]
         row["unbounded_score"] = np.mean([values.mean() for values in final])
@@ -397,9 +400,11 @@ def headline(folder: Folder) -> str | None:
     contrasts, start = folder.frame("contrasts"), _setting(folder)
     if "outcomes.csv" not in folder:
         counts = contrasts["success_verdict"].value_counts()
-        found = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts]
+        counted = [f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts]
         n = link(str(len(contrasts)), "contrasts", contrasts)
-        return f"{start}, verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)}: {listed(found)}."
+        return (
+            f"{start}, verdicts on success in {n} contrast{'s' * (len(contrasts) != 1)}: {listed(counted)}."
+        )
     table = folder.frame("outcomes")
     names = figures.labelled(table)["scenario"]
     if not any(names):

@@ -249,12 +249,12 @@ def _means(curves: pd.DataFrame) -> dict[int, float]:
 def _ahead(x: Mapping[int, float], y: Mapping[int, float], sizes: Sequence[int]) -> Row:
     """Returns at which steps the mean success of x is above that of y, given the means by step."""
     common = {step: (x[step], y[step]) for step in x if step in y}
-    found = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
+    steps = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
     most = max(common, key=lambda step: x[step] - y[step])
     return {
-        "steps_ahead": len(found),
-        "first_step": float(found[0]) if found else np.inf,
-        "last_step": float(found[-1]) if found else np.inf,
+        "steps_ahead": len(steps),
+        "first_step": float(steps[0]) if steps else np.inf,
+        "last_step": float(steps[-1]) if steps else np.inf,
         "largest_difference": x[most] - y[most],
         "largest_at": most,
         "largest_x": x[most],
@@ -320,16 +320,16 @@ def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, pat
     rows: list[list[film.Film]] = []
     for family in ("tabular", "deep"):
         chosen = next((name for name in learners if experiment.learners[name].family == family), None)
-        rows.append([_film(each, records) for each in drawn if each.learner.name == chosen])
+        rows.append([_film(population, records) for population in drawn if population.learner.name == chosen])
     film.write(film.learning([row for row in rows if row]), path)
 
 
 def _film(population: Population, records: RecordsOf) -> film.Film:
     """Returns the film of a population's typical agent."""
-    found = records(population)
-    agent = typical_agent(found)
-    title = f"{population.scenario.name}: {population.learner.title}, seed {found.seeds[agent]} (median)"
-    return film.film_of(title, found, agent)
+    own = records(population)
+    agent = typical_agent(own)
+    title = f"{population.scenario.name}: {population.learner.title}, seed {own.seeds[agent]} (median)"
+    return film.film_of(title, own, agent)
 
 
 @writing(
@@ -338,8 +338,8 @@ def _film(population: Population, records: RecordsOf) -> film.Film:
 def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes what all learners know, but for reference implementations."""
     shown = [
-        Shown(each.learner.variant, each.learner.observation, records(each))
-        for each in _drawn(runs, experiment)
+        Shown(population.learner.variant, population.learner.observation, records(population))
+        for population in _drawn(runs, experiment)
     ]
     path.write_bytes(compressed(packed(shown)))
 

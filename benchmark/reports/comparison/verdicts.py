@@ -93,11 +93,11 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
     for endpoint in ENDPOINTS:
         margin: float = getattr(reporting.margins, endpoint)
         sides = [case.sides(endpoint) for case in cases]
-        found = [contrast(x, y, margin) for x, y in sides]
-        decided = decide(found, is_allowed=allowed, adjust=adjust)
-        for case, row, (x, y), one, decision in zip(cases, rows, sides, found, decided, strict=True):
+        tests = [contrast(x, y, margin) for x, y in sides]
+        decisions = decide(tests, is_allowed=allowed, adjust=adjust)
+        for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
             row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-            for key, value in (asdict(one) | dict(decision)).items():
+            for key, value in (asdict(test) | dict(decision)).items():
                 ending = f"difference_{key}" if key.startswith(("low", "high")) else key
                 row[f"{endpoint}_{ending}"] = value
             row[f"{endpoint}_margin"] = margin
@@ -119,9 +119,9 @@ def effect_rows(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             del row["random_success"]  # the sides may differ in it
             for endpoint in ENDPOINTS:
                 x, y = case.sides(endpoint)
-                found = contrast(x, y, margin=0.5)  # of which the interval does not depend
+                test = contrast(x, y, margin=0.5)  # on which the interval does not depend
                 row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-                row[f"{endpoint}_difference"] = Estimate(found.difference, found.low, found.high)
+                row[f"{endpoint}_difference"] = Estimate(test.difference, test.low, test.high)
             yield row
 
 
@@ -178,11 +178,11 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     """
     tables = {*baselines}
     order = (NO_VERDICT, WORSE, EQUIVALENT, MIXED, UNDECIDED, BETTER)  # the first that there is
-    found = {}
+    verdicts = {}
     for x, against in rows[rows["y"].isin(tables)].groupby("x", sort=False):
         if set(against["y"]) == tables:
-            found[str(x)] = min(against["success_verdict"], key=order.index)
-    return pd.Series(found, dtype=str)
+            verdicts[str(x)] = min(against["success_verdict"], key=order.index)
+    return pd.Series(verdicts, dtype=str)
 
 
 def _is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
