@@ -13,7 +13,7 @@ since noise turns means near zero more often one way than the other.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -34,12 +34,16 @@ VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
 STATES: Final = ("passes", "undecided", "fails")  # of a part
 _LEAST_DEVIATION: Final = 1e-6  # a smaller standard deviation over agents counts as none
 _REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(POWER))  # 1.96 + 0.84
+_JUDGED: Final = [
+    *("claim", "part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict"),
+    *("effect", "agents_needed", "note", "drawn"),
+]
 
 
 class Part(NamedTuple):
     """One number of a claim, with its 95 % interval; without a number, NaN."""
 
-    name: str
+    part: str  # its name
     value: float
     low: float
     high: float
@@ -58,22 +62,19 @@ class Claim(NamedTuple):
     measure: Callable[[Sequence[Records], str], list[Part]]  # of these scenarios, and of a curve
 
 
-def _resampled(name: str, samples: Samples, drawn: float = math.nan, note: str = "") -> Part:
-    with np.errstate(invalid="ignore"):  # of infinite ratios
-        low, high = interval(samples)
-        return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
+def _resampled(name: str, samples: Samples, drawn: float, note: str = "") -> Part:
+    low, high = interval(samples)
+    return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
 
 
-def _ratio(numerator: Samples | float, denominator: Samples | float) -> Samples:
-    with np.errstate(divide="ignore", invalid="ignore"):  # infinity or NaN, if nothing has been learned
-        return np.divide(numerator, denominator)
-
-
-def _ratios(groups: Sequence[Records], measure: Callable[[Records], tuple[Samples, float]]) -> list[Part]:
+@np.errstate(divide="ignore", invalid="ignore")  # infinity or NaN, if nothing has been learned
+def _ratios(
+    measure: Callable[[Records, str], tuple[Samples, float]], groups: Sequence[Records], curve: str
+) -> list[Part]:
     """Divides what is measured in the first scenario, and what is drawn of it, by that in each other."""
-    first, *others = ((agents.scenario, *measure(agents)) for agents in groups)
+    first, *others = ((agents.scenario, *measure(agents, curve)) for agents in groups)
     return [
-        _resampled(f"{first[0]}/{name}", _ratio(first[1], samples), float(_ratio(first[2], drawn)))
+        _resampled(f"{first[0]}/{name}", first[1] / samples, float(first[2] / drawn))
         for name, samples, drawn in others
     ]
 
@@ -85,11 +86,17 @@ def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
     mean = weights @ curves / len(curves)
     variance = weights @ curves**2 / len(curves) - mean**2
     deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
-    return deviation, float(np.ptp(curves, axis=0).mean())
+    return deviation, np.ptp(curves, axis=0).mean()
 
 
-def _variability(groups: Sequence[Records], curve: str) -> list[Part]:
-    return _ratios(groups, lambda agents: _spread(agents, curve))
+def _focus(agents: Records, _: str) -> tuple[Samples, float]:
+    """Returns how far from the target region the positive mean Q-values of the moves lie."""
+    q = agents.arrays["q"][:, :, :PING]
+    mass = np.maximum(agents.weights @ q.reshape(len(q), -1) / len(q), 0.0)
+    mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
+    scenario = agents.model.scenario
+    distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
+    return mass @ distance / mass.sum(axis=1), math.nan
 
 
 def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
@@ -103,20 +110,6 @@ def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
         note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
         parts.append(_resampled(agents.scenario, samples, float(curves.mean(axis=0).max()), note))
     return parts
-
-
-def _focus(agents: Records) -> tuple[Samples, float]:
-    """Returns how far from the target region the positive mean Q-values of the moves lie."""
-    q = agents.arrays["q"][:, :, :PING]
-    mass = np.maximum(agents.weights @ q.reshape(len(q), -1) / len(q), 0.0)
-    mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
-    scenario = agents.model.scenario
-    distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
-    return _ratio(mass @ distance, mass.sum(axis=1)), math.nan
-
-
-def _moves_focused(groups: Sequence[Records], _: str) -> list[Part]:
-    return _ratios(groups, _focus)
 
 
 @lru_cache(maxsize=64)
@@ -192,10 +185,10 @@ def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
 
 
 CLAIMS: Final = (
-    Claim("variability-S2", ">", 1.0, ("S2", "S1", "S3"), _variability),
+    Claim("variability-S2", ">", 1.0, ("S2", "S1", "S3"), partial(_ratios, _spread)),
     Claim("max-near-1", ">", 0.95, ("S1", "S3"), _near_one),
-    Claim("variability-S3", "<", 1.0, ("S3", "S1", "S2"), _variability),
-    Claim("moves-focused", "<", 1.0, ("S3", "S1", "S2"), _moves_focused),
+    Claim("variability-S3", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _spread)),
+    Claim("moves-focused", "<", 1.0, ("S3", "S1", "S2"), partial(_ratios, _focus)),
     Claim("ping-S3", "<", 1.0, ("S3",), _valued_outside),
     Claim("ping-S3-inside", "<", 1.0, ("S3",), _missing_inside),
     Claim("ping-S1", ">", 0.0, ("S1",), _valued_outside),
@@ -218,26 +211,26 @@ def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = C
       curve: The array of maximum Q that the claims on curves are about.
       claims: By default all that the paper makes.
     """
-    rows: list[dict[str, object]] = []
-    for claim in claims:
-        about = [agents[name] for name in claim.scenarios]
-        judged = [_judged(claim, part, len(about[0].seeds)) for part in claim.measure(about, curve)]
-        worst = max(STATES.index(str(row["state"])) for row in judged)
-        rows += [row | {"verdict": VERDICTS[worst]} for row in judged]
-    return pd.DataFrame(rows)
+    n_agents = len(next(iter(agents.values())).seeds)
+    parts = pd.DataFrame(
+        {"claim": claim.id, "right_side": claim.right_side, "threshold": claim.threshold} | part._asdict()
+        for claim in claims
+        for part in claim.measure([agents[name] for name in claim.scenarios], curve)
+    )
+    ends = np.stack([_margin(parts, "low"), _margin(parts, "high")])
+    states = [ends.min(axis=0) > 0, ends.max(axis=0) <= 0]  # neither of NaN
+    parts["state"] = np.select(states, ["passes", "fails"], "undecided")
+    worst = parts["state"].map(STATES.index).groupby(parts["claim"]).transform("max")
+    deviation = math.sqrt(n_agents) * parts["standard_error"]
+    effect = (_margin(parts, "value") / deviation).where(deviation > _LEAST_DEVIATION)
+    needed = np.ceil((_REACH / effect) ** 2).where((effect != 0) & (parts["state"] == "undecided"))
+    verdicts = worst.map(VERDICTS.__getitem__)
+    return parts.assign(agents=n_agents, verdict=verdicts, effect=effect, agents_needed=needed)[_JUDGED]
 
 
-def _judged(claim: Claim, part: Part, n_agents: int) -> dict[str, object]:
-    sign = 1 if claim.right_side == ">" else -1
-    margin, *ends = (sign * (x - claim.threshold) for x in (part.value, part.low, part.high))
-    state = "passes" if np.min(ends) > 0 else "fails" if np.max(ends) <= 0 else "undecided"  # NaN, too
-    deviation = math.sqrt(n_agents) * part.standard_error
-    effect = margin / deviation if deviation > _LEAST_DEVIATION else math.nan
-    needed = float(np.ceil((_REACH / effect) ** 2)) if effect and state == "undecided" else math.nan
-    row: dict[str, object] = {"claim": claim.id, "part": part.name, "agents": n_agents}
-    row |= {"value": part.value, "low": part.low, "high": part.high}
-    row |= {"right_side": claim.right_side, "threshold": claim.threshold, "state": state, "verdict": ""}
-    return row | {"effect": effect, "agents_needed": needed, "note": part.note, "drawn": part.drawn}
+def _margin(parts: pd.DataFrame, column: str) -> "pd.Series[float]":
+    """Returns how far a number of each part lies on the right side of the threshold."""
+    return np.where(parts["right_side"] == ">", 1, -1) * (parts[column] - parts["threshold"])
 
 
 def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
@@ -247,23 +240,18 @@ def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
       parts: Rows of `judge`, perhaps of several readings or numbers of agents.
       keys: The columns that tell those apart, beside the claim.
     """
-    sign = np.where(parts["right_side"] == ">", 1, -1)
-    ranked = parts.assign(
-        _state=parts["state"].map(STATES.index), _margin=sign * (parts["value"] - parts["threshold"])
-    ).sort_values(["_state", "_margin"], ascending=[False, True], na_position="first", kind="stable")
-    kept = ranked.drop_duplicates(["claim", *keys]).index
-    return parts.loc[parts.index.isin(kept)]
+    ranked = parts.assign(_state=parts["state"].map(STATES.index), _margin=_margin(parts, "value"))
+    order = {"ascending": [False, True], "na_position": "first", "kind": "stable"}
+    kept = ranked.sort_values(["_state", "_margin"], **order).drop_duplicates(["claim", *keys])
+    return parts.loc[parts.index.isin(kept.index)]
 
 
-def agreement(judged: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Returns in how many of these sets of agents each claim has the same verdict as in `judged`.
-
-    Its columns: sets, sets_agreeing, share, share_low, share_high (95 %, exact; NaN without sets).
-    """
-    agreeing = np.zeros(len(judged), dtype=int)
+def agreement(parts: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Returns parts with the share of these sets of agents in which each claim has the same verdict."""
+    agreeing = np.zeros(len(parts), dtype=int)
     for other in sets:
-        agreeing += judged["claim"].map(other.groupby("claim")["verdict"].first()) == judged["verdict"]
-    share = agreeing / len(sets) if sets else np.full(len(judged), np.nan)
-    low, high = proportion_interval(share, len(sets)) if sets else (share, share)
-    frame = pd.DataFrame({"sets": len(sets), "sets_agreeing": agreeing, "share": share}, judged.index)
-    return frame.assign(share_low=low, share_high=high)
+        agreeing += parts["claim"].map(other.groupby("claim")["verdict"].first()) == parts["verdict"]
+    share = agreeing / len(sets)
+    low, high = proportion_interval(share, len(sets))
+    shares = {"share": share, "share_low": low, "share_high": high}
+    return parts.assign(sets=len(sets), sets_agreeing=agreeing, **shares)

@@ -17,9 +17,9 @@ from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
-from benchmark.experiments import DEFAULT_CONDITION, Experiment
+from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item
-from benchmark.reports.replication.agents import all_agents, disjoint_sets, few_agents
+from benchmark.reports.replication.agents import few_agents, few_and_all
 from envs import ACTIONS
 from envs.scenario import FEEDBACK
 from envs.scene import scene_of
@@ -170,23 +170,20 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
-    groups = [*few_agents(experiment, records).values()]
-    if disjoint_sets(experiment, records):
-        groups += all_agents(experiment, records, DEFAULT_CONDITION).values()
-    for agents in groups:
-        model = agents.model
-        row: dict[str, object] = {"scenario": agents.scenario, "agents": len(agents.seeds)}
-        row |= {"first_seed": agents.seeds[0], "last_seed": agents.seeds[-1]}
+    for agents in (group for groups in few_and_all(experiment, records) for group in groups.values()):
+        model, q, seeds = agents.model, agents.arrays["q"], agents.seeds
+        start = model.observation[model.start]
+        row: dict[str, object] = {"scenario": agents.scenario, "agents": len(seeds)}
+        row |= {"first_seed": seeds[0], "last_seed": seeds[-1]}
         row["success"] = proportion(agents.arrays["success"][:, -1])
         row["optimal_share"] = proportion(agents.unbounded_scores()[:, -1] >= _OPTIMUM)
         for name, (random, best) in agents.anchors.items():
             learned = agents.arrays[name][:, -1].mean()
             row |= {f"{name}_random": random, f"{name}_optimal": best, f"{name}_learned": learned}
             row[f"{name}_regret"] = best - learned
-        start = model.observation[model.start]
         row["start_value_optimal"] = optimal_values(agents).max(axis=1)[start]
-        row["start_value_learned"] = agents.arrays["q"].max(axis=-1).mean(axis=0)[start]
-        row["cells_differing"] = differing(agents)[~model.is_over[model.fresh_state]].mean()
+        row["start_value_learned"] = q.max(axis=-1).mean(axis=0)[start]
+        row["cells_differing"] = _differing(agents)[~model.is_over[model.fresh_state]].mean()
         yield row
 
 
@@ -248,12 +245,12 @@ def q_values(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
         values["is_optimal"] = contains(greedy_masks(best, OPTIMUM_TOLERANCE))
         columns |= {key: array.ravel() for key, array in values.items()}
         columns["largest_learned"] = q.max(axis=-1).mean(axis=0).repeat(len(ACTIONS))
-        columns["differs"] = differing(agents).repeat(len(ACTIONS))
+        columns["differs"] = _differing(agents).repeat(len(ACTIONS))
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
 
-def differing(agents: Records) -> NDArray[np.float64]:
+def _differing(agents: Records) -> NDArray[np.float64]:
     """Returns the share of agents whose greedy action is not optimal, (O,); if they draw it, in part."""
     best = contains(greedy_masks(optimal_values(agents), OPTIMUM_TOLERANCE))  # (O, A)
     greedy = contains(agents.arrays["greedy"][:, -1])  # (N, O, A)

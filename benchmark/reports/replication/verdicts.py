@@ -1,5 +1,7 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -13,9 +15,10 @@ from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import entry, item, no_rows
-from benchmark.reports.replication.agents import all_agents, few_agents, has_claims, judged, judged_sets
-from benchmark.reports.replication.claims import CLAIMS, VERDICTS, agreement, weakest
+from benchmark.reports.replication.agents import Agents, few_agents, few_and_all, sets_of_agents
+from benchmark.reports.replication.claims import CLAIMS, VERDICTS, agreement, judge, weakest
 
+_CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # by brightness, too
 _SHOWN: Final = (
@@ -36,6 +39,20 @@ _MEANINGS: Final = {
 }
 
 
+def _judged(experiment: Experiment, agents: Agents, reading: str = DEFAULT_CONDITION) -> pd.DataFrame:
+    return judge(agents, _CURVES[experiment.declared.readings[reading].curve])
+
+
+@lru_cache(maxsize=1)  # two tables are made of them
+def _judged_sets(experiment: Experiment, records: RecordsOf) -> Sequence[pd.DataFrame]:
+    """Judges the claims by each of the disjoint sets, whose first and last seeds it adds."""
+    return [
+        _judged(experiment, agents).assign(first_seed=seeds[0], last_seed=seeds[-1])
+        for agents in sets_of_agents(experiment, records)
+        for seeds in [next(iter(agents.values())).seeds]
+    ]
+
+
 @item(
     "claims",
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
@@ -50,18 +67,12 @@ _MEANINGS: Final = {
         "share": "`sets_agreeing` / `sets`",
     },
 )
-def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
+def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
-    if not has_claims(experiment):
-        return None
-    frames, sets = [judged(experiment, few_agents(experiment, records))], judged_sets(experiment, records)
-    if sets:
-        frames.append(judged(experiment, all_agents(experiment, records, DEFAULT_CONDITION)))
-    frame = pd.concat(frames, ignore_index=True)
-    frame = frame.join(agreement(frame, sets))
-    frame["claim"] = pd.Categorical(frame["claim"], [claim.id for claim in CLAIMS])
-    frame = frame.sort_values(["claim", "agents"], kind="stable", ignore_index=True)
-    return frame.astype({"claim": str})
+    frame = pd.concat(_judged(experiment, agents) for agents in few_and_all(experiment, records))
+    order = {claim.id: i for i, claim in enumerate(CLAIMS)}
+    frame = frame.sort_values("claim", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    return agreement(frame, _judged_sets(experiment, records))
 
 
 @claims.shown
@@ -77,11 +88,14 @@ def headline(folder: Folder) -> str | None:
     if "claims.csv" not in folder:
         return None
     frame = folder.frame("claims")
-    most = frame["agents"].max()
-    rows = weakest(frame[frame["agents"] == most])
-    parts = [(verdict, rows[rows["verdict"] == verdict]) for verdict in VERDICTS]
-    counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
-    scope = f"the paper's {len(rows)} claims, with {most:,} agents per scenario"
+    rows = weakest(frame[frame["agents"] == frame["agents"].max()])
+    by_verdict = {verdict: rows[rows["verdict"] == verdict] for verdict in VERDICTS}
+    counts = [
+        f"{link(str(len(judged)), 'claims', judged)} × {verdict}"
+        for verdict, judged in by_verdict.items()
+        if len(judged)
+    ]
+    scope = f"the paper's {len(rows)} claims, with {frame['agents'].max():,} agents per scenario"
     return f"Verdicts on {scope}: {', '.join(counts)}."
 
 
@@ -90,11 +104,10 @@ def headline(folder: Folder) -> str | None:
     "every part of every claim in each of the disjoint sets of agents, and the verdicts",
     meanings=_MEANINGS | {"first_seed": "seed of the first agent", "last_seed": "seed of the last agent"},
 )
-def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
+def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim in each set."""
     columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
-    frames = [frame[columns] for frame in judged_sets(experiment, records)]
-    return pd.concat(frames, ignore_index=True) if frames else None
+    return pd.concat(_judged_sets(experiment, records), ignore_index=True)[columns]
 
 
 @item(
@@ -103,17 +116,15 @@ def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | Non
     where=no_rows,
     meanings=_MEANINGS | {"reading": "reading of the paper"},
 )
-def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
+def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
-    if not has_claims(experiment):
-        return None
     columns = ["claim", "reading", "part", "agents", "value", "low", "high"]
     columns += ["right_side", "threshold", "state", "verdict"]
     frames = [
-        judged(experiment, few_agents(experiment, records, name), name).assign(reading=name)[columns]
+        _judged(experiment, few_agents(experiment, records, name), name).assign(reading=name)
         for name in experiment.declared.readings
     ]
-    return pd.concat(frames, ignore_index=True)
+    return pd.concat(frames, ignore_index=True)[columns]
 
 
 @sensitivity.figure("Whether the paper's claims hold, by how the paper is read.")
