@@ -38,10 +38,12 @@ def check(experiment: Experiment) -> None:
                 "observes its cell alone, there is one start and one phase, no wall, and the regions are "
                 "squares by their radii."
             )
-    if experiment.declared.sweep:
-        raise InputError(f"{source}: sweep: accepted: none, since a replication varies its readings alone.")
-    for key in {} if report is None else report.model_dump(exclude_defaults=True, exclude=_DECLARED):
-        raise InputError(f"{source}: report.{key}: a replication takes none; accepted: in a comparison.")
+    foreign = ["sweep"] if experiment.declared.sweep else []
+    if report is not None:
+        declared = report.model_dump(exclude_defaults=True, exclude=_DECLARED)
+        foreign += [f"report.{key}" for key in declared]
+    for key in foreign:
+        raise InputError(f"{source}: {key}: a replication takes none; accepted: in a comparison.")
 
 
 @lru_cache(maxsize=1)  # most tables and figures are of the default reading

@@ -1,14 +1,8 @@
 """The paper's claims as measured rows, each with a threshold and a verdict.
 
-A claim is made of one or more parts, each a number that must lie on one side of a threshold. A part `passes`
-if its whole 95 % interval lies on the right side, and `fails` if it lies on the wrong one; otherwise, or if
-there is no number, it is `undecided`. If all parts pass, the claim `holds`; if one fails, it `does not hold`;
-otherwise it is `undecided`.
-
-Ratios, and means without bounds, have bootstrap intervals over agents; shares exact binomial ones; overlaps
-of agents' own maps, which vary much less than shares do, Student's or Welch's. What depends on which cells
-have a mean above zero has simultaneous intervals of all cells' means: a resampled count of signs is biased,
-since noise turns means near zero more often one way than the other.
+What a claim, its parts, states and verdicts are, and which intervals they have, is said in the document of
+the report. What depends on which cells have a mean above zero has simultaneous intervals of all cells' means:
+a resampled count of signs is biased, since noise turns means near zero more often one way than the other.
 """
 
 import math
@@ -200,16 +194,10 @@ CLAIMS: Final = (
 
 
 def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = CLAIMS) -> pd.DataFrame:
-    """Measures claims; returns one row per part.
+    """Measures claims, those on curves by this array of maximum Q; returns one row per part.
 
-    `effect` is a part's distance from the threshold, in standard deviations of a single agent, positive on
-    the right side. It is NaN if there is no standard deviation, or if that is 0 but for rounding. If it is
-    the true one, `agents_needed` agents decide an undecided part with a probability of 80 %.
-
-    Args:
-      agents: Those of at least the claims' scenarios, all of one reading and equally many.
-      curve: The array of maximum Q that the claims on curves are about.
-      claims: By default all that the paper makes.
+    The agents are those of one reading, by scenario, and equally many. `effect` and `agents_needed` are NaN
+    if there is no standard deviation, or if that is 0 but for rounding.
     """
     n_agents = len(next(iter(agents.values())).seeds)
     parts = pd.DataFrame(
@@ -230,20 +218,18 @@ def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = C
 
 def _margin(parts: pd.DataFrame, column: str) -> "pd.Series[float]":
     """Returns how far a number of each part lies on the right side of the threshold."""
-    return np.where(parts["right_side"] == ">", 1, -1) * (parts[column] - parts["threshold"])
+    return (parts[column] - parts["threshold"]) * np.where(parts["right_side"] == ">", 1, -1)
 
 
 def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
     """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side.
 
-    Args:
-      parts: Rows of `judge`, perhaps of several readings or numbers of agents.
-      keys: The columns that tell those apart, beside the claim.
+    Of several readings or numbers of agents, `keys` are the columns that tell these apart.
     """
     ranked = parts.assign(_state=parts["state"].map(STATES.index), _margin=_margin(parts, "value"))
-    order = {"ascending": [False, True], "na_position": "first", "kind": "stable"}
-    kept = ranked.sort_values(["_state", "_margin"], **order).drop_duplicates(["claim", *keys])
-    return parts.loc[parts.index.isin(kept.index)]
+    ranked = ranked.sort_values("_margin", na_position="first", kind="stable")
+    worst = ranked.sort_values("_state", ascending=False, kind="stable").drop_duplicates(["claim", *keys])
+    return parts.loc[parts.index.isin(worst.index)]
 
 
 def agreement(parts: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -28,6 +28,10 @@ _SHOWN: Final = (
 _MEANINGS: Final = {
     "claim": "claim of the paper",
     "part": "which number of the claim",
+    "agents": "agents per scenario",
+    "first_seed": "seed of the first agent",
+    "last_seed": "seed of the last agent",
+    "reading": "reading of the paper",
     "value": "the number",
     "low": "lower end of its 95 % interval",
     "high": "upper end of its 95 % interval",
@@ -35,7 +39,13 @@ _MEANINGS: Final = {
     "threshold": "threshold",
     "state": "whether the part passes, fails or is undecided",
     "verdict": "verdict on the claim",
-    "agents": "agents per scenario",
+    "effect": "distance to the right side of the threshold, in standard deviations of a single agent",
+    "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
+    "note": "more about the part",
+    "drawn": "what the paper's figure shows instead of `value`",
+    "sets": "disjoint sets of as many agents as the paper has",
+    "sets_agreeing": "sets with the same verdict on the claim",
+    "share": "`sets_agreeing` / `sets`",
 }
 
 
@@ -56,16 +66,7 @@ def _judged_sets(experiment: Experiment, records: RecordsOf) -> Sequence[pd.Data
 @item(
     "claims",
     "every part of every claim, with its 95 % interval, its state and the verdict, by agents",
-    meanings=_MEANINGS
-    | {
-        "effect": "distance to the right side of the threshold, in standard deviations of a single agent",
-        "agents_needed": "agents that decide an undecided part with a probability of 80 %, by its effect",
-        "note": "more about the part",
-        "drawn": "what the paper's figure shows instead of `value`",
-        "sets": "disjoint sets of as many agents as the paper has",
-        "sets_agreeing": "sets with the same verdict on the claim",
-        "share": "`sets_agreeing` / `sets`",
-    },
+    meanings=_MEANINGS,
 )
 def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
@@ -102,7 +103,7 @@ def headline(folder: Folder) -> str | None:
 @item(
     "claim_sets",
     "every part of every claim in each of the disjoint sets of agents, and the verdicts",
-    meanings=_MEANINGS | {"first_seed": "seed of the first agent", "last_seed": "seed of the last agent"},
+    meanings=_MEANINGS,
 )
 def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim in each set."""
@@ -114,7 +115,7 @@ def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     "sensitivity",
     "every part of every claim, its state and the verdict, under every reading of the paper",
     where=no_rows,
-    meanings=_MEANINGS | {"reading": "reading of the paper"},
+    meanings=_MEANINGS,
 )
 def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
