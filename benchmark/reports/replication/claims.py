@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmark.analysis.contrasts import POWER
-from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, student
+from benchmark.analysis.intervals import LEVEL, interval, proportion, proportion_interval, resample, student
 from benchmark.analysis.records import Records, overlap
 from envs.model import PING
 from envs.regions import target_distance
@@ -56,6 +56,10 @@ class Claim(NamedTuple):
     measure: Callable[[Sequence[Records], str], list[Part]]  # of these scenarios, and of a curve
 
 
+def _weights(agents: Records) -> NDArray[np.float64]:
+    return resample(len(agents.seeds), agents.scenario)  # (RESAMPLES + 1, N)
+
+
 def _resampled(name: str, samples: Samples, drawn: float, note: str = "") -> Part:
     low, high = interval(samples)
     return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
@@ -76,7 +80,7 @@ def _ratios(
 @lru_cache(maxsize=64)
 def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
     """Returns the standard deviation over agents, averaged over steps; and the height of the drawn area."""
-    curves, weights = agents.arrays[curve], agents.weights
+    curves, weights = agents.arrays[curve], _weights(agents)
     mean = weights @ curves / len(curves)
     variance = weights @ curves**2 / len(curves) - mean**2
     deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
@@ -86,7 +90,7 @@ def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
 def _focus(agents: Records, _: str) -> tuple[Samples, float]:
     """Returns how far from the target region the positive mean Q-values of the moves lie."""
     q = agents.arrays["q"][:, :, :PING]
-    mass = np.maximum(agents.weights @ q.reshape(len(q), -1) / len(q), 0.0)
+    mass = np.maximum(_weights(agents) @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
     scenario = agents.model.scenario
     distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
@@ -100,7 +104,7 @@ def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
         level = np.percentile(curves, 99, axis=1)  # (N,)
         reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
         ceiling = reward[agents.in_target].max()
-        samples = agents.weights @ level / len(level)
+        samples = _weights(agents) @ level / len(level)
         note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
         parts.append(_resampled(agents.scenario, samples, float(curves.mean(axis=0).max()), note))
     return parts
