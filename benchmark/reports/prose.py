@@ -84,26 +84,20 @@ class _Lookups:
         return frame
 
     def row(self, table: str, **where: object) -> pd.Series:
-        """Returns the only row of a table with these values."""
         rows = self.rows(table, **where)
         if len(rows) != 1:
             raise ValueError(f"{table}.csv has {len(rows)} rows with {where}, not one")
         return rows.iloc[0]
 
     def number(self, table: str, column: str, form: str = ",.0f", **where: object) -> str:
-        """Returns a number, with a link to its row."""
+        """Returns a number, or with the form "time" seconds, with a link to its row."""
         row = self.row(table, **where)
-        return tables.link(format(row[column], form), table, row)
+        text = tables.duration(row[column]) if form == "time" else format(row[column], form)
+        return tables.link(text, table, row)
 
     def interval(self, table: str, column: str, **where: object) -> str:
-        """Returns a number with its interval."""
         low, high = (self.row(table, **where)[f"{column}_{end}"] for end in ("low", "high"))
         return f"{self.number(table, column, '.2f', **where)} [{low:.2f}, {high:.2f}]"
-
-    def duration(self, table: str, column: str, **where: object) -> str:
-        """Returns a time in seconds or milliseconds."""
-        row = self.row(table, **where)
-        return tables.link(tables.duration(row[column]), table, row)
 
     def count(self, table: str, of: str = "", **where: object) -> str:
         """Returns how many rows have these values, or how many different values a column has in them."""
