@@ -1,6 +1,6 @@
 """The agents of a replication, and what a replication demands of an experiment."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -47,33 +47,27 @@ def check(experiment: Experiment) -> None:
 
 
 @lru_cache(maxsize=1)  # most tables and figures are of the default reading
-def _all_agents(experiment: Experiment, records: RecordsOf, reading: str) -> Agents:
-    return {
+def agents_of(
+    experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION
+) -> Sequence[Agents]:
+    """Returns disjoint sets of a reading's agents by consecutive seeds, each of as many as the paper has.
+
+    If there are two or more, all agents of the reading follow.
+    """
+    everyone = {
         population.scenario.name: records(population)
         for population in experiment.populations
         if population.condition.name == reading
     }
-
-
-def sets_of_agents(
-    experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION
-) -> list[Agents]:
-    """Returns a reading's agents in disjoint sets by consecutive seeds, each of as many as the paper has."""
-    agents = _all_agents(experiment, records, reading)
     (learner,) = experiment.learners.values()
-    size, total = learner.declared.seeds, len(agents[SCENARIOS[0]].seeds)
-    return [
-        {name: group.subset(start, start + size) for name, group in agents.items()}
+    size, total = learner.declared.seeds, len(everyone[SCENARIOS[0]].seeds)
+    sets: list[Agents] = [
+        {name: agents.subset(start, start + size) for name, agents in everyone.items()}
         for start in range(0, max(total - size, 0) + 1, size)
     ]
+    return [*sets, everyone] if len(sets) > 1 else sets
 
 
-def few_agents(experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION) -> Agents:
-    """Returns as many agents of a reading as the paper has: those of the first seeds."""
-    return sets_of_agents(experiment, records, reading)[0]
-
-
-def few_and_all(experiment: Experiment, records: RecordsOf) -> list[Agents]:
-    """Returns as many agents by default as the paper has, and all if there are twice as many or more."""
-    first, *others = sets_of_agents(experiment, records)
-    return [first, _all_agents(experiment, records, DEFAULT_CONDITION)] if others else [first]
+def few_agents(experiment: Experiment, records: RecordsOf) -> Agents:
+    """Returns as many agents of the default reading as the paper has: those of the first seeds."""
+    return agents_of(experiment, records)[0]

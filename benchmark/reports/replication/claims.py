@@ -28,10 +28,6 @@ VERDICTS: Final = ("holds", "undecided", "does not hold")  # on a claim
 STATES: Final = ("passes", "undecided", "fails")  # of a part
 _LEAST_DEVIATION: Final = 1e-6  # a smaller standard deviation over agents counts as none
 _REACH: Final = float(stats.norm.ppf((1 + LEVEL) / 2) + stats.norm.ppf(POWER))  # 1.96 + 0.84
-_JUDGED: Final = [
-    *("claim", "part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict"),
-    *("effect", "agents_needed", "note", "drawn"),
-]
 
 
 class Part(NamedTuple):
@@ -217,7 +213,7 @@ def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = C
     effect = (_margin(parts, "value") / deviation).where(deviation > _LEAST_DEVIATION)
     needed = np.ceil((_REACH / effect) ** 2).where((effect != 0) & (parts["state"] == "undecided"))
     verdicts = worst.map(VERDICTS.__getitem__)
-    return parts.assign(agents=n_agents, verdict=verdicts, effect=effect, agents_needed=needed)[_JUDGED]
+    return parts.assign(agents=n_agents, verdict=verdicts, effect=effect, agents_needed=needed)
 
 
 def _margin(parts: pd.DataFrame, column: str) -> "pd.Series[float]":
@@ -236,12 +232,12 @@ def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
     return parts.loc[parts.index.isin(worst.index)]
 
 
-def agreement(parts: pd.DataFrame, sets: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Returns parts with the share of these sets of agents in which each claim has the same verdict."""
-    agreeing = np.zeros(len(parts), dtype=int)
-    for other in sets:
-        agreeing += parts["claim"].map(other.groupby("claim")["verdict"].first()) == parts["verdict"]
-    share = agreeing / len(sets)
-    low, high = proportion_interval(share, len(sets))
-    shares = {"share": share, "share_low": low, "share_high": high}
-    return parts.assign(sets=len(sets), sets_agreeing=agreeing, **shares)
+def agreement(parts: pd.DataFrame, sets: pd.DataFrame) -> pd.DataFrame:
+    """Returns parts with the share of sets of agents, by first seed, in which a claim has the same verdict."""
+    verdicts = sets.drop_duplicates(["first_seed", "claim"])
+    counts, n = verdicts.groupby(["claim", "verdict"]).size(), verdicts["first_seed"].nunique()
+    judged = pd.MultiIndex.from_frame(parts[["claim", "verdict"]])
+    agreeing = counts.reindex(judged, fill_value=0).to_numpy()
+    low, high = proportion_interval(agreeing / n, n)
+    shares = {"share": agreeing / n, "share_low": low, "share_high": high}
+    return parts.assign(sets=n, sets_agreeing=agreeing, **shares)

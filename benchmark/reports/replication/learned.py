@@ -19,7 +19,7 @@ from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legen
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
 from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item
-from benchmark.reports.replication.agents import few_agents, few_and_all
+from benchmark.reports.replication.agents import agents_of, few_agents
 from envs import ACTIONS
 from envs.scenario import FEEDBACK
 from envs.scene import scene_of
@@ -175,7 +175,8 @@ def _(table: pd.DataFrame) -> Figure:
 )
 def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, object]]:
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
-    for agents in (group for groups in few_and_all(experiment, records) for group in groups.values()):
+    few, *others = agents_of(experiment, records)
+    for agents in (agents for groups in (few, *others[-1:]) for agents in groups.values()):
         model, q, seeds = agents.model, agents.arrays["q"], agents.seeds
         row: dict[str, object] = {"scenario": agents.scenario, "agents": len(seeds)}
         row |= {"first_seed": seeds[0], "last_seed": seeds[-1]}

@@ -1,6 +1,5 @@
 """The items on the paper's claims: judged with few agents and many, in disjoint sets, under each reading."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -15,12 +14,16 @@ from benchmark.drawing.tables import link
 from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import entry, item, no_rows
-from benchmark.reports.replication.agents import Agents, few_agents, few_and_all, sets_of_agents
-from benchmark.reports.replication.claims import CLAIMS, VERDICTS, agreement, judge, weakest
+from benchmark.reports.replication.agents import agents_of
+from benchmark.reports.replication.claims import SCENARIOS, VERDICTS, agreement, judge, weakest
 
 _CURVES: Final = {"visited": "max_q", "table": "table_max_q"}  # array of each curve that claims can be about
 _SIGNS: Final = dict(zip(VERDICTS, ("✓", "?", "✗"), strict=True))
 _COLOURS: Final = dict(zip(VERDICTS, (COLOURS[9], "#f7ecc3", COLOURS[3]), strict=True))  # by brightness, too
+_JUDGED: Final = [
+    *("claim", "part", "agents", "value", "low", "high", "right_side", "threshold", "state", "verdict"),
+    *("effect", "agents_needed", "note", "drawn"),
+]
 _SHOWN: Final = (
     *("claim", "agents", "verdict", "sets", "agreeing", "part", "right_side", "threshold", "value", "state"),
     *("drawn", "effect", "agents_needed"),
@@ -49,18 +52,24 @@ _MEANINGS: Final = {
 }
 
 
-def _judged(experiment: Experiment, agents: Agents, reading: str = DEFAULT_CONDITION) -> pd.DataFrame:
-    return judge(agents, _CURVES[experiment.declared.readings[reading].curve])
+@lru_cache(maxsize=1)  # three tables are of them
+def _all_parts(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
+    """Judges the claims by all sets of agents by default, and by the first one under other readings."""
+    frames = []
+    for name, reading in experiment.declared.readings.items():
+        sets = agents_of(experiment, records, name)
+        for agents in sets if name == DEFAULT_CONDITION else sets[:1]:
+            seeds = agents[SCENARIOS[0]].seeds
+            frame = judge(agents, _CURVES[reading.curve])
+            frames.append(frame.assign(reading=name, first_seed=seeds[0], last_seed=seeds[-1]))
+    return pd.concat(frames, ignore_index=True)
 
 
-@lru_cache(maxsize=1)  # two tables are made of them
-def _judged_sets(experiment: Experiment, records: RecordsOf) -> Sequence[pd.DataFrame]:
-    """Judges the claims by each of the disjoint sets, whose first and last seeds it adds."""
-    return [
-        _judged(experiment, agents).assign(first_seed=seeds[0], last_seed=seeds[-1])
-        for agents in sets_of_agents(experiment, records)
-        for seeds in [next(iter(agents.values())).seeds]
-    ]
+def _default_parts(experiment: Experiment, records: RecordsOf, least: str) -> pd.DataFrame:
+    """Returns the parts by default for which a column has its smallest value."""
+    parts = _all_parts(experiment, records)
+    parts = parts[parts["reading"] == DEFAULT_CONDITION]
+    return parts[parts[least] == parts[least].min()]
 
 
 @item(
@@ -70,10 +79,9 @@ def _judged_sets(experiment: Experiment, records: RecordsOf) -> Sequence[pd.Data
 )
 def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim, with as many agents as the paper has and with all."""
-    frame = pd.concat(_judged(experiment, agents) for agents in few_and_all(experiment, records))
-    order = {claim.id: i for i, claim in enumerate(CLAIMS)}
-    frame = frame.sort_values("claim", key=lambda names: names.map(order), kind="stable", ignore_index=True)
-    return agreement(frame, _judged_sets(experiment, records))
+    few_and_all, sets = (_default_parts(experiment, records, key) for key in ("first_seed", "agents"))
+    by_claim = [rows for _, rows in few_and_all.groupby("claim", sort=False)]
+    return agreement(pd.concat(by_claim, ignore_index=True)[_JUDGED], sets)
 
 
 @claims.shown
@@ -108,7 +116,7 @@ def headline(folder: Folder) -> str | None:
 def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim in each set."""
     columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
-    return pd.concat(_judged_sets(experiment, records), ignore_index=True)[columns]
+    return _default_parts(experiment, records, "agents")[columns]
 
 
 @item(
@@ -119,13 +127,8 @@ def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
 )
 def sensitivity(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
     """Tabulates the parts of every claim under each reading, with as many agents as the paper has."""
-    columns = ["claim", "reading", "part", "agents", "value", "low", "high"]
-    columns += ["right_side", "threshold", "state", "verdict"]
-    frames = [
-        _judged(experiment, few_agents(experiment, records, name), name).assign(reading=name)
-        for name in experiment.declared.readings
-    ]
-    return pd.concat(frames, ignore_index=True)[columns]
+    first = _all_parts(experiment, records).drop_duplicates(["reading", "claim", "part"])
+    return first[["claim", "reading", *_JUDGED[1:10]]]
 
 
 @sensitivity.figure("Whether the paper's claims hold, by how the paper is read.")

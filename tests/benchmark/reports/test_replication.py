@@ -134,7 +134,8 @@ def test_effects_by_hand(side: str, part: list[float], effect: float, needed: fl
 
 def test_agreement_of_sets_by_hand() -> None:
     here = pd.DataFrame({"claim": ["a", "b"], "verdict": ["holds", "undecided"]})
-    compared = claims.agreement(here, [here.assign(verdict="holds")] * 3 + [here])
+    others = [here.assign(verdict="holds", first_seed=seed) for seed in (4, 8, 12)]
+    compared = claims.agreement(here, pd.concat([here.assign(first_seed=0), *others]))
     assert compared["sets_agreeing"].tolist() == [4, 1]
     assert compared["share"].tolist() == [1, 0.25]
     assert compared["share_low"].iloc[0] == pytest.approx(0.025 ** (1 / 4))
