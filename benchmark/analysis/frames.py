@@ -64,12 +64,9 @@ def tables(
                 "returns no such policy; accepted: greedy."
             )
         keys, steps = keys_of(group.population) | dict(group.more), records.evaluation_steps
+        wanted = columns or _recorded(records.run)
         of_runs, of_curves = (
-            {
-                name: compute(records, policy)
-                for name, compute in computed.items()
-                if (name in columns if columns else _is_recorded(name, records.run))
-            }
+            {name: compute(records, policy) for name, compute in computed.items() if name in wanted}
             for computed in (_RUN_COLUMNS, _CURVE_COLUMNS)
         )
         about = {"seed": records.seeds, "policy": policy, "budget": steps[-1]}
@@ -88,10 +85,12 @@ def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return joined.assign(**{str(name): joined[name].fillna("") for name in texts})
 
 
-def _is_recorded(name: str, run: RunSpecification) -> bool:
+def _recorded(run: RunSpecification) -> set[str]:
     if run.solved is not None:
-        return name in _MAPPED
-    return name != "unseen_success" and ("every_cell" in run.evaluated_from or "every_cell_" not in name)
+        return _MAPPED
+    names = {*_RUN_COLUMNS, *_CURVE_COLUMNS} - {"unseen_success"}
+    is_everywhere = "every_cell" in run.evaluated_from
+    return {name for name in names if is_everywhere or "every_cell_" not in name}
 
 
 def _over_training(name: str, start: str, records: Records, policy: str) -> Floats:
@@ -172,9 +171,9 @@ def by_step(curves: pd.DataFrame, column: str) -> Floats:
 
 
 def learned(success: Floats, steps: Sequence[int], level: float, until: float = math.inf) -> NDArray[np.int_]:
-    """Returns from which evaluation on each run has learned, (N,): its index, or T if it never has.
+    """Returns the index of the first evaluation, (N,), from which success stays at or above a level.
 
-    It has learned once success stays at or above a level until so many times as many steps, or to the end.
+    It has to stay there until so many times as many steps, or to the end; T if it never does.
 
     >>> curves = np.array([[0.0, 1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 0.0, 0.0]])
     >>> steps = [0, 100, 200, 300, 400]

@@ -63,13 +63,13 @@ class Records:
         """Exact returns from the start, see the function `anchors`."""
         return anchors(self.model, self.run.horizon, "start")
 
-    @cached_property
+    @property
     def random_success(self) -> float:
         """How often the random policy succeeds, exactly."""
-        return float(evaluate(self.model, uniform_policy(self.model), self.run.horizon).success)
+        return _random_success(self.model, self.run.horizon)
 
     def unbounded_scores(self, policy: str = "greedy", start: str = "start") -> NDArray[np.float64]:
-        """Returns scores, (N, T): grid returns scaled so that 0 is the random policy and 1 the optimal one.
+        """Returns grid returns, scaled so that 0 is the random policy and 1 the optimal one, (N, T).
 
         Those of a stochastic policy are (N, 0) if the learner has none.
         """
@@ -109,12 +109,11 @@ class Records:
 
 
 class _Stacked(dict[str, Array]):
-    """The arrays of N agents, (N, ...), each stacked when it is first asked for: all together are large."""
+    """Arrays that are stacked when they are first asked for: all together are large."""
 
     def __init__(self, agents: Sequence[Mapping[str, Array]], variant: str) -> None:
         super().__init__()
-        self.agents = agents
-        self.variant = variant
+        self.agents, self.variant = agents, variant
 
     def __missing__(self, name: str) -> Array:
         if name not in self.agents[0]:
@@ -142,6 +141,11 @@ def load_records(runs: Sequence[RunSpecification], store: Store) -> Records:
         [run.seed for run in runs],
         [record.provenance for record in records],
     )
+
+
+@lru_cache(maxsize=128)
+def _random_success(model: Model, horizon: int) -> float:
+    return float(evaluate(model, uniform_policy(model), horizon).success)
 
 
 @lru_cache(maxsize=128)

@@ -52,10 +52,6 @@ class Claim(NamedTuple):
     measure: Callable[[Sequence[Records], str], list[Part]]  # of these scenarios, and of a curve
 
 
-def _weights(agents: Records) -> NDArray[np.float64]:
-    return resample(len(agents.seeds), agents.scenario)  # (RESAMPLES + 1, N)
-
-
 def _resampled(name: str, samples: Samples, drawn: float, note: str = "") -> Part:
     low, high = interval(samples)
     return Part(name, float(samples[0]), float(low), float(high), float(samples[1:].std()), note, drawn)
@@ -76,7 +72,7 @@ def _ratios(
 @lru_cache(maxsize=64)
 def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
     """Returns the standard deviation over agents, averaged over steps; and the height of the drawn area."""
-    curves, weights = agents.arrays[curve], _weights(agents)
+    curves, weights = agents.arrays[curve], resample(len(agents.seeds), agents.scenario)
     mean = weights @ curves / len(curves)
     variance = weights @ curves**2 / len(curves) - mean**2
     deviation = np.sqrt(np.maximum(variance, 0.0)).mean(axis=1)
@@ -85,8 +81,8 @@ def _spread(agents: Records, curve: str) -> tuple[Samples, float]:
 
 def _focus(agents: Records, _: str) -> tuple[Samples, float]:
     """Returns how far from the target region the positive mean Q-values of the moves lie."""
-    q = agents.arrays["q"][:, :, :PING]
-    mass = np.maximum(_weights(agents) @ q.reshape(len(q), -1) / len(q), 0.0)
+    q, weights = agents.arrays["q"][:, :, :PING], resample(len(agents.seeds), agents.scenario)
+    mass = np.maximum(weights @ q.reshape(len(q), -1) / len(q), 0.0)
     mass = mass.reshape(len(mass), *q.shape[1:]).sum(axis=-1)  # (RESAMPLES + 1, O)
     scenario = agents.model.scenario
     distance = target_distance(scenario.regions, scenario.places[0], scenario.grid.size)
@@ -100,7 +96,7 @@ def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
         level = np.percentile(curves, 99, axis=1)  # (N,)
         reward = (model.grid_reward + model.issuer_reward)[model.fresh_state, PING]
         ceiling = reward[agents.in_target].max()
-        samples = _weights(agents) @ level / len(level)
+        samples = resample(len(level), agents.scenario) @ level / len(level)
         note = f"{samples[0] / ceiling:.1%} of its ceiling {ceiling:.3f}"
         parts.append(_resampled(agents.scenario, samples, float(curves.mean(axis=0).max()), note))
     return parts
@@ -110,8 +106,7 @@ def _near_one(groups: Sequence[Records], curve: str) -> list[Part]:
 def _signs(agents: Records, level: float = LEVEL) -> NDArray[np.bool_]:
     """Returns in which cells PING's mean Q-value is above zero: as measured, surely, and possibly, (3, O).
 
-    Surely and possibly are right for all cells at once, with a confidence of `level`. A cell where no agent
-    ever chose PING has 0 throughout, and is not above zero.
+    Surely and possibly are right for all cells at once, with a confidence of `level`.
     """
     q = agents.arrays["q"][:, :, PING]
     return np.stack(student(q, level, q.shape[1])) > 0
@@ -140,11 +135,7 @@ def _reaches(groups: Sequence[Records], _: str) -> list[Part]:
 
 
 def _mean_map(agents: Records, level: float = LEVEL) -> tuple[float, float, float]:
-    """Returns how the mean map overlaps with the target region: measured, least and greatest.
-
-    With T target cells it is at least (sure inside) / (T + possible outside), and at most (possible inside) /
-    (T + sure outside), where possible cells include the sure ones.
-    """
+    """Returns how the mean map overlaps with the target region: measured, least and greatest."""
     in_target, (measured, surely, possibly) = agents.in_target, _signs(agents, level)
     least, greatest = np.where(in_target, surely, possibly), np.where(in_target, possibly, surely)
     value, low, high = (float(overlap(cells, in_target)) for cells in (measured, least, greatest))
@@ -169,9 +160,9 @@ def _random_helps(groups: Sequence[Records], _: str) -> list[Part]:
 def _identifies(groups: Sequence[Records], _: str) -> list[Part]:
     parts = [Part(f"mean map {agents.scenario}", *_mean_map(agents)) for agents in groups]
     for agents in groups:
-        own, valued, in_target = agents.region_overlap, agents.values_ping, agents.in_target
-        hits = (valued & in_target).sum(axis=1)
-        precision, recall = hits.sum() / max(valued.sum(), 1), hits.mean() / in_target.sum()
+        own, n_valued, in_target = agents.region_overlap, agents.values_ping.sum(), agents.in_target
+        hits = (agents.values_ping & in_target).sum(axis=1)
+        precision, recall = hits.sum() / max(n_valued, 1), hits.mean() / in_target.sum()
         error = float(own.std(ddof=1)) / math.sqrt(len(own))
         note = f"precision {precision:.2f}, recall {recall:.2f}"  # which explain the overlap
         parts.append(Part(f"own maps {agents.scenario}", *student(own), error, note))
@@ -217,15 +208,12 @@ def judge(agents: Mapping[str, Records], curve: str, claims: Sequence[Claim] = C
 
 
 def _margin(parts: pd.DataFrame, column: str) -> "pd.Series[float]":
-    """Returns how far a number of each part lies on the right side of the threshold."""
+    # How far a number of each part lies on the right side of the threshold.
     return (parts[column] - parts["threshold"]) * np.where(parts["right_side"] == ">", 1, -1)
 
 
 def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
-    """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side.
-
-    Of several readings or numbers of agents, `keys` are the columns that tell these apart.
-    """
+    """Returns the part that each verdict rests on: of the worst state, the one farthest on the wrong side."""
     ranked = parts.assign(_state=parts["state"].map(STATES.index), _margin=_margin(parts, "value"))
     ranked = ranked.sort_values("_margin", na_position="first", kind="stable")
     worst = ranked.sort_values("_state", ascending=False, kind="stable").drop_duplicates(["claim", *keys])
@@ -233,7 +221,7 @@ def weakest(parts: pd.DataFrame, *keys: str) -> pd.DataFrame:
 
 
 def agreement(parts: pd.DataFrame, sets: pd.DataFrame) -> pd.DataFrame:
-    """Returns parts with the share of sets of agents, by first seed, in which a claim has the same verdict."""
+    """Returns parts with the share of the sets of agents in which the claim has the same verdict."""
     verdicts = sets.drop_duplicates(["first_seed", "claim"])
     counts, n = verdicts.groupby(["claim", "verdict"]).size(), verdicts["first_seed"].nunique()
     judged = pd.MultiIndex.from_frame(parts[["claim", "verdict"]])

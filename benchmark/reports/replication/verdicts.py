@@ -66,10 +66,10 @@ def _all_parts(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
 
 
 def _default_parts(experiment: Experiment, records: RecordsOf, least: str) -> pd.DataFrame:
-    """Returns the parts by default for which a column has its smallest value."""
+    # Those for which a column has its smallest value.
     parts = _all_parts(experiment, records)
-    parts = parts[parts["reading"] == DEFAULT_CONDITION]
-    return parts[parts[least] == parts[least].min()]
+    parts = parts.loc[parts["reading"] == DEFAULT_CONDITION]
+    return parts.loc[parts[least].eq(parts[least].min())]
 
 
 @item(
@@ -97,14 +97,15 @@ def headline(folder: Folder) -> str | None:
     if "claims.csv" not in folder:
         return None
     frame = folder.frame("claims")
-    rows = weakest(frame[frame["agents"] == frame["agents"].max()])
-    by_verdict = {verdict: rows[rows["verdict"] == verdict] for verdict in VERDICTS}
+    n_agents = frame["agents"].max()
+    rows = weakest(frame[frame["agents"] == n_agents])
+    judged = dict([*rows.groupby("verdict")])
     counts = [
-        f"{link(str(len(judged)), 'claims', judged)} × {verdict}"
-        for verdict, judged in by_verdict.items()
-        if len(judged)
+        f"{link(str(len(judged[name])), 'claims', judged[name])} × {name}"
+        for name in VERDICTS
+        if name in judged
     ]
-    scope = f"the paper's {len(rows)} claims, with {frame['agents'].max():,} agents per scenario"
+    scope = f"the paper's {len(rows)} claims, with {n_agents:,} agents per scenario"
     return f"Verdicts on {scope}: {', '.join(counts)}."
 
 
