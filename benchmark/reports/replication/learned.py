@@ -76,21 +76,19 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
         for column, (name, agents) in enumerate(groups.items()):
             curve, move, ping = (frame[frame["scenario"] == name] for frame in (curves, moves, pings))
             scene, kind = scene_of(agents.model), agents.model.scenario.issuer.feedback.kind
-            titles = (f"max Q, {name}: {FEEDBACK[kind]}", f"moves, {name}", f"PING, {name}")
             axis, move_axis, ping_axis = axes[:, column]
+            letters = ascii_lowercase[column:9:3]  # as the paper's
             ends = curve["min"], curve["max"]
             axis.fill_between(curve["step"], *ends, color="0.8", lw=0, label="range over agents")
             axis.plot(curve["step"], curve["mean"], color="black", lw=0.9, label="mean of the agents")
             axis.axhline(1.0, color="0.35", lw=0.8, ls=":", label="what a correct PING pays in S1")
-            axis.set(xlabel="environment step", xlim=(0, max(curve["step"].max(), 1)))
-            axis.set(ylim=(bottom - room, top + room))
+            axis.set(title=f"({letters[0]}) max Q, {name}: {FEEDBACK[kind]}", xlabel="environment step")
+            axis.set(xlim=(0, max(curve["step"].max(), 1)), ylim=(bottom - room, top + room))
             triangles(move_axis, scene, move, move_norm)
             heat(ping_axis, scene, ping["mean"].to_numpy(), ping_norm)
             dots(ping_axis, ping[ping["mean"] > 0])
-            for row, title in enumerate(titles):
-                axes[row, column].set(
-                    title=f"({ascii_lowercase[3 * row + column]}) {title}"
-                )  # as the paper's
+            move_axis.set(title=f"({letters[1]}) moves, {name}")
+            ping_axis.set(title=f"({letters[2]}) PING, {name}")
         axes[0, 0].set(ylabel="max Q of the visited cell")
         axes[0, 0].legend(loc="upper left", frameon=False)
         colour_bar(figure, axes[1], move_norm, "mean final Q of the moves")

@@ -99,12 +99,8 @@ def headline(folder: Folder) -> str | None:
     frame = folder.frame("claims")
     n_agents = frame["agents"].max()
     rows = weakest(frame[frame["agents"] == n_agents])
-    judged = dict([*rows.groupby("verdict")])
-    counts = [
-        f"{link(str(len(judged[name])), 'claims', judged[name])} × {name}"
-        for name in VERDICTS
-        if name in judged
-    ]
+    parts = [(name, rows[rows["verdict"] == name]) for name in VERDICTS]
+    counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
     scope = f"the paper's {len(rows)} claims, with {n_agents:,} agents per scenario"
     return f"Verdicts on {scope}: {', '.join(counts)}."
 
@@ -151,7 +147,7 @@ def _(table: pd.DataFrame) -> Figure:
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
         figure.legend(
-            handles=[Patch(color=_COLOURS[each], label=f"{sign} {each}") for each, sign in _SIGNS.items()],
+            handles=[Patch(color=_COLOURS[name], label=f"{sign} {name}") for name, sign in _SIGNS.items()],
             loc="outside lower center", ncols=3, frameon=False,
             title="number: the value of the claim's weakest part; in brackets: where all parts must lie",
         )  # fmt: skip
