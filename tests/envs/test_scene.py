@@ -14,10 +14,10 @@ S1 = compile_scenario(load_scenario("S1"))
 def test_scene_of_the_paper_by_hand() -> None:
     scene = scene_of(S1)
     assert (scene.rows, scene.columns, scene.n_cells) == (10, 12, 120)
-    assert [(outline.label, outline.is_dashed, outline.loops) for outline in scene.outlines] == [
-        ("target region's outer edge", False, (((4, 6), (4, 11), (9, 11), (9, 6)),)),
-        ("uncomfortable region's edge", True, (((5, 7), (5, 10), (8, 10), (8, 7)),)),
-    ]
+    assert scene.outlines == {
+        "target": (((4, 6), (4, 11), (9, 11), (9, 6)),),
+        "uncomfortable": (((5, 7), (5, 10), (8, 10), (8, 7)),),
+    }
     assert scene.cells_of("issuer") == [6 * 12 + 8]
     assert scene.cells_of("start") == [0]
     assert scene.centre(13) == (1.5, 1.5)
@@ -48,7 +48,7 @@ def test_walls_belong_to_no_region() -> None:
     floor[4][6] = floor[8][10] = "#"
     scene = scene_of(compile_scenario(load_scenario("S1", {"grid.walls": "\n".join(map("".join, floor))})))
     assert np.flatnonzero(scene.is_wall).tolist() == [4 * 12 + 6, 8 * 12 + 10]
-    (border,) = scene.outlines[0].loops
+    (border,) = scene.outlines["target"]
     assert set(border) == {(4, 7), (4, 11), (8, 11), (8, 10), (9, 10), (9, 6), (5, 6), (5, 7)}
     assert np.flatnonzero(scene.is_over).tolist() == [4 * 12 + 6, 6 * 12 + 8, 8 * 12 + 10]
 
