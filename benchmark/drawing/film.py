@@ -8,9 +8,8 @@ actions are equally good, or where it has diverged.
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
-from textwrap import wrap
+from textwrap import fill
 from typing import Final
 
 import numpy as np
@@ -66,13 +65,8 @@ class Film:
     greedy: NDArray[np.uint8]  # (V, O) masks
     scores: NDArray[np.float64]  # (V,)
     walks: Sequence[Walk]  # (V,) of the greedy policy
-    scale: tuple[float, float] | None = None  # the ends of a colour scale that films share
+    scale: tuple[float, float]  # the ends of the colours of values
     model: Model | None = None  # unless one map shows it all, see `Model.has_cell_maps` and `cell_map`
-
-    @cached_property
-    def limits(self) -> tuple[float, float]:
-        """The ends of the colour scale, the same for all maps."""
-        return self.scale or colour_limits(self.values)
 
     def is_unknown(self, index: int) -> NDArray[np.bool_]:
         """Returns in which cells of a map, (O,), there is no value, or all actions are equally good."""
@@ -90,7 +84,7 @@ class Film:
         observed = self.model.observation[first : first + len(self.model.position)]
         scene = scene_of(self.model, int(self.model.context[moment.state]))
         values, greedy = self.values[:, observed], self.greedy[:, observed]
-        return replace(self, scene=scene, values=values, greedy=greedy, scale=self.limits, model=None)
+        return replace(self, scene=scene, values=values, greedy=greedy, model=None)
 
     def end(self, index: int) -> "Moment":
         """Returns the end of the walk at a map."""
@@ -117,6 +111,7 @@ def film_of(title: str, records: Records, agent: int = 0) -> Film:
     model, indices = records.model, records.map_indices
     arrays = records.agents[agent]
     values, greedy = arrays["values"].astype(np.float64), arrays["greedy"][indices]
+    scale = colour_limits(values)
     walks = [walk(model, masks, records.horizon) for masks in greedy]
     n_starts = len(model.starts)
     _, scene, observed = cell_map(model)
@@ -133,6 +128,7 @@ def film_of(title: str, records: Records, agent: int = 0) -> Film:
         greedy=greedy,
         scores=records.unbounded_scores()[agent, indices],
         walks=walks,
+        scale=scale,
         model=None if model.has_cell_maps or is_egocentric else model,
     )
 
@@ -145,29 +141,24 @@ class Screen:
 
     def __init__(self, rows: Sequence[Sequence[Film]]) -> None:
         """Makes the figure and shows the first map of each film."""
-        self.films = [film for row in rows for film in row]
-        height, width = np.max([(film.scene.rows, film.scene.columns) for film in self.films], axis=0)
-        cell = _LARGE_CELL if len(self.films) == 1 else _CELL
-        cell = min(cell, _LONGEST_SIDE / max(height, width))
+        films = [film for row in rows for film in row]
+        height, width = np.max([(film.scene.rows, film.scene.columns) for film in films], axis=0)
+        cell = min(_CELL if len(films) > 1 else _LARGE_CELL, _LONGEST_SIDE / max(height, width))
         width, height = max(cell * width, _NARROWEST) + _GAP, max(cell * height, _LOWEST) + _GAP
-        titles = [wrap(film.title, int(width * _CHARACTERS)) for film in self.films]
-        height += (max(map(len, titles)) + 2) * _LINE
+        titles = [fill(film.title, int(width * _CHARACTERS)) for film in films]
+        height += max(title.count("\n") + 3 for title in titles) * _LINE
         n_columns = max(map(len, rows))
         size = n_columns * width + _BAR, len(rows) * height
         with figure_of(len(rows), n_columns, size) as (self.figure, axes):
             self.figure.set_dpi(min(_DPI, _MOST_PIXELS / max(size)))
-            scales = []
+            self._axes, self.films = list[Axes](), list[Film]()
             for row, row_axes in zip(rows, axes, strict=True):
                 scale = colour_limits(np.concatenate([film.values.ravel() for film in row]))
-                scales += [scale] * len(row)
                 colour_bar(self.figure, row_axes, Normalize(*scale), "value", extend="both")
                 for axis in row_axes[len(row) :]:
                     axis.set_axis_off()
-            self._axes = [axis for axis in axes.flat if axis.axison]
-            self.films = [
-                replace(film, title="\n".join(title), scale=scale)
-                for film, title, scale in zip(self.films, titles, scales, strict=True)
-            ]
+                self._axes += [*row_axes[: len(row)]]
+                self.films += [replace(film, title=titles.pop(0), scale=scale) for film in row]
             self.show([film.end(0) for film in self.films])
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")  # a layout takes longer than a frame
@@ -186,7 +177,7 @@ class Screen:
 
 
 def _draw(axis: Axes, film: Film, moment: Moment, *, has_arrows: bool) -> None:
-    scene, index, agent, norm = film.scene, moment.index, moment.cells[-1], Normalize(*film.limits)
+    scene, index, agent, norm = film.scene, moment.index, moment.cells[-1], Normalize(*film.scale)
     greedy, is_unknown = contains(film.greedy[index]), film.is_unknown(index)
     # All actions are greedy mostly where the agent has never been.
     is_marked = greedy & ~greedy.all(axis=1, keepdims=True) & (np.arange(scene.n_cells) != agent)[:, None]

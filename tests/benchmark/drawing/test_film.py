@@ -97,7 +97,7 @@ def test_films_side_by_side_show_every_step_of_any(film: Film) -> None:
 def test_large_films_fit_into_a_file(film: Film, tmp_path: Path) -> None:
     scene = scene_of(compile_scenario(load_scenario("S1", {"grid.rows": 10, "grid.columns": 900})))
     values, greedy = np.zeros((1, 9000, 5)), np.full((1, 9000), 31, dtype=np.uint8)
-    made = Film("", scene, [0], values, greedy, np.zeros(1), film.walks[:1])
+    made = Film("", scene, [0], values, greedy, np.zeros(1), film.walks[:1], (0, 1))
     assert 2_000 < learning([[made]])[0].width < 2_200
     few = replace(film, steps=[0], values=film.values[:1], title="a title of some length " * 4)
     write(learning([[few] * 70]), tmp_path / "learning.webp")
@@ -153,7 +153,7 @@ def test_text_has_the_colours_of_the_largest_values(film: Film) -> None:
     values[25, :, 2] = np.repeat([0.0, 1.0], 60)
     values[25, :60, 3] = -1e-9
     values[25, 7], values[25, 5], greedy[25, 7] = 0.5, np.nan, 31  # neither has a value
-    text = to_text(replace(film, values=values, greedy=greedy), Moment(25, (0,)))
+    text = to_text(replace(film, values=values, greedy=greedy, scale=(0, 1)), Moment(25, (0,)))
     styles = [str(span.style) for span in text.spans]
     assert styles[1] == "rgb(255,255,255) on rgb(0,34,77)"  # the ends of cividis
     assert styles[119] == "rgb(0,0,0) on rgb(253,231,55)"
