@@ -134,10 +134,10 @@ def decide(
 
     With `list` as `adjust`, p-values stay as they are.
     """
-    different = adjust([contrast.p_different for contrast in contrasts])
-    equivalent = adjust([contrast.p_equivalent for contrast in contrasts])
+    different = adjust([compared.p_different for compared in contrasts])
+    equivalent = adjust([compared.p_equivalent for compared in contrasts])
     decided: list[Mapping[str, object]] = []
-    for contrast, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True):
-        found = verdict(contrast.difference, p, q) if allowed else NO_VERDICT
-        decided.append({"p_different": p, "p_equivalent": q, "verdict": found})
+    for compared, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True):
+        decision = verdict(compared.difference, p, q) if allowed else NO_VERDICT
+        decided.append({"p_different": p, "p_equivalent": q, "verdict": decision})
     return decided

@@ -38,7 +38,7 @@ class Records:
     @cached_property
     def arrays(self) -> Mapping[str, Array]:
         """The arrays of all agents, (N, ...) each, by name."""
-        return _Stacked(self.agents)
+        return _Stacked(self.agents, self.run.variant)
 
     @cached_property
     def model(self) -> Model:
@@ -131,14 +131,20 @@ class Records:
 class _Stacked(Mapping[str, Array]):
     """The arrays of N agents, (N, ...), each stacked when it is first asked for: all together are large."""
 
-    def __init__(self, agents: Sequence[Mapping[str, Array]]) -> None:
+    def __init__(self, agents: Sequence[Mapping[str, Array]], variant: str) -> None:
         self.agents = agents  # (N,)
+        self.variant = variant
         self._stacked: dict[str, Array] = {}
 
     def __getitem__(self, name: str) -> Array:
+        if name not in self:
+            raise InputError(f"algorithms.{self.variant}: its training returns no {name}.")
         if name not in self._stacked:
             self._stacked[name] = np.stack([arrays[name] for arrays in self.agents])
         return self._stacked[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.agents[0]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.agents[0])

@@ -4,7 +4,7 @@ import hashlib
 import json
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from agents import dynamic_programming, load_algorithm
 from benchmark.experiments.schema import Declaration, overlap, read_experiment
@@ -26,11 +26,11 @@ def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen 
     if not name:
         return None
     source = f"{declared.argument}: algorithms.{variant}.tuned_by = {name}:{searched}"
-    path = _read_search(name)[1]
-    made, learner = read_chosen(path, source), f"{searched}, {observation}"
-    if made.search != _digest_of_search(name):
+    search = _search(name)
+    made, learner = read_chosen(search.path, source), f"{searched}, {observation}"
+    if made.search != search.digest:
         raise InputError(
-            f"{source}: {path} was made by another version of the search; run it again, with --report."
+            f"{source}: {search.path} was made by another version of the search; run it again, with --report."
         )
     if learner not in made.learners:
         unknown_name(source, "learner of the search", learner, made.learners)
@@ -46,7 +46,7 @@ def source_of(declared: Declaration, variant: str) -> tuple[str, str]:
 def changed_settings(declared: Declaration, variant: str) -> list[str]:
     """Lists the settings that a search has chosen for a variant and that the experiment changes."""
     name, searched = source_of(declared, variant)
-    varied = _read_search(name)[0].algorithms[searched].search if name else {}
+    varied = _search(name).declared.algorithms[searched].search if name else {}
     return [key for key in varied if key in declared.algorithms[variant].settings]
 
 
@@ -73,7 +73,7 @@ def check_source(declared: Declaration, variant: str, path: Path) -> None:
     )
     if not name:
         raise InputError(f'{where}: accepted: "EXPERIMENT:VARIANT".')
-    search, _ = _read_search(name)
+    search = _search(name).declared
     if search.search is None:
         raise InputError(f"{where}: {name} has no table [search]; accepted: an experiment with one.")
     if searched not in search.algorithms:
@@ -85,7 +85,7 @@ def check_source(declared: Declaration, variant: str, path: Path) -> None:
 def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
     """Refuses, by an InputError, seeds on which a variant's settings were chosen."""
     name, searched = source_of(declared, variant)
-    taken = _read_search(name)[0].seeds_of_search(searched) if name else ()
+    taken = _search(name).declared.seeds_of_search(searched) if name else ()
     for own in declared.all_seeds(variant):
         if any(overlap(own, seeds) for seeds in taken):
             used = " and ".join(f"{seeds.start} to {seeds.stop - 1}" for seeds in taken)
@@ -97,7 +97,7 @@ def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
 
 def check_unseen(scenario: Scenario, search: str) -> None:
     """Refuses, by an InputError, a scenario of a search, in whatever reflection."""
-    for other in _scenarios_of_search(search):
+    for other in _search(search).scenarios:
         is_alike = scenario.grid.size == other.grid.size and len(scenario.places) == len(other.places)
         is_alike = is_alike and all(getattr(scenario, key) == getattr(other, key) for key in _CHEAP)
         if is_alike and scenario.essence == other.essence:
@@ -105,16 +105,17 @@ def check_unseen(scenario: Scenario, search: str) -> None:
             raise InputError(f"{reason}; accepted: other scenarios.")
 
 
-@lru_cache(maxsize=8)
-def _read_search(name: str) -> tuple[Declaration, Path]:
-    return read_experiment(name)
+class _Search(NamedTuple):
+    """A search that others take settings from."""
+
+    declared: Declaration
+    path: Path
+    scenarios: list[Scenario]
+    digest: str
 
 
 @lru_cache(maxsize=8)
-def _scenarios_of_search(name: str) -> list[Scenario]:
-    return [load_scenario(scenario) for scenario in _read_search(name)[0].scenarios]
-
-
-@lru_cache(maxsize=8)
-def _digest_of_search(name: str) -> str:
-    return digest_of_search(_read_search(name)[0])
+def _search(name: str) -> _Search:
+    declared, path = read_experiment(name)
+    scenarios = [load_scenario(scenario) for scenario in declared.scenarios]
+    return _Search(declared, path, scenarios, digest_of_search(declared))

@@ -6,7 +6,6 @@ Owen 1998), one sequence per variant. So trial t is the same however many there 
 
 import hashlib
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
@@ -165,13 +164,8 @@ def read_chosen(path: Path, source: str) -> Choices:
     file = chosen_file(path)
     again = f"run the search {path.stem} with --report"
     try:
-        return _read_chosen(file, file.stat().st_mtime_ns)
+        return Choices.model_validate_json(file.read_bytes())
     except OSError as error:
         raise InputError(f"{source}: {file} cannot be read ({error.strerror}): {again} first.") from error
     except ValidationError as error:
         raise InputError(f"{source}: {file} is damaged; {again} again, which replaces it.") from error
-
-
-@lru_cache(maxsize=8)
-def _read_chosen(file: Path, _: int) -> Choices:
-    return Choices.model_validate_json(file.read_bytes())

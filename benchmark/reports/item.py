@@ -131,9 +131,8 @@ class Item:
 
 def called(function: Callable[..., T], data: Data, **more: object) -> T:
     """Calls a function with those arguments that it names, see the module's docstring."""
-    given = {"runs": data.runs, "curves": data.curves, "experiment": data.experiment}
-    known = {**given, "records": data.records, "is_partial": data.is_partial, **more}
-    return function(**{name: known[name] for name in inspect.signature(function).parameters})
+    names = inspect.signature(function).parameters
+    return function(**{name: more[name] if name in more else getattr(data, name) for name in names})
 
 
 def item(

@@ -7,7 +7,6 @@ repository includes it and those after it. Results of other seeds, or of some of
 """
 
 import re
-from collections.abc import Callable
 from typing import Final
 
 import pandas as pd
@@ -35,9 +34,7 @@ def written(folder: Folder) -> str | None:
     """
     text, failed = _rendered(folder)
     if failed:
-        raise ClaimError(
-            "\n".join(f"{folder.path}: these tables do not show that {each}." for each in failed)
-        )
+        raise ClaimError(*(f"{folder.path}: these tables do not show that {claim}." for claim in failed))
     return text
 
 
@@ -72,69 +69,69 @@ def paragraphs(folder: Folder, title: str = "") -> str:
 
 def _rendered(folder: Folder) -> tuple[str | None, list[str]]:
     """Returns the text of a folder of results, and its claims that the tables do not show."""
-    manifest, failed = folder.manifest, list[str]()
+    manifest = folder.manifest
     path = EXPERIMENT_DIRECTORY / f"{manifest.get('argument')}.md.jinja"
     is_as_declared = not manifest.get("partial") and " --seeds " not in manifest.get("command", "")
     if not is_as_declared or not path.is_file():
-        return None, failed
+        return None, []
     with folder.reading():
-        template = templates_in(path.parent).get_template(path.name)
-        text = template.render(_lookups(folder, failed))
+        lookups = _Lookups(folder)
+        functions = {name: getattr(lookups, name) for name in vars(_Lookups) if name[0] != "_"}
+        text = templates_in(path.parent).get_template(path.name).render(functions)
     paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
-    return "\n\n".join(filter(None, paragraphs)), failed
+    return "\n\n".join(filter(None, paragraphs)), lookups.failed
 
 
-def _lookups(folder: Folder, failed: list[str]) -> dict[str, Callable[..., object]]:
-    """Returns the functions that a text has. A learner is given by its name, as in "ppo, coordinates".
+class _Lookups:
+    """The functions that a text has. A learner is given by its name, as in "ppo, coordinates"."""
 
-    Claims that fail are added to `failed`.
-    """
+    def __init__(self, folder: Folder) -> None:
+        self._folder = folder
+        self.failed: list[str] = []
 
-    def rows(table: str, **where: object) -> pd.DataFrame:
+    def rows(self, table: str, **where: object) -> pd.DataFrame:
         """Returns the rows of a table with these values; of a list, with any of its values."""
-        frame = folder.frame(table)
+        frame = self._folder.frame(table)
         if "learner" in where and "learner" not in frame:
             frame = frame.assign(learner=frame["algorithm"] + ", " + frame["observation"])
         for key, value in where.items():
             frame = frame[frame[key].isin(value if isinstance(value, list) else [value])]
         return frame
 
-    def row(table: str, **where: object) -> pd.Series:
+    def row(self, table: str, **where: object) -> pd.Series:
         """Returns the only row of a table with these values."""
-        found = rows(table, **where)
+        found = self.rows(table, **where)
         if len(found) != 1:
             raise ValueError(f"{table}.csv has {len(found)} rows with {where}, not one")
         return found.iloc[0]
 
-    def number(table: str, column: str, form: str = ",.0f", **where: object) -> str:
+    def number(self, table: str, column: str, form: str = ",.0f", **where: object) -> str:
         """Returns a number, with a link to its row."""
-        found = row(table, **where)
+        found = self.row(table, **where)
         return tables.link(format(found[column], form), table, found)
 
-    def interval(table: str, column: str, form: str = ".2f", **where: object) -> str:
+    def interval(self, table: str, column: str, form: str = ".2f", **where: object) -> str:
         """Returns a number with its interval."""
-        found = row(table, **where)
+        found = self.row(table, **where)
         low, high = (format(found[f"{column}_{end}"], form) for end in ("low", "high"))
-        return f"{number(table, column, form, **where)} [{low}, {high}]"
+        return f"{self.number(table, column, form, **where)} [{low}, {high}]"
 
-    def duration(table: str, column: str, **where: object) -> str:
+    def duration(self, table: str, column: str, **where: object) -> str:
         """Returns a time in seconds or milliseconds."""
-        found = row(table, **where)
+        found = self.row(table, **where)
         return tables.link(tables.duration(found[column]), table, found)
 
-    def count(table: str, of: str = "", **where: object) -> str:
+    def count(self, table: str, of: str = "", **where: object) -> str:
         """Returns how many rows have these values, or how many different values a column has in them."""
-        found = rows(table, **where)
+        found = self.rows(table, **where)
         return tables.link(str(found[of].nunique() if of else len(found)), table, found)
 
-    def names(table: str, column: str, **where: object) -> str:
+    def names(self, table: str, column: str, **where: object) -> str:
         """Returns the different values of a column, as a list in words."""
-        found = rows(table, **where)
+        found = self.rows(table, **where)
         return tables.link(listed(map(str, found[column].unique())), table, found)
 
-    def claim(is_true: bool, sentence: str) -> str:
+    def claim(self, is_true: bool, sentence: str) -> str:
         """Checks that a sentence is true of the tables; returns an empty text."""
-        failed.extend([] if is_true else [sentence])
+        self.failed.extend([] if is_true else [sentence])
         return ""
-
-    return {each.__name__: each for each in (rows, row, number, interval, duration, count, names, claim)}

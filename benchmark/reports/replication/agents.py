@@ -46,7 +46,8 @@ def check(experiment: Experiment) -> None:
 
 
 @lru_cache(maxsize=1)  # most tables and figures are of the default reading
-def _agents(experiment: Experiment, records: RecordsOf, reading: str) -> Agents:
+def all_agents(experiment: Experiment, records: RecordsOf, reading: str) -> Agents:
+    """Returns all agents of a reading."""
     return {
         population.scenario.name: records(population)
         for population in experiment.populations
@@ -54,14 +55,9 @@ def _agents(experiment: Experiment, records: RecordsOf, reading: str) -> Agents:
     }
 
 
-def all_agents(experiment: Experiment, records: RecordsOf) -> Agents:
-    """Returns all agents of the default reading."""
-    return _agents(experiment, records, DEFAULT_CONDITION)
-
-
 def few_agents(experiment: Experiment, records: RecordsOf, reading: str = DEFAULT_CONDITION) -> Agents:
     """Returns as many agents of a reading as the paper has: those of the first seeds."""
-    agents = _agents(experiment, records, reading)
+    agents = all_agents(experiment, records, reading)
     return {name: group.subset(0, _size(experiment)) for name, group in agents.items()}
 
 
@@ -70,7 +66,7 @@ def disjoint_sets(experiment: Experiment, records: RecordsOf) -> list[Agents]:
 
     The first is `few_agents`. If there is no second one, there are none.
     """
-    agents, size = all_agents(experiment, records), _size(experiment)
+    agents, size = all_agents(experiment, records, DEFAULT_CONDITION), _size(experiment)
     total = min(len(group.seeds) for group in agents.values())
     starts = range(0, total - size + 1, size)
     return [
@@ -86,7 +82,9 @@ def judged(experiment: Experiment, agents: Agents, reading: str = DEFAULT_CONDIT
 
 @lru_cache(maxsize=1)  # two tables are made of them
 def judged_sets(experiment: Experiment, records: RecordsOf) -> Sequence[pd.DataFrame]:
-    """Judges the paper's claims by each of the disjoint sets, with the first and the last of their seeds."""
+    """Judges the paper's claims, if any, by each of the disjoint sets, whose first and last seeds it adds."""
+    if not has_claims(experiment):
+        return []
     return [
         judged(experiment, agents).assign(first_seed=seeds[0], last_seed=seeds[-1])
         for agents in disjoint_sets(experiment, records)

@@ -17,7 +17,7 @@ from benchmark.analysis.intervals import proportion
 from benchmark.analysis.records import OPTIMUM_TOLERANCE, Records, optimal_values
 from benchmark.drawing.maps import actions, colour_bar, dots, heat, region_legend, triangles
 from benchmark.drawing.style import COLOURS, figure_of, norm_of
-from benchmark.experiments import Experiment
+from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.item import Frames, drawing, expanded, item
 from benchmark.reports.replication.agents import all_agents, disjoint_sets, few_agents
 from envs import ACTIONS
@@ -87,9 +87,9 @@ def figure(tables: Frames, experiment: Experiment, records: RecordsOf) -> Figure
     meanings=_SPREAD
     | {
         "mean": "mean over agents of the largest Q of the visited cell",
-        "table_mean": "the same of the largest Q of the whole table",
-        "table_min": "its smallest over agents",
-        "table_max": "its largest over agents",
+        "table_mean": "mean over agents of the largest Q of the table",
+        "table_min": "smallest over agents of the largest Q of the table",
+        "table_max": "largest over agents of the largest Q of the table",
     },
 )
 def max_q(experiment: Experiment, records: RecordsOf) -> pd.DataFrame:
@@ -172,7 +172,7 @@ def optimal(experiment: Experiment, records: RecordsOf) -> Iterator[dict[str, ob
     """Tabulates what the greedy policies reach after training, and the exact anchors."""
     groups = [*few_agents(experiment, records).values()]
     if disjoint_sets(experiment, records):
-        groups += all_agents(experiment, records).values()
+        groups += all_agents(experiment, records, DEFAULT_CONDITION).values()
     for agents in groups:
         model = agents.model
         row: dict[str, object] = {"scenario": agents.scenario, "agents": len(agents.seeds)}

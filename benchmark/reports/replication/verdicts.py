@@ -10,7 +10,7 @@ from matplotlib.patches import Patch, Rectangle
 from benchmark.analysis.frames import RecordsOf
 from benchmark.drawing.style import COLOURS, INK, figure_of
 from benchmark.drawing.tables import link
-from benchmark.experiments import Experiment
+from benchmark.experiments import DEFAULT_CONDITION, Experiment
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import entry, item, no_rows
 from benchmark.reports.replication.agents import all_agents, few_agents, has_claims, judged, judged_sets
@@ -56,7 +56,7 @@ def claims(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
         return None
     frames, sets = [judged(experiment, few_agents(experiment, records))], judged_sets(experiment, records)
     if sets:
-        frames.append(judged(experiment, all_agents(experiment, records)))
+        frames.append(judged(experiment, all_agents(experiment, records, DEFAULT_CONDITION)))
     frame = pd.concat(frames, ignore_index=True)
     frame = frame.join(agreement(frame, sets))
     frame["claim"] = pd.Categorical(frame["claim"], [claim.id for claim in CLAIMS])
@@ -80,12 +80,9 @@ def headline(folder: Folder) -> str | None:
     most = frame["agents"].max()
     rows = weakest(frame[frame["agents"] == most])
     parts = [(verdict, rows[rows["verdict"] == verdict]) for verdict in VERDICTS]
-    counts = [
-        f"{verdict} {link(f'{len(judged)}', 'claims', judged)}" for verdict, judged in parts if len(judged)
-    ]
-    return (
-        f"Verdicts on the paper's {len(rows)} claims, with {most:,} agents per scenario: {', '.join(counts)}."
-    )
+    counts = [f"{link(str(len(judged)), 'claims', judged)} × {name}" for name, judged in parts if len(judged)]
+    scope = f"the paper's {len(rows)} claims, with {most:,} agents per scenario"
+    return f"Verdicts on {scope}: {', '.join(counts)}."
 
 
 @item(
@@ -95,8 +92,6 @@ def headline(folder: Folder) -> str | None:
 )
 def claim_sets(experiment: Experiment, records: RecordsOf) -> pd.DataFrame | None:
     """Tabulates the parts of every claim in each set."""
-    if not has_claims(experiment):
-        return None
     columns = ["first_seed", "last_seed", "claim", "part", "value", "low", "high", "state", "verdict"]
     frames = [frame[columns] for frame in judged_sets(experiment, records)]
     return pd.concat(frames, ignore_index=True) if frames else None

@@ -68,9 +68,7 @@ def test_tables_have_what_records_hold(tmp_path: Path) -> None:
 
 
 def test_a_policy_that_is_not_learned_is_refused(tmp_path: Path) -> None:
-    text = EXPERIMENT.partition("[algorithms.ppo]")[0].replace(
-        "seeds = 3,", 'seeds = 3, policy = "stochastic",'
-    )
+    text = EXPERIMENT.partition("[algorithms.ppo]")[0] + 'policy = "stochastic"'
     experiment = experiment_of(tmp_path / "mine.toml", text)
     group = Group(experiment.populations[0], experiment.populations[0].runs())
     with Store(tmp_path / "runs.db") as store:

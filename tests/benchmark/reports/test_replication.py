@@ -260,9 +260,6 @@ def test_reaching_by_hand() -> None:
     success = np.zeros((4, 4))
     success[:, -1] = [1, 1, 0.9, 0.4]
     assert measured("reaches", trio(S1={"success": success})) == {"S1": 0.75}
-    (part,) = parts_of("reaches", {"S1": population("S1", 100, success=np.ones((100, 4)))})
-    # Clopper and Pearson (1934): if all of n agree, the lower end is the n-th root of 0.025.
-    assert (part.low, part.high, part.standard_error) == pytest.approx((0.025 ** (1 / 100), 1.0, 0.0))
 
 
 def test_own_maps_have_students_and_welchs_intervals() -> None:
