@@ -221,5 +221,4 @@ def write(frames: Sequence[Image.Image], path: Path) -> None:
     """
     check_file(path, *ANIMATIONS)
     duration = [_FRAME_MS] * (len(frames) - 1) + [_LAST_MS]
-    form = path.suffix.lower().removeprefix(".")
-    frames[0].save(path, form, save_all=True, append_images=frames[1:], loop=0, quality=70, duration=duration)
+    frames[0].save(path, save_all=True, append_images=frames[1:], loop=0, quality=70, duration=duration)

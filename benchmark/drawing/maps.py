@@ -173,7 +173,9 @@ def gallery(models: Sequence[Model]) -> Figure:
 def _about(group: Sequence[Model], context: int) -> str:
     """Returns the text below a map: its position and phase, and below the first, what the scenarios are."""
     model, scenario = group[0], group[0].scenario
-    lines = [f"place {context // len(scenario.stages) + 1} of {model.n_places}"] * (model.n_places > 1)
+    lines = []
+    if model.n_places > 1:
+        lines.append(f"place {context // len(scenario.stages) + 1} of {model.n_places}")
     if phase := scene_of(model, context).phase:
         lines.append(f"phase: {phase}")
     if context == 0:
@@ -223,16 +225,14 @@ def _dress(axis: Axes, scene: Scene, border: Style, scale: float = 1.0) -> None:
             axis.add_patch(Polygon(nose[:, ::-1].tolist(), closed=True, fc="black", ec="white", lw=0.6))
         axis.plot(column, row, **_GLYPHS[glyph.kind] | {"ms": scale * _GLYPHS[glyph.kind]["ms"]})
     axis.set(xlim=(-0.5, scene.columns - 0.5), ylim=(scene.rows - 0.5, -0.5), aspect="equal")
-    axis.set(xlabel="column", ylabel="row")
     axis.spines[:].set_visible(True)
     row, column = scene.origin or (0, 0)
-    n_columns, n_rows = max(scene.columns // 6, 1), max(scene.rows // 5, 1)  # between ticks
-    axis.set_xticks(range(column % n_columns, scene.columns, n_columns))
-    axis.set_yticks(range(row % n_rows, scene.rows, n_rows))
-    if scene.origin:
-        axis.set(xlabel="columns from the issuer", ylabel="rows from the issuer")
-        axis.xaxis.set_major_formatter(lambda x, _: f"{x - column:g}".replace("-", "−"))
-        axis.yaxis.set_major_formatter(lambda y, _: f"{y - row:g}".replace("-", "−"))
+    xticks = range(column % (width := max(scene.columns // 6, 1)), scene.columns, width)
+    yticks = range(row % (height := max(scene.rows // 5, 1)), scene.rows, height)
+    axis.set_xticks(xticks, [f"{x - column}".replace("-", "−") for x in xticks])
+    axis.set_yticks(yticks, [f"{y - row}".replace("-", "−") for y in yticks])
+    names = ("columns from the issuer", "rows from the issuer") if scene.origin else ("column", "row")
+    axis.set(xlabel=names[0], ylabel=names[1])
 
 
 def add_area(axis: Axes, loops: Sequence[Loop], style: Style) -> None:

@@ -47,12 +47,10 @@ def test_verdicts(difference: float, p_different: float, p_equivalent: float, ex
     ("verdict", "differences", "expected"),
     [
         (EQUIVALENT, [0.3, -0.15, -0.15], [0, 1, 2]),
-        (EQUIVALENT, [0.09, -0.09], []),
-        (EQUIVALENT, [0.1, 0.0], [0]),  # as large as the margin
+        (EQUIVALENT, [0.1, 0.09, -0.09], [0]),  # as large as the margin
         (BETTER, [0.9, 0.0, -0.09], []),
         (BETTER, [0.9, 0.0, -0.1], [2]),
         (WORSE, [-0.9, 0.0, 0.1], [2]),
-        (WORSE, [-0.9, -0.5, 0.05], []),
     ],
 )
 def test_no_scenario_contradicts_a_mean(verdict: str, differences: list[float], expected: list[int]) -> None:
@@ -86,13 +84,11 @@ def test_tests_and_intervals_never_contradict_each_other(
 def test_few_runs_have_no_verdict_but_count_in_the_adjustment() -> None:
     sure = contrast(Means([1.0], [50]), Means([0.0], [50]), 0.1)
     close = contrast(Means([0.9], [50]), Means([0.7], [50]), 0.1)
-    alone = decide([close], is_allowed=[True])[0]
     both = decide([sure, close], is_allowed=[False, True])
     assert both[0]["verdict"] == NO_VERDICT
-    assert both[1]["p_different"] == alone["p_different"]  # the smaller p-value came first
-    assert decide([close, close], is_allowed=[True, True])[0]["p_different"] == pytest.approx(
-        2 * close.p_different
-    )
+    assert both[1]["p_different"] == close.p_different  # the smaller p-value came first
+    twice = decide([close, close], is_allowed=[False, True])
+    assert twice[1]["p_different"] == pytest.approx(2 * close.p_different)
 
 
 @pytest.mark.parametrize("n", [10, 100])
