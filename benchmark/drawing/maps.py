@@ -46,7 +46,6 @@ _GLYPHS: Final[dict[str, Style]] = {
 # Hatched, since the colours of values include greys.
 _WALL: Final[Style] = {"fc": RGB["wall"], "ec": RGB["line"], "lw": 0, "hatch": "////"}
 _ONE_OF_MANY: Final[Style] = {"ls": "", "marker": ".", "ms": 3, "color": "black"}
-_WAY: Final[Style] = {"color": RGB["person"], "lw": 0.9, "ls": ":"}
 
 # Of the gallery
 _COLUMNS, _MOST_MAPS, _CHARACTERS = 6, 4, 28  # in a row, of a scenario, in a line of text below a map
@@ -162,7 +161,6 @@ def gallery(models: Sequence[Model]) -> Figure:
         region_legend(
             figure,
             Line2D([], [], **_ONE_OF_MANY, label="one of many starts"),
-            Line2D([], [], **_WAY, label="way of the issuer"),
             Patch(**_WALL, label="wall"),
             Line2D([], [], ls="", marker="^", color="black", ms=4, label="where a person looks"),
             columns=3,
@@ -194,8 +192,8 @@ def in_words(parts: Sequence[str]) -> str:
 
 
 def _draw_zones(axis: Axes, model: Model, context: int) -> None:
-    """Draws a map of the regions, with all starts of the agent and the way of an issuer who moves."""
-    scene, position = scene_of(model, context), context // len(model.scenario.stages)
+    """Draws a map of the regions, with all starts of the agent."""
+    scene = scene_of(model, context)
     zones = np.array(scene.zone).reshape(scene.rows, scene.columns)
     axis.set_facecolor(RGB["outside"])
     for zone in dict.fromkeys(scene.zone):
@@ -203,11 +201,9 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     lines: Style = {"colors": [RGB["line"]], "lw": 0.25, "zorder": 1.1}
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
-    if model.scenario.moves:
-        way = np.array([people[0].cell for people in model.scenario.people[position]])
-        axis.plot(*np.vstack([way, way[:1]])[:, ::-1].T, **_WAY)
     if not scene.cells_of("start"):
-        is_here = model.context[model.starts] // len(model.scenario.stages) == position
+        position = model.context // len(model.scenario.stages)
+        is_here = position[model.starts] == context // len(model.scenario.stages)
         axis.plot(*scene.position[model.cell[model.starts[is_here]]].T[::-1], **_ONE_OF_MANY)
     _dress(axis, scene, _ON_ZONES, scale=0.7)
     axis.set(xticks=[], yticks=[], xlabel="", ylabel="", anchor="NW")

@@ -78,12 +78,12 @@ def test_gallery_names_every_scenario_with_what_is_hidden() -> None:
     assert {"phase: tense", "phase: cheerful", "phase: looks left", "place 29 of 111"} < {*texts}
 
 
-def test_gallery_shows_zones_walls_people_starts_and_the_way() -> None:
+def test_gallery_shows_zones_walls_people_and_starts() -> None:
     models = [compile_scenario(load_scenario(name)) for name in ("Walking", "Egg", "AnyStart", "Walls")]
     *walks, egg, any_start, walls = [axis for axis in gallery(models).axes if axis.axison]
     assert len(walks) == 4  # of 16 phases
-    way, person, start = [np.asarray(line.get_xydata()).tolist() for line in walks[0].lines]
-    assert (person, start, len(way)) == ([[4, 3]], [[0, 0]], 17)  # the cells of the walk, and back
+    people = [np.asarray(axis.lines[0].get_xydata()).tolist() for axis in walks]
+    assert people == [[[4, 3]], [[8, 3]], [[8, 7]], [[4, 7]]]  # corners of the walk
     assert [len(drawn(axis.patches, Polygon)) for axis in (*walks, egg, walls)] == [0, 0, 0, 0, 1, 0]  # noses
     scene = scene_of(models[1])
     filled = [patch for patch in drawn(egg.patches, PathPatch) if patch.get_fill()]

@@ -51,10 +51,9 @@ def test_floats_stay_floats_in_csv_files(tmp_path: Path) -> None:
 
 def test_columns_without_any_value_are_left_out(tmp_path: Path) -> None:
     frame = pd.DataFrame({"a": [1, 2], "none": [np.nan, np.nan], "empty": ["", ""], "b": [np.nan, 0.5]})
-    write_csv(frame, tmp_path / "t.csv")
-    assert (tmp_path / "t.csv").read_text() == "a,b\n1,\n2,0.5\n"
-    write_csv(frame.head(0), tmp_path / "t.csv")
-    assert (tmp_path / "t.csv").read_text() == "a,none,empty,b\n"
+    for rows, expected in ((frame, "a,b\n1,\n2,0.5\n"), (frame.head(0), "a,none,empty,b\n")):
+        write_csv(rows, tmp_path / "t.csv")
+        assert (tmp_path / "t.csv").read_text() == expected
 
 
 @pytest.mark.parametrize(
