@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from benchmark.analysis.frames import RecordsOf, by_step, learned
 from benchmark.analysis.intervals import proportion, student
@@ -126,9 +125,9 @@ def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
 def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Computes when runs, and the mean over runs, have learned."""
     for names, _, rows in populations(curves, experiment):
-        success, when = by_step(rows, "success"), np.array([*rows["step"].unique(), np.inf])
-        mean, indices = success.mean(axis=0), _learned(rows)
-        first = int(learned(mean[None], when[:-1].tolist(), ENOUGH)[0])
+        success, evaluations = by_step(rows, "success"), rows["step"].unique().tolist()
+        mean, indices = success.mean(axis=0), learned(success, evaluations, ENOUGH)
+        first, when = int(learned(mean[None], evaluations, ENOUGH)[0]), np.array([*evaluations, np.inf])
         yield {
             **names,
             "n": len(success),
@@ -139,11 +138,6 @@ def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             "below_at": float(when[first - 1]) if first > 0 else np.nan,
             "final_success": float(mean[-1]),
         }
-
-
-def _learned(curves: pd.DataFrame) -> NDArray[np.int_]:
-    """Returns the index of the evaluation from which each run has learned, (N,); T if it never has."""
-    return learned(by_step(curves, "success"), curves["step"].unique().tolist(), ENOUGH)
 
 
 @item(
