@@ -178,7 +178,7 @@ def _scene(model: Model) -> dict[str, object]:
         "rows": views[0].rows,
         "columns": views[0].columns,
         "walls": np.flatnonzero(views[0].is_wall).tolist(),
-        "outlines": [[outline.label, outline.is_dashed] for outline in views[0].outlines],
+        "outlines": [*drawn.BORDERS.values()],
         "views": [view.as_json() for view in views],
         "shape": [model.n_places, len(scenario.ticks), 1 + scenario.is_delayed, scenario.ping_limit],
         "ticks": scenario.ticks.tolist(),
