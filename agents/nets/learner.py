@@ -5,7 +5,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import groupby
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -98,7 +97,6 @@ class NetAlgorithm(SequentialAlgorithm):
         observation: str,
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
     ) -> Fields:
         """Trains an agent, see `agents.contract.SequentialAlgorithm`.
 

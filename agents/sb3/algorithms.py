@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
 from typing import Any, Final
 
 from numpy.random import SeedSequence
@@ -26,7 +25,6 @@ class Sb3Algorithm(SequentialAlgorithm):
     version = 3
     family = "deep"
     observations = ("one_hot", "coordinates", "offset_one_hot", "offset_coordinates")
-    writes_logs = True
     training = DeepTraining
 
     def load(self) -> Any:
@@ -45,13 +43,12 @@ class Sb3Algorithm(SequentialAlgorithm):
         observation: str,
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,
     ) -> Fields:
         """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
             cls = self.load()
             from agents.sb3.training import train_agent
-        return train_agent(cls, model, settings, observation, seed, schedule, log, has_modes=self.has_modes)
+        return train_agent(cls, model, settings, observation, seed, schedule, has_modes=self.has_modes)
 
 
 DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)

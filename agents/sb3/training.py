@@ -11,7 +11,6 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
@@ -20,8 +19,8 @@ import torch
 from numpy.random import SeedSequence
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, configure
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import VecEnv
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from agents.contract import Fields, Schedule, snapshots
@@ -143,7 +142,6 @@ class _Snapshots(BaseCallback):
 
     def keep_counts(self, step: int) -> None:
         """Keeps wrong PINGs and CPU seconds for all evaluation steps up to a step."""
-        self.logger.record("proxemic/disagreements", self._env.disagreements)
         while self._n_counts < len(self._points) and self._points[self._n_counts] <= step:
             self.disagreements[self._n_counts] = self._env.disagreements
             self.cpu_time_s[self._n_counts] = time.thread_time() - self._started_s - self._reading_s
@@ -167,7 +165,6 @@ def train_agent(
     observation: str,
     seed: SeedSequence,
     schedule: Schedule,
-    log: Path | None,
     *,
     has_modes: bool,
 ) -> Fields:
@@ -179,16 +176,15 @@ def train_agent(
         )
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
-        agent = make_agent(cls, settings, VecMonitor(env) if log else env, has_modes=has_modes)
+        agent = make_agent(cls, settings, env, has_modes=has_modes)
         # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
-        agent.set_logger(configure(str(log), ["tensorboard"]) if log else Logger(None, []))
+        agent.set_logger(Logger(None, []))
         agent.action_space.seed(action_seed)
         kept = _Snapshots(env, settings.rollout, observations, schedule)
-        interval: Any = 1 if log else None  # from one line of the log to the next: episodes, or rollouts
         updates: list[None] = []
         hook = register_optimizer_step_post_hook(lambda *_: updates.append(None))
         try:
-            agent.learn(settings.budget, callback=kept, log_interval=interval)
+            agent.learn(settings.budget, callback=kept, log_interval=None)
             if agent.num_timesteps != settings.budget and not kept.has_ended:
                 raise InputError(
                     f"{cls.__name__}: trained for {agent.num_timesteps} steps; accepted: the budget of "
@@ -205,9 +201,6 @@ def train_agent(
             kept.diverged()
         finally:
             hook.remove()
-        if log:
-            agent.logger.dump(agent.num_timesteps)
-            agent.logger.close()
         digest = hashlib.sha256()
         for name, weights in sorted(agent.policy.state_dict().items()):
             digest.update(name.encode() + weights.numpy().tobytes())

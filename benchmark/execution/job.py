@@ -4,7 +4,6 @@ import time
 from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +21,15 @@ from envs import InputError
 from envs.observations import compile_seen
 
 
-def execute_job(job: Job, logs: Path | None = None) -> list[Record]:
+def execute_job(job: Job) -> list[Record]:
     """Trains the runs of a job and evaluates every snapshot of them exactly.
 
     Returns the records of the runs, in their order. If training raises an exception, all of them have failed.
-    Algorithms may write TensorBoard logs into the folder `logs`; no result depends on it.
     """
     started = time.perf_counter()
     reset_peak_memory()
     try:
-        columns = recorded(_train_and_evaluate(job, logs))
+        columns = recorded(_train_and_evaluate(job))
     except Exception as exception:
         return failures(job, exception, started)
     measured = provenance(job[0].algorithm) | _times(job, started) | {"peak_memory_mb": peak_memory_mb()}
@@ -76,11 +74,11 @@ def _times(job: Job, started: float) -> dict[str, object]:
     return {"started_at": started_at, "wall_time_s": seconds / len(job)}
 
 
-def _train_and_evaluate(job: Job, logs: Path | None) -> Arrays:
+def _train_and_evaluate(job: Job) -> Arrays:
     """Returns the arrays of all runs by name, each (N, ...)."""
     first = job[0]
     if first.solved is not None:
-        curves = [_train_until_solved(run, logs) for run in job]
+        curves = [_train_until_solved(run) for run in job]
         return {name: np.concatenate([columns[name] for columns in curves]) for name in curves[0]}
     model = compile_seen(first.scenario, first.observation)
     training = load_algorithm(first.algorithm).train(
@@ -89,7 +87,6 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> Arrays:
         first.observation,
         [run.seed_sequence for run in job],
         first.schedule,
-        [] if logs is None else [logs / run.folder for run in job],
     )
     check_training(training, model, len(job), first.schedule)
     columns = {field.name: getattr(training, field.name) for field in fields(training)}
@@ -107,7 +104,7 @@ def _train_and_evaluate(job: Job, logs: Path | None) -> Arrays:
     return columns
 
 
-def _train_until_solved(run: RunSpecification, logs: Path | None) -> Arrays:
+def _train_until_solved(run: RunSpecification) -> Arrays:
     """Trains a run until it has solved its scenario, see `Solved`; returns its curves, (1, ...).
 
     A curve that ends early is continued with its last point. Success in unseen places, if there are any, is
@@ -136,7 +133,6 @@ def _train_until_solved(run: RunSpecification, logs: Path | None) -> Arrays:
         run.observation,
         [run.seed_sequence],
         replace(schedule, may_end=may_end),
-        [] if logs is None else [logs / run.folder],
     )
     check_training(training, model, 1, schedule)
     if not is_greedy and not training.stochastic.shape[1]:

@@ -5,7 +5,6 @@
 
 import inspect
 import math
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -16,7 +15,6 @@ from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import DummyVecEnv
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import DeepTraining, Schedule, check_training, load_algorithm
 from agents.dynamic_programming import solve
@@ -215,17 +213,6 @@ def test_same_seed_gives_the_same_weights_however_often_the_policy_is_kept(name:
     assert together.disagreements[0, 0] == 0 < together.disagreements[0, -1]
     assert (np.diff(together.disagreements) >= 0).all()
     assert (np.diff(together.cpu_time_s) > 0).all()
-
-
-@pytest.mark.parametrize(("name", "loss"), [("dqn", "train/loss"), ("ppo", "train/value_loss")])
-def test_logs_are_written_and_change_no_result(name: str, loss: str, tmp_path: Path) -> None:
-    method, schedule = METHODS[name], Schedule(400, (0, 200, 400))
-    logged: Any = method.train(S1, SETTINGS[name], "one_hot", [SeedSequence([4, 0])], schedule, [tmp_path])
-    assert (logged.weights == trained(name).weights).all()
-    events = EventAccumulator(str(tmp_path)).Reload()
-    assert {"rollout/ep_rew_mean", "proxemic/disagreements", loss} <= set(events.Tags()["scalars"])
-    last = events.Scalars("proxemic/disagreements")[-1]
-    assert (last.step, last.value) == (400, logged.disagreements[0, -1])
 
 
 def test_training_leaves_the_global_generators_and_threads_alone(monkeypatch: pytest.MonkeyPatch) -> None:

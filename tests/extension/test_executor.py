@@ -28,7 +28,7 @@ algorithms.q_learning = { algorithm = "q_learning", observations = ["index"], se
 _CODE = """
 import pickle, sys
 from benchmark.execution.job import execute_job
-pickle.dump(execute_job(*pickle.load(sys.stdin.buffer)), sys.stdout.buffer)
+pickle.dump(execute_job(pickle.load(sys.stdin.buffer)), sys.stdout.buffer)
 """
 
 
@@ -39,18 +39,18 @@ class ProcessPerJob:
         self._pool = ThreadPoolExecutor(jobs)
         self._broken = broken
 
-    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
-        return self._pool.submit(self._execute, job, logs)
+    def submit(self, job: Job) -> Future[list[Record]]:
+        return self._pool.submit(self._execute, job)
 
     def cancel(self) -> None:
         self._pool.shutdown(cancel_futures=True)
 
-    def _execute(self, job: Job, logs: Path | None) -> list[Record]:
+    def _execute(self, job: Job) -> list[Record]:
         if self._broken and job[0].scenario.name == "S2":
             raise ConnectionError("the machine does not answer")
         done = subprocess.run(
             [sys.executable, "-c", _CODE],
-            input=pickle.dumps((job, logs)),
+            input=pickle.dumps(job),
             cwd=ROOT,
             check=True,
             capture_output=True,

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
 
@@ -73,11 +72,11 @@ class Cluster:
             raise
         self.workers: Final = len(answers)
 
-    def submit(self, job: Job, logs: Path | None = None) -> Future[list[Record]]:
+    def submit(self, job: Job) -> Future[list[Record]]:
         """Executes a job on some worker."""
         # `Client.get_executor` is not used: its futures wait forever if the scheduler dies at the wrong time.
         loop: Any = self._client.loop  # its annotation hides what it is
-        future = asyncio.run_coroutine_threadsafe(self._execute(job, logs), loop.asyncio_loop)
+        future = asyncio.run_coroutine_threadsafe(self._execute(job), loop.asyncio_loop)
         self._jobs.add(future)
         future.add_done_callback(self._jobs.discard)
         return future
@@ -106,10 +105,9 @@ class Cluster:
             raise InputError(f"{where}: its workers die when they are asked; their output may say why.")
         return alive
 
-    async def _execute(self, job: Job, logs: Path | None) -> list[Record]:
+    async def _execute(self, job: Job) -> list[Record]:
         name = job[0].algorithm
-        packed = pickle.dumps((job, None if logs is None else logs.absolute()))
-        call = _Call(name, environment(name), packed, SEARCHED)
+        call = _Call(name, environment(name), pickle.dumps(job), SEARCHED)
         try:
             if self._client.status != "running":
                 raise ClosedClientError  # Dask might not, and wait forever
@@ -140,10 +138,10 @@ def execute(
     """Executes a job on the worker that this is called on, if that has the driver's `environment`.
 
     Returns the records; or why the worker is refused, since an exception might not reach the driver. The job
-    and the folder for logs are pickled, since code that differs from the driver's may be unable to read them.
+    is pickled, since code that differs from the driver's may be unable to read it.
     """
     reason = refusal({algorithm: expected}, get_worker(), folders)
-    return execute_job(*pickle.loads(packed)) if reason is None else reason
+    return execute_job(pickle.loads(packed)) if reason is None else reason
 
 
 def refusal(

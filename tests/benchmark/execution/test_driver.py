@@ -87,8 +87,8 @@ def test_interrupt_keeps_the_jobs_that_are_running(tmp_path: Path, monkeypatch: 
     execute = execution.execute_job
     together = threading.Barrier(3, timeout=60)
 
-    def slow(job: Job, logs: Path | None) -> list[Record]:
-        records = execute(job, logs)
+    def slow(job: Job) -> list[Record]:
+        records = execute(job)
         executed.extend(run.digest for run in job)
         if len(executed) <= 3 * len(job):  # the first three jobs end together
             together.wait()

@@ -8,10 +8,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from benchmark.reports.learners import Names
 
 from benchmark.__main__ import main
 from benchmark.page import build
-from benchmark.reports.learners import Names
 from tests.benchmark.page.conftest import Open, Opened
 from tests.benchmark.reports.test_map import EXPERIMENT
 

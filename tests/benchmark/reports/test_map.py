@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from benchmark.reports.map.data import Maps
+from benchmark.reports.map.headline import headline
 
 from benchmark.__main__ import main
 from benchmark.analysis.looks import Cell, Ends, cells, runs_of
@@ -20,8 +22,6 @@ from benchmark.reports.document import Document
 from benchmark.reports.draw import draw_figure, tables_of
 from benchmark.reports.folder import Folder
 from benchmark.reports.map import REPORT
-from benchmark.reports.map.data import Maps
-from benchmark.reports.map.headline import headline
 from tests.benchmark.reports.conftest import experiment_of
 from tests.benchmark.reports.sentences import check_links
 from tests.support import mistyped_columns

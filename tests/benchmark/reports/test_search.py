@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from benchmark.experiments.specification import tuning_of
+from benchmark.reports.search.runs import check, expected_best, gain, mean
 
 from benchmark.__main__ import main
 from benchmark.experiments import family_of, load_experiment
 from benchmark.experiments.search import read_chosen, trials
-from benchmark.experiments.specification import tuning_of
 from benchmark.reports.item import PICTURES
 from benchmark.reports.search.results import _shares, _values
-from benchmark.reports.search.runs import check, expected_best, gain, mean
 from envs import InputError
 from tests.support import ROOT, mistyped_columns
 
