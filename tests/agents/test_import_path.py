@@ -168,16 +168,16 @@ def test_arguments_that_are_passed_on_are_settings_too() -> None:
     ("name", "values", "expected"),
     [
         ("stable_baselines3:A2C", {"learning_rat": 1.0}, r"learning_rat \(did you mean learning_rate\?\)"),
-        ("stable_baselines3:A2C", {"learning_rate": "fast"}, "A2C cannot be made"),
+        ("stable_baselines3:A2C", {"learning_rate": "fast"}, "A2C cannot be trained"),
         ("stable_baselines3:A2C", {"n_steps": 5, "n_envs": 3}, "rollouts of 15 steps"),
         ("stable_baselines3:A2C", {"seed": 3}, "unknown key seed"),
-        ("stable_baselines3:A2C", {"policy_kwargs": {"ortho_int": True}}, "A2C cannot be made: .*ortho_int"),
+        ("stable_baselines3:A2C", {"policy_kwargs": {"ortho_int": True}}, "cannot be trained: .*ortho_int"),
         (f"{HERE}:Demanding", {}, "the key factor is missing"),
         # Classes that cannot be trained
-        ("stable_baselines3:SAC", {}, "SAC cannot be made: The algorithm only supports .*Box.* Discrete"),
-        ("sb3_contrib:RecurrentPPO", {"n_steps": 100}, "RecurrentPPO cannot be made: .*MlpPolicy"),
+        ("stable_baselines3:SAC", {}, "SAC cannot be trained: The algorithm only supports .*Box.* Discrete"),
+        ("sb3_contrib:RecurrentPPO", {"n_steps": 100}, "RecurrentPPO cannot be trained: .*MlpPolicy"),
         ("sb3_contrib:ARS", {}, "accepted: a class with an argument gamma"),
-        (f"{HERE}:Mute", {}, "Mute cannot be evaluated: DQNPolicy has neither action values"),
+        (f"{HERE}:Mute", {}, "Mute cannot be trained: DQNPolicy has neither action values"),
         ("stable_baselines3.common.buffers:ReplayBuffer", {}, "is not an algorithm; accepted: "),
     ],
 )  # fmt: skip
@@ -237,12 +237,15 @@ def test_saved_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
 
     check("model.zip: there is no such file")
     path.write_text("no zip", encoding="utf-8")
-    check("model.zip: cannot be loaded as stable_baselines3:DQN: ")
+    check("model.zip: cannot be loaded: ")
     saved(path, DQN, "one_hot")
     check("model.zip: observation_space = Box.*120.*accepted in S1 with", observation="index")
     changed = compile_scenario(load_scenario("S1", CHANGING))
     check("model.zip: observation_space = Box.*120.*accepted in S1 with", model=changed)
-    check("it holds the policy DQNPolicy, which sb3_contrib:QRDQN does not have; acc", "sb3_contrib:QRDQN")
+    check(
+        "model.zip: cannot be loaded: .*; accepted: what model.save of sb3_contrib",
+        "sb3_contrib:QRDQN",
+    )
     check("is not a class of saved models; accepted: a subclass", "agents.sb3.algorithms:DQN")
     check("unknown form picture", observation="picture")
     model: Any = saved(path, DQN, "coordinates")
