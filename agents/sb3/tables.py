@@ -41,7 +41,7 @@ def output_of(agent: BaseAlgorithm) -> Output:
 
 
 def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns action values or probabilities, (O, A), of observations (O, ...); not finite if lost."""
+    """Returns (O, A) action values or probabilities of observations; not finite after divergence."""
     output = output_of(agent)
     agent.policy.set_training_mode(False)
     with torch.no_grad():
