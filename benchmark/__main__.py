@@ -209,8 +209,6 @@ def _parser() -> argparse.ArgumentParser:
     about = "; then its time, memory and disk are estimated, from stored runs"
     _add_experiment(doctor, about, draws=False)
     _add_jobs(doctor)
-    about = "also examine the workers of the Dask scheduler at this address; estimates are for this machine"
-    doctor.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     about = "measure very little, into speed_smoke; the numbers mean nothing"

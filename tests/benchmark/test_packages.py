@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.packages import _required, broken, unusable
+from benchmark.packages import broken, unusable
 from envs.inputs import imported
 from tests.support import ROOT
 
@@ -26,8 +26,8 @@ algorithms.dqn = { algorithm = "dqn", observations = ["one_hot"], seeds = 1 }
 def sentence(package: str, reason: str) -> str:
     installed = version(package).partition("+")[0]
     return (
-        f"the package {package} is broken ({reason}); "
-        f"pip install --force-reinstall {package}=={installed} repairs it."
+        f"the package {package} cannot be imported ({reason}); "
+        f"if it is broken, pip install --force-reinstall {package}=={installed} repairs it."
     )
 
 
@@ -114,23 +114,4 @@ def test_packages_of_users_are_not_explained(tmp_path: Path) -> None:
     assert "algorithms.dqn" in done.stderr
     assert "planted" in done.stderr
     assert "mylab-x" not in done.stderr
-    assert done.returncode == 2
-
-
-@pytest.mark.parametrize(
-    "module", ["numba", "typing_extensions"]
-)  # the second one is required by others alone
-def test_required_packages_are_explained(module: str) -> None:
-    assert _required(module)
-
-
-@pytest.mark.parametrize(
-    "reason",
-    ["MemoryError", "OSError(24, 'Too many open files')", "ImportError('/x.so: Cannot allocate memory')"],
-)
-def test_what_runs_out_during_an_import_breaks_no_package(tmp_path: Path, reason: str) -> None:
-    done = benchmark(tmp_path, "numba", f"raise {reason}", "list")
-    assert done.stderr.startswith("error: the package numba cannot be imported now ("), done.stderr
-    assert "reinstall" not in done.stderr
-    assert done.stderr.count("\n") == 1
     assert done.returncode == 2

@@ -16,7 +16,6 @@ from benchmark import packages
 from benchmark.__main__ import main
 from benchmark.commands import doctor
 from benchmark.execution import machine
-from benchmark.execution.executors import cluster
 from benchmark.execution.store import Record, Store
 from benchmark.experiments import all_specifications, load_experiment
 from tests.benchmark.execution.test_calibration import record
@@ -140,10 +139,8 @@ def test_runs_are_counted_and_verified(
 ) -> None:
     assert about("store", examine()[1]) == [f"ok {tmp_path}/runs.db: there are no runs yet"]
     digests = stored(tmp_path)
-    (tmp_path / "runs.db.damaged").write_bytes(b"x")
     code, lines = examine()
-    left, counted = about("store", lines)
-    assert left.startswith(f"note {tmp_path}/runs.db.damaged")
+    (counted,) = about("store", lines)
     assert "runs: 4 done, 1 failed;" in counted
     assert code == 0
     assert about("checksums", lines)[0].startswith("ok 4 of 4 records checked, 0 damaged;")
@@ -198,10 +195,3 @@ def test_nothing_is_estimated_if_nothing_is_missing(tmp_path: Path, examine: Exa
         store.add(record(run, 1.0, 100.0) for run in all_specifications(load_experiment("reproduce_smoke")))
     code, lines = examine("reproduce_smoke")
     assert (code, about("runs", lines), about("time", lines)) == (0, ["ok all 156 are done"], [])
-
-
-def test_cluster_that_does_not_answer_is_a_problem(examine: Examine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "_ANSWER_S", 0.5)
-    code, lines = examine("--cluster", "tcp://127.0.0.1:1")
-    assert code == 1
-    assert about("cluster", lines)[0].startswith("problem --cluster tcp://127.0.0.1:1: ")
