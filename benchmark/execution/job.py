@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import check_training, load_algorithm
+from agents import Schedule, Training, check_training, load_algorithm
 from agents.dynamic_programming import Evaluation, evaluate, every_cell, unseen_places
 from agents.policy import mask_policy, uniform_policy
 from benchmark.execution.plan import Job
@@ -17,14 +17,14 @@ from benchmark.execution.solving import solved
 from benchmark.execution.store import VALUE_DECIMALS, Arrays, Record, evaluated
 from benchmark.experiments import RunSpecification
 from benchmark.packages import broken
-from envs import InputError
+from envs import InputError, Model
 from envs.observations import compile_seen
 
 
 def execute_job(job: Job) -> list[Record]:
-    """Trains the runs of a job and evaluates every snapshot of them exactly.
+    """Trains the runs of a job, evaluates all their policies exactly, and returns their records in order.
 
-    Returns the records of the runs, in their order. If training raises an exception, all of them have failed.
+    If training raises an exception, all of them have failed.
     """
     started = time.perf_counter()
     reset_peak_memory()
@@ -74,6 +74,15 @@ def _times(job: Job, started: float) -> dict[str, object]:
     return {"started_at": started_at, "wall_time_s": seconds / len(job)}
 
 
+def _train(job: Job, model: Model, schedule: Schedule) -> Training:
+    """Trains the agents of a job, and checks what training returns."""
+    first, seeds = job[0], [run.seed_sequence for run in job]
+    algorithm = load_algorithm(first.algorithm)
+    training = algorithm.train(model, first.settings, first.observation, seeds, schedule)
+    check_training(training, model, len(job), schedule)
+    return training
+
+
 def _train_and_evaluate(job: Job) -> Arrays:
     """Returns the arrays of all runs by name, each (N, ...)."""
     first = job[0]
@@ -81,14 +90,7 @@ def _train_and_evaluate(job: Job) -> Arrays:
         curves = [_train_until_solved(run) for run in job]
         return {name: np.concatenate([columns[name] for columns in curves]) for name in curves[0]}
     model = compile_seen(first.scenario, first.observation)
-    training = load_algorithm(first.algorithm).train(
-        model,
-        first.settings,
-        first.observation,
-        [run.seed_sequence for run in job],
-        first.schedule,
-    )
-    check_training(training, model, len(job), first.schedule)
+    training = _train(job, model, first.schedule)
     columns = {field.name: getattr(training, field.name) for field in fields(training)}
     # Equal policies, as all are before the first step, are evaluated once.
     masks, where = np.unique(training.greedy.reshape(-1, model.n_observations), axis=0, return_inverse=True)
@@ -118,29 +120,21 @@ def _train_until_solved(run: RunSpecification) -> Arrays:
     success: list[float] = []
     policy = uniform_policy(model)
 
-    def may_end(_: int, table: NDArray[np.float64]) -> bool:
+    def is_over(latest: NDArray[np.float64]) -> bool:
         nonlocal policy
-        policy = mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table
-        return measured()
-
-    def measured() -> bool:
+        policy = latest
         success.append(float(evaluate(model, policy, run.horizon).success))
         return solved(success, schedule.evaluation_steps, enough).is_certain
 
-    training = load_algorithm(run.algorithm).train(
-        model,
-        run.settings,
-        run.observation,
-        [run.seed_sequence],
-        replace(schedule, may_end=may_end),
-    )
-    check_training(training, model, 1, schedule)
+    def may_end(_: int, table: NDArray[np.float64]) -> bool:
+        return is_over(mask_policy((1 << table.argmax(axis=1)).astype(np.uint8)) if is_greedy else table)
+
+    training = _train([run], model, replace(schedule, may_end=may_end))
     if not is_greedy and not training.stochastic.shape[1]:
         raise ValueError(f"{run.algorithm} learns no stochastic policy; accepted: policy = greedy.")
-    is_over = len(success) > 0 and len(success) < n_steps and training.diverged_at[0] < 0
-    while not is_over and (i := len(success)) < n_steps:
-        policy = mask_policy(training.greedy[0, i]) if is_greedy else training.stochastic[0, i]
-        is_over = measured()
+    has_ended = 0 < len(success) < n_steps and training.diverged_at[0] < 0
+    while not has_ended and (i := len(success)) < n_steps:
+        has_ended = is_over(mask_policy(training.greedy[0, i]) if is_greedy else training.stochastic[0, i])
     success += [success[-1]] * (n_steps - len(success))
     unseen = np.empty((1, 0))
     if len(model.unseen_starts):
