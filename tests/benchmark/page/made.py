@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from benchmark.analysis.frames import RecordsOf
 from benchmark.drawing.style import figure_of
-from benchmark.drawing.tables import link, show
+from benchmark.drawing.tables import inert, link, show
 from benchmark.experiments import Experiment
 from benchmark.reports.explorer import Shown, explorer_item
 from benchmark.reports.folder import Folder
@@ -65,7 +65,7 @@ def highest(tables: Frames) -> Figure:
 def _headline(folder: Folder) -> str:
     table = folder.frame("summary")
     worst = table.iloc[int(table["score"].argmin())]
-    finding = f"The worst score is {link(show(worst['score']), 'summary', worst)}. {TEXT}"
+    finding = f"The worst score is {link(show(worst['score']), 'summary', worst)}. {inert(TEXT)}"
     return f"{finding}\n\nThe mean score of all is {link(show(table['score'].mean()), 'summary', table)}."
 
 
