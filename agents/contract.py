@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from agents.policy import ALL_ACTIONS
@@ -43,11 +43,11 @@ class Schedule:
     map_steps: tuple[int, ...] = ()
     """(V,) those of them when the values of all observations are, too."""
     may_end: Callable[[int, NDArray[np.float64]], bool] | None = None
-    """Asked at every evaluation step, with its place and the table (O, A) there: whether training may end.
-    Tables do not ask. After an early end, the remaining evaluations repeat the last one."""
+    """Whether training may end, given the index of an evaluation step and the table (O, A) there. Tabular
+    learners do not ask. After an early end, the remaining evaluations repeat the last one."""
 
     def __post_init__(self) -> None:
-        """Refuses, by a ValueError, steps that are not as described."""
+        """Checks the steps; raises a ValueError."""
         steps, map_steps = list(self.evaluation_steps), set(self.map_steps)
         if steps != sorted(set(steps)) or (steps and not 0 <= steps[0] <= steps[-1] <= self.budget):
             raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {self.budget}.")
@@ -62,10 +62,7 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Training:
-    """What training N agents returns: action values, action probabilities, or both.
-
-    Subclasses may add fields; their first axis is N.
-    """
+    """What training N agents returns; subclasses may add fields, whose first axis is N."""
 
     greedy: NDArray[np.uint8]
     """(N, T, O) masks of greedy actions, see `agents.policy`."""
@@ -102,9 +99,8 @@ def check_request(settings: LearnerSettings, seeds: Sequence[SeedSequence], sche
     """Refuses, by a ValueError, what `Algorithm.train` does not accept."""
     if not seeds:
         raise ValueError("0 agents; at least one.")
-    budget = settings.budget
-    if schedule.budget != budget:
-        raise ValueError(f"schedule: made for a budget of {schedule.budget}; the settings say {budget}.")
+    if schedule.budget != settings.budget:
+        raise ValueError(f"schedule: for a budget of {schedule.budget}; the settings say {settings.budget}.")
 
 
 class Algorithm(ABC):
@@ -155,6 +151,9 @@ class Algorithm(ABC):
         """
 
 
+Fields = dict[str, ArrayLike]  # of an agent's `Training`, without the axis N
+
+
 class SequentialAlgorithm(Algorithm):
     """An algorithm that trains one agent after another."""
 
@@ -170,7 +169,7 @@ class SequentialAlgorithm(Algorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains an agent, as `train` does; returns the fields of its `training` without the axis N."""
 
     def train(
@@ -192,13 +191,10 @@ class SequentialAlgorithm(Algorithm):
         return self.training(**{key: np.stack([agent[key] for agent in agents]) for key in agents[0]})
 
 
-def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> dict[str, NDArray[Any]]:
+def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> Fields:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
-    Args:
-      tables: (T, O, A) action values or probabilities; NaN from where the agent diverged.
-      schedule: When they were taken.
-      is_value: Whether they are action values.
+    The tables (T, O, A) have action values or probabilities, NaN from where the agent diverged.
     """
     is_lost = np.asarray(np.isnan(tables).any(axis=(1, 2)))
     # As in Stable-Baselines3, the first of several best actions is greedy.
@@ -215,7 +211,7 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
     """Refuses, by a ValueError, other shapes than those of `Training`, and a training without policies."""
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
     table = n_observations, n_actions = model.n_observations, model.next_state.shape[1]
-    expected: dict[str, list[tuple[int, ...]]] = {
+    accepted: dict[str, list[tuple[int, ...]]] = {
         "greedy": [(n_agents, n_steps, n_observations)],
         "q": [(n_agents, *table), (n_agents, 0, n_actions)],
         "stochastic": [(n_agents, n_steps, *table), (n_agents, 0, *table)],
@@ -225,7 +221,7 @@ def check_training(training: Training, model: Model, n_agents: int, schedule: Sc
     }
     for field in fields(training):
         shape = getattr(training, field.name).shape
-        shapes = expected.get(field.name, [(n_agents, *shape[1:])])
+        shapes = accepted.get(field.name, [(n_agents, *shape[1:])])
         if shape not in shapes:
             raise ValueError(f"{field.name}: shape {shape}; accepted: {' or '.join(map(str, shapes))}.")
     if training.q.shape[1] == 0 and training.stochastic.shape[1] == 0 and n_steps:

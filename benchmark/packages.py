@@ -30,7 +30,7 @@ _SCARCE: Final = (
 def broken(error: BaseException) -> str:
     """Returns a sentence on the installed package whose import raised an error; empty if none did.
 
-    Only packages that this project requires count, not those of users, whose files the error may name.
+    Only packages that this project requires count: for those of users, the error itself names the file.
     """
     modules = [
         str(frame.f_globals.get("__name__")).partition(".")[0]
@@ -46,7 +46,7 @@ def broken(error: BaseException) -> str:
 
 
 def _sentence(module: str, reason: str) -> str:
-    """Returns that a module cannot be imported, and what repairs its package; empty if none is required."""
+    """Returns why a module cannot be imported, and what repairs it; empty for modules of users."""
     package = next(iter(_required(module)), None) if module else None
     if package is None:
         installer = "pip install . installs it (in a checkout: make .venv/.base)"
@@ -60,7 +60,7 @@ def _sentence(module: str, reason: str) -> str:
 
 
 def _required(module: str) -> list[str]:
-    """Lists the packages that have a module, those of them that this project requires, directly or not."""
+    """Lists the packages that provide a module and that this project requires, directly or indirectly."""
     modules, packages = [*_CORE], packages_distributions()
     with suppress(Exception):  # of the core, which is enough then: it is imported first
         from envs.inputs import EXTRAS
@@ -79,7 +79,7 @@ def _required(module: str) -> list[str]:
 
 
 def _normal(package: str) -> str:
-    """Returns the name of a package as all spellings of it have it."""
+    """Returns a package's normalized name, the same for all spellings."""
     return re.sub(r"[-_.]+", "-", package).lower()
 
 

@@ -41,6 +41,7 @@ EVENTS: Final = (
     "wrong_ping",
     "last_wrong_ping",  # condition C2
 )
+_WRONG_PINGS: Final = [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")]
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 
@@ -124,7 +125,6 @@ class Model:
 
     @cached_property
     def _is_fresh(self) -> NDArray[np.bool_]:
-        """(S,) whether a state has no wrong PING so far and no feedback to come."""
         block = len(self.position) * self.scenario.ping_limit * (1 + self.scenario.is_delayed)
         return np.asarray(np.arange(len(self.observation)) % block < len(self.position))
 
@@ -157,7 +157,7 @@ class Model:
     @cached_property
     def is_wrong_ping(self) -> NDArray[np.bool_]:
         """(S, A) whether the action is a disagreement: a PING outside the target region."""
-        return np.isin(self.event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
+        return np.isin(self.event, _WRONG_PINGS)
 
     @cached_property
     def is_noisy(self) -> bool:
@@ -166,43 +166,22 @@ class Model:
 
     def transitions(self, state: int) -> list[Transition]:
         """Returns the arrays of a state as Python values, by action: the fast way to step a single env."""
-        known = self._transitions.get(state)
-        if known is None:
+        if state not in self._transitions:
             arrays = (
                 self.next_state, self.probability, self.grid_reward, self.issuer_reward, self.issuer_noise,
                 self.terminated, self.event, self.wrong_pings,
             )  # fmt: skip
             rows = zip(*(array[state].tolist() for array in arrays), strict=True)
-            known = self._transitions[state] = [Transition(*row) for row in rows]
-        return known
+            self._transitions[state] = [Transition(*row) for row in rows]
+        return self._transitions[state]
 
     @cached_property
     def _transitions(self) -> dict[int, list[Transition]]:
-        """What `transitions` has returned so far, by state."""
         return {}
-
-    @cached_property
-    def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
-        """`P[state][action] = [(probability, next state, mean reward, terminated)]`, as in toy-text."""
-        return {
-            state: {
-                action: [
-                    (probability, following, t.grid_reward + t.issuer_reward, t.terminated)
-                    for probability, following in zip(t.probability, t.next_states, strict=True)
-                ]
-                for action, t in enumerate(self.transitions(state))
-            }
-            for state in range(len(self.observation))
-        }
 
 
 def draw_issuer_reward(mean: Numbers, noise: Numbers, uniform: Numbers) -> Numbers:
-    """Returns the issuer's reward for a draw. Also works on arrays, and inside numba.
-
-    Args:
-      mean: Mean reward.
-      noise: Half-width of the uniform noise.
-      uniform: A draw from [0, 1).
+    """Returns the issuer's reward for a draw from [0, 1), also of arrays and inside numba.
 
     >>> draw_issuer_reward(0.0, 1.0, 0.25)
     -0.5
@@ -239,8 +218,7 @@ def compile_scenario(scenario: Scenario) -> Model:
         EVENTS.index("wrong_ping"),
     )
     event = np.column_stack([move_event, ping_event])  # (S, A)
-    is_wrong = np.isin(event, [EVENTS.index("wrong_ping"), EVENTS.index("last_wrong_ping")])
-    wrong_pings = pings[:, None] + is_wrong
+    wrong_pings = pings[:, None] + np.isin(event, _WRONG_PINGS)
     rewards = scenario.rewards
     reward_of_event = {"none": 0.0, "move": rewards.other} | dict(rewards)
     grid_reward = np.array([reward_of_event[name] for name in EVENTS])[event]
@@ -328,20 +306,18 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Compo
     stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
     cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
     shown = np.array(scenario.shown_cells)  # (I, 2)
-    where = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
+    index = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
     n_phases, n_pings = len(scenario.stages), scenario.ping_limit
     offset = stands[place, phase] - grid.position[cell] + farthest  # (S, 2), from 0
-    known = {
+    components = {  # values of states, and coordinates of values
         "agent": (cell, grid.position / largest),
         "offset": (offset @ (2 * grid.columns - 1, 1), (grid.offset + farthest) / (2 * largest)),
-        "issuer": (where[place, phase], shown / largest),
+        "issuer": (index[place, phase], shown / largest),
         "phase": (phase, np.arange(n_phases)[:, None] / max(n_phases - 1, 1)),
         "wrong_pings": (pings, np.arange(n_pings)[:, None] / max(n_pings - 1, 1)),
     }
-    return tuple(
-        Component(name, known[name][0].astype(np.int32), np.asarray(known[name][1]))
-        for name in scenario.observe
-    )
+    observed = ((name, *components[name]) for name in scenario.observe)
+    return tuple(Component(name, of_state.astype(np.int32), values) for name, of_state, values in observed)
 
 
 def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:

@@ -3,6 +3,7 @@
 import bisect
 import operator
 from collections.abc import Mapping
+from functools import cached_property
 from itertools import accumulate
 from typing import Any, Final
 
@@ -51,10 +52,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     - `"offset"`, `"offset_one_hot"`, `"offset_coordinates"`: the same, with the issuer's cell relative to the
       agent's in place of both cells, wherever both are seen; it has (2 * rows - 1) * (2 * columns - 1) values
 
-    The issuer's cell has a value for each cell in which the issuer may be. What varies and does not follow
-    from the observation is hidden, as the number of wrong PINGs is in all shipped scenarios except `Counted`.
-    Observed, this number is at most `ping_limit - 1`, since the PING that reaches the limit ends the episode:
-    after the fifth wrong PING in `Counted`, the observation still has 4, and `info["wrong_pings"]` is 5.
+    The issuer's cell has a value for each cell in which the issuer may be. The observed number of wrong PINGs
+    is at most `ping_limit - 1`, since the PING that reaches the limit ends the episode. What varies and does
+    not follow from the observation is hidden.
 
     ## Starting State
     One of the scenario's starts, all equally likely, with no wrong PING so far. A start is a cell of the
@@ -69,11 +69,8 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     in the uncomfortable region and -0.1 for any other move.
 
     The person moves, turns or changes mood after the agent's action. Event and rewards of a step follow from
-    the state before that: a move into a cell that is uncomfortable until the person turns away costs -0.8.
-    `info["zone"]` and the observation are those afterwards.
-
-    A person whose next cell is the agent's waits: the clock stands still for that step, so that all that the
-    person does later comes a step later.
+    the state before that, `info["zone"]` and the observation from the state after it. A person whose next
+    cell is the agent's waits, and does all that follows a step later.
 
     ## Episode End
     Terminates when the agent reaches a person, PINGs in the target region, or makes its fifth wrong PING
@@ -108,7 +105,7 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self,
         scenario: ScenarioLike = "S1",
         observation: str = "index",
-        overrides: Mapping[str, Any] | None = None,
+        overrides: Mapping[str, object] | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Compiles the scenario.
@@ -129,10 +126,19 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         self.s = self.model.start  # the hidden state, called `s` as in toy-text; it may be set
         self._event = 0
 
-    @property
+    @cached_property
     def P(self) -> dict[int, dict[int, list[tuple[float, int, float, bool]]]]:  # noqa: N802
         """`P[s][a] = [(probability, next state, mean reward, terminated)]` over the hidden states."""
-        return self.model.P
+        return {
+            state: {
+                action: [
+                    (probability, next_state, t.grid_reward + t.issuer_reward, t.terminated)
+                    for probability, next_state in zip(t.probability, t.next_states, strict=True)
+                ]
+                for action, t in enumerate(self.model.transitions(state))
+            }
+            for state in range(len(self.model.observation))
+        }
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -179,11 +185,9 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
         return render.to_image(scene, agent)
 
     def _observe(self) -> Observation:
-        """Returns a copy of the agent's observation."""
         observation = self._observations[self._observed[self.s]]
         return observation if isinstance(observation, int) else observation.copy()
 
 
 def _info(*values: float) -> dict[str, Any]:
-    """Returns the info of a step."""
     return dict(zip(_INFO, values, strict=True))

@@ -7,7 +7,7 @@ there say what each is about, and in S1 to S3 which term of the paper a value ha
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +19,7 @@ from pydantic import AfterValidator, Field, ValidationError, WrapValidator, mode
 from pydantic import ValidatorFunctionWrapHandler as Handler
 
 from envs.inputs import Line, Name, Table, check_file_name, override, parse, read_toml, require, unknown_name
-from envs.regions import HEADINGS, ZONES, Cell, Heading, Regions, zones
+from envs.regions import HEADINGS, ZONES, Cell, Egg, Heading, Regions, zones
 
 SCENARIO_DIRECTORY = Path(__file__).parent / "scenarios"
 MAX_STATES = 100_000
@@ -31,11 +31,11 @@ Steps = Annotated[int, Field(ge=1, le=1000)]
 _CERTAINTY_TOLERANCE: Final = 1e-9  # of a sum of probabilities
 
 
-def _place(value: Any, handler: Handler) -> Any:
+def _checked_place(value: object, handler: Handler) -> object:
     if isinstance(value, list):  # from JSON, where strict validation would have accepted it as a tuple
-        value = tuple(tuple(each) if isinstance(each, list) else each for each in value)
+        value = tuple(tuple(item) if isinstance(item, list) else item for item in value)
     try:
-        place = handler(value)
+        place: object = handler(value)
     except ValidationError as error:
         raise ValueError('accepted: a cell [ROW, COLUMN], a list of cells, or "anywhere"') from error
     if place == ():
@@ -44,13 +44,13 @@ def _place(value: Any, handler: Handler) -> Any:
 
 
 # A cell, or cells of which one is drawn at the start of every episode; "anywhere": wherever it is allowed.
-Place = Annotated[Cell | tuple[Cell, ...] | Literal["anywhere"], WrapValidator(_place)]
+Place = Annotated[Cell | tuple[Cell, ...] | Literal["anywhere"], WrapValidator(_checked_place)]
 
 
 class Grid(Table):
     """Size of the floor, the cell in which episodes start, and walls."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"walls", "metres_per_cell"})
+    omitted_at_default: ClassVar[Set[str]] = {"walls", "metres_per_cell"}
 
     rows: Annotated[int, Field(ge=1, le=1000)]
     """Number of rows; together at most 100,000 cells."""
@@ -77,8 +77,8 @@ class Grid(Table):
     def offset(self) -> NDArray[np.int_]:
         """(offsets, 2) rows and columns from one cell to another, for all offsets on the grid."""
         rows, columns = self.size
-        here = np.divmod(np.arange((2 * rows - 1) * (2 * columns - 1)), 2 * columns - 1)
-        return np.asarray(np.stack(here, axis=1) - (rows - 1, columns - 1))
+        offsets = np.divmod(np.arange((2 * rows - 1) * (2 * columns - 1)), 2 * columns - 1)
+        return np.asarray(np.stack(offsets, axis=1) - (rows - 1, columns - 1))
 
     @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
@@ -162,7 +162,7 @@ class Walk(Table):
 class Issuer(Table):
     """The person whose personal space matters, and the reward that this person adds to every PING."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"heading", "walk", "places", "unseen", "permuted"})
+    omitted_at_default: ClassVar[Set[str]] = {"heading", "walk", "places", "unseen", "permuted"}
 
     position: Place
     """Where the issuer stands when an episode starts."""
@@ -183,7 +183,7 @@ class Issuer(Table):
 class Person(Table):
     """Another person with regions, who stays in one cell."""
 
-    later: ClassVar[frozenset[str]] = frozenset({"heading"})
+    omitted_at_default: ClassVar[Set[str]] = {"heading"}
 
     position: Cell
     """Where the person stands."""
@@ -211,7 +211,7 @@ class Phase(Table):
     does not give is as in the scenario's other tables.
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"position", "heading", "regions", "steps", "next"})
+    omitted_at_default: ClassVar[Set[str]] = {"position", "heading", "regions", "steps", "next"}
 
     name: Annotated[Line, Field(min_length=1, max_length=40)]
     """Name of the phase, for pictures and for `next`."""
@@ -263,7 +263,7 @@ class Scenario(Table):
     unless the scenario says otherwise.
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"observe", "others", "phases", "first_phase", "draw"})
+    omitted_at_default: ClassVar[Set[str]] = {"observe", "others", "phases", "first_phase", "draw"}
 
     name: Name
     """The stem of the file."""
@@ -291,8 +291,6 @@ class Scenario(Table):
     draw: Annotated[int, Field(ge=0, le=10**9)] = 0
     """Which places and which permutation are drawn, if any. The first n places are the same for every n."""
 
-    # What the tables come to
-
     @cached_property
     def stages(self) -> tuple[Phase, ...]:
         """(P,) the phases; those of a walk are its cells, and without any there is a single one."""
@@ -302,7 +300,7 @@ class Scenario(Table):
         cells: list[tuple[Cell, Heading]] = []
         for (row, column), (to_row, to_column) in pairwise(_round(self.issuer.position, walk)):
             step = int(np.sign(to_row - row)), int(np.sign(to_column - column))
-            heading = next(name for name, way in HEADINGS.items() if way == step)
+            heading = next(name for name, direction in HEADINGS.items() if direction == step)
             n_steps = abs(to_row - row) + abs(to_column - column)
             cells += [((row + k * step[0], column + k * step[1]), heading) for k in range(n_steps)]
         return tuple(
@@ -367,31 +365,28 @@ class Scenario(Table):
     @cached_property
     def starts(self) -> NDArray[np.int_]:
         """(B, 3) place, tick and cell of every start of an episode, all equally likely."""
-        return self._starts(is_met=True)
+        return self._starts_where(is_seen=True)
 
     @property
     def unseen_starts(self) -> NDArray[np.int_]:
         """(starts, 3) the same of episodes with the issuer in an unseen place, which are never trained."""
-        return self._starts(is_met=False)
+        return self._starts_where(is_seen=False)
 
-    def _starts(self, *, is_met: bool) -> NDArray[np.int_]:
+    def _starts_where(self, *, is_seen: bool) -> NDArray[np.int_]:
         n = self.issuer.places
-        met = self.places if n is None else self.in_drawn_order(self.places)[:n]
-        by_place = enumerate(self.starts_by_place.items())
+        seen = self.places if n is None else self.in_drawn_order(self.places)[:n]
         rows = [
-            np.column_stack([np.full(len(rest), j), rest])
-            for j, (place, rest) in by_place
-            if (place in met) == is_met
+            np.column_stack([np.full(len(starts), j), starts])
+            for j, (place, starts) in enumerate(self.starts_by_place.items())
+            if (place in seen) == is_seen
         ]
         return np.concatenate([np.zeros((0, 3), dtype=int), *rows])
 
     def in_drawn_order(self, cells: Iterable[Cell]) -> list[Cell]:
         """Returns cells in an order that `draw` decides, the same for all rooms that have them."""
-
-        def digest(cell: Cell) -> bytes:
-            return hashlib.sha256(json.dumps([self.draw, *cell]).encode()).digest()
-
-        return sorted(cells, key=digest)
+        return sorted(
+            cells, key=lambda cell: hashlib.sha256(json.dumps([self.draw, *cell]).encode()).digest()
+        )
 
     @property
     def draws(self) -> bool:
@@ -399,7 +394,7 @@ class Scenario(Table):
         return self.issuer.places is not None or self.issuer.permuted > 0
 
     def drawn(self, draw: int) -> Self:
-        """Returns the scenario with another draw, of which nothing has to be checked or computed again."""
+        """Returns the scenario with another draw, which needs no checks."""
         other = self.model_copy(update={"draw": draw})
         other.__dict__.update(_zones_by_place=self._zones_by_place, _free_places=self._free_places)
         return other
@@ -409,13 +404,12 @@ class Scenario(Table):
         """What does not follow from what is observed: other components, "clock" and "feedback to come"."""
         contexts = {(people[0].cell, i) for stages in self.people for i, people in enumerate(stages)}
         seen = [i for i, name in enumerate(("issuer", "phase")) if name in self.observe]
-        is_relative = "offset" in self.observe
 
-        def n_values(*of: int) -> int:
-            return len({tuple(context[i] for i in of) for context in contexts})
+        def n_values(*parts: int) -> int:
+            return len({tuple(context[i] for i in parts) for context in contexts})
 
         is_hidden = {
-            "agent's cell" if is_relative else "issuer": n_values(*seen, 0) > n_values(*seen),
+            "agent's cell" if "offset" in self.observe else "issuer": n_values(*seen, 0) > n_values(*seen),
             "phase": n_values(*seen, 1) > n_values(*seen),
             "wrong_pings": self.ping_limit > 1 and "wrong_pings" not in self.observe,
             "clock": len(self.ticks) > len(self.stages) > 1,
@@ -429,21 +423,19 @@ class Scenario(Table):
         cells = np.arange(self.grid.rows * self.grid.columns).reshape(self.grid.size)
         rooms = []
         for view in (cells, cells[::-1], cells[:, ::-1], cells[::-1, ::-1]):
-            here = view.ravel()  # which cell is seen in each place
-            there = here.argsort()
+            shown = view.ravel()  # the cell at each index
+            index = shown.argsort()
             places = sorted(
                 [
-                    zone[:, here].tolist(),
-                    sorted([int(t), int(there[c])] for _, t, c in self.starts[self.starts[:, 0] == j]),
+                    zone[:, shown].tolist(),
+                    sorted([int(t), int(index[c])] for _, t, c in self.starts[self.starts[:, 0] == j]),
                 ]
                 for j, zone in enumerate(self.zone)
             )
-            rooms.append(json.dumps([self.grid.is_wall[here].tolist(), places]))
+            rooms.append(json.dumps([self.grid.is_wall[shown].tolist(), places]))
         apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
         rest = self.model_dump(mode="json", exclude=apart)
-        feedback = [
-            each.model_dump() for each in (self.issuer.feedback, *(who.feedback for who in self.others))
-        ]
+        feedback = [each.model_dump() for each in self._feedback]
         clock = [part.tolist() for part in (self.ticks, *self.following)]
         return json.dumps([min(rooms), rest, feedback, clock], sort_keys=True)
 
@@ -459,7 +451,6 @@ class Scenario(Table):
 
     @property
     def _observed_sizes(self) -> list[int]:
-        """How many values each observed component has."""
         sizes = {
             "agent": self.grid.rows * self.grid.columns,
             "offset": len(self.grid.offset),
@@ -472,8 +463,8 @@ class Scenario(Table):
     @property
     def has_front(self) -> bool:
         """Whether it matters where someone looks."""
-        people = {person for stages in self.people for stage in stages for person in stage}
-        return any(shape.has_front for person in people for shape in person.regions.shapes)
+        regions = {person.regions for stages in self.people for stage in stages for person in stage}
+        return any(isinstance(shape, Egg) for region in regions for shape in region.shapes)
 
     @property
     def moves(self) -> bool:
@@ -483,8 +474,11 @@ class Scenario(Table):
     @property
     def is_delayed(self) -> bool:
         """Whether some feedback comes with the action after a PING."""
-        feedback = [self.issuer.feedback, *(person.feedback for person in self.others)]
-        return any(each.kind == "delayed" for each in feedback)
+        return any(feedback.kind == "delayed" for feedback in self._feedback)
+
+    @property
+    def _feedback(self) -> list[AnyFeedback]:
+        return [self.issuer.feedback, *(person.feedback for person in self.others)]
 
     @cached_property
     def starts_by_place(self) -> dict[Cell, NDArray[np.int_]]:
@@ -495,10 +489,7 @@ class Scenario(Table):
 
     @cached_property
     def _free_places(self) -> dict[Cell, NDArray[np.int_]]:
-        """The same of all cells of `issuer.position`.
-
-        Places without a start, or without a target region that the agent can enter, are left out.
-        """
+        """The same of all cells of `issuer.position` that have a start and a target that can be entered."""
         grid = self.grid
         ticks = np.arange(len(self.ticks)) if self.first_phase == "any" else np.zeros(1, dtype=int)
         allowed = np.zeros(grid.rows * grid.columns, dtype=np.bool_)
@@ -507,7 +498,7 @@ class Scenario(Table):
         for place, zone in self._zones_by_place.items():
             is_free = allowed & ~grid.is_wall & (zone[self.ticks[ticks]] == ZONES.index("outside"))
             tick, cell = np.nonzero(is_free)
-            if len(tick) and self._has_target(zone):
+            if len(tick) and self._has_target(place):
                 starts[place] = np.column_stack([ticks[tick], cell])
         return starts
 
@@ -521,27 +512,25 @@ class Scenario(Table):
             if not self._is_wall(place) and place not in taken
         }
 
-    def _has_target(self, zone: NDArray[np.int8]) -> bool:
-        """Returns whether the agent can enter a target region in some phase, given (P, C) zones."""
-        return bool(((zone == ZONES.index("target")) & ~self.grid.is_wall).any())
+    def _has_target(self, place: Cell) -> bool:
+        """Returns whether the agent can enter a target region in some phase, with the issuer in a place."""
+        is_target = self._zones_by_place[place] == ZONES.index("target")
+        return bool((is_target & ~self.grid.is_wall).any())
 
     def _is_wall(self, cell: Cell) -> bool:
         return bool(self.grid.is_wall[cell[0] * self.grid.columns + cell[1]])
 
     def _people(self, place: Cell, stage: Phase) -> tuple[Someone, ...]:
-        """Returns the issuer in a phase, and the others."""
         heading, regions = stage.heading or self.issuer.heading, stage.regions or self.regions
         issuer = Someone(stage.position or place, heading, regions, self.issuer.feedback)
-        others = (Someone(each.position, each.heading, each.regions, each.feedback) for each in self.others)
+        others = [Someone(who.position, who.heading, who.regions, who.feedback) for who in self.others]
         return issuer, *others
 
     def _zones(self, people: tuple[Someone, ...]) -> NDArray[np.int8]:
         """Returns the zone of every cell among some people, (C,): uncomfortable if it is so to anyone."""
         size, width = self.grid.size, self.grid.metres_per_cell or 1.0
-        each = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
-        return np.where(self.grid.is_wall, ZONES.index("outside"), np.max(each, axis=0)).astype(np.int8)
-
-    # Checks
+        around = [zones(person.regions, person.heading, person.cell, size, width) for person in people]
+        return np.where(self.grid.is_wall, ZONES.index("outside"), np.max(around, axis=0)).astype(np.int8)
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
@@ -550,9 +539,8 @@ class Scenario(Table):
         accepted = f"either agent or offset, and others at most once each, in the order {list(COMPONENTS)}"
         has_one = ("agent" in ordered) != ("offset" in ordered)
         require(has_one and self.observe == ordered, observe, accepted)
-        regions = [self.regions, *(person.regions for person in self.others)]
-        regions += [phase.regions for phase in self.phases if phase.regions is not None]
-        is_in_cells = all(each.unit == "cells" for each in regions)
+        regions = [*(person.regions for person in self.others), *(phase.regions for phase in self.phases)]
+        is_in_cells = all(region is None or region.unit == "cells" for region in [self.regions, *regions])
         accepted = '"cells", unless grid.metres_per_cell is given'
         require(is_in_cells or self.grid.metres_per_cell is not None, 'regions.unit = "metres"', accepted)
         self._check_phases()
@@ -568,14 +556,13 @@ class Scenario(Table):
         return self
 
     def _check_phases(self) -> None:
-        """Checks that phases follow each other."""
         names = [phase.name for phase in self.phases]
         for i, phase in enumerate(self.phases):
             where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
             is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
             require(is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase")
-            is_new = names.count(phase.name) == 1
-            require(is_new, f"{where}.name = {phase.name}", "another name, since it is taken")
+            is_unique = names.count(phase.name) == 1
+            require(is_unique, f"{where}.name = {phase.name}", "another name, since it is taken")
             others = [name for name in names if name != phase.name]
             for name in chances:
                 accepted = ", ".join(others) or "no phase"
@@ -592,23 +579,26 @@ class Scenario(Table):
         moved_by = "phases with positions" if walk is None else "issuer.walk"
         where = f"{moved_by} with issuer.position = {json.dumps(position)}"
         require(_is_cell(position), where, "a cell")
-        for here, there in pairwise(_round(position, walk) if walk is not None else ()):
-            is_straight = (here[0] == there[0]) != (here[1] == there[1])
-            where = f"issuer.walk.corners: from {json.dumps(here)} to {json.dumps(there)}"
+        for first, last in pairwise(_round(position, walk) if walk is not None else ()):
+            is_straight = (first[0] == last[0]) != (first[1] == last[1])
+            where = f"issuer.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
             require(is_straight, where, "another cell of the same row or column, also on the way back")
         where = 'feedback.kind = "delayed" with an issuer that moves'
         require(not self.is_delayed, where, "any other kind")
 
     def _check_cells(self) -> None:
-        """Checks that everyone stands on the grid, on floor, and alone."""
+        """Checks that everyone stands alone, on floor."""
         rows, columns = self.grid.size
         others, walk = [person.position for person in self.others], self.issuer.walk
-        places = {"issuer.position": self.issuer.position, "grid.start": self.grid.start}
-        stands = {key: _cells(place, self.grid) for key, place in places.items() if place != "anywhere"}
-        stands |= {f"others.{i}.position": [cell] for i, cell in enumerate(others)}
-        positions = {f"phases.{i}.position": phase.position for i, phase in enumerate(self.phases)}
-        stands |= {key: [cell] for key, cell in positions.items() if cell is not None}
-        stands |= {} if walk is None else {"issuer.walk.corners": list(walk.corners)}
+        places = {
+            "issuer.position": self.issuer.position,
+            "grid.start": self.grid.start,
+            **{f"others.{i}.position": cell for i, cell in enumerate(others)},
+            **{f"phases.{i}.position": phase.position for i, phase in enumerate(self.phases)},
+            "issuer.walk.corners": walk and walk.corners,
+        }
+        listed = {key: place for key, place in places.items() if place not in (None, "anywhere")}
+        stands = {key: _cells(place, self.grid) for key, place in listed.items()}
         accepted = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
         for key, cells in stands.items():
             for row, column in cells:
@@ -624,7 +614,6 @@ class Scenario(Table):
                 require(is_free, f"{where} is taken by another person", "another cell")
 
     def _check_sizes(self) -> None:
-        """Checks that the scenario has at most MAX_STATES states."""
         factors = {
             "cells (grid.rows x grid.columns)": self.grid.rows * self.grid.columns,
             "wrong PINGs (ping_limit)": self.ping_limit,
@@ -648,7 +637,7 @@ class Scenario(Table):
         for place in listed:
             where = f"regions: with the issuer at {json.dumps(place)}, the agent can enter no target region"
             accepted = "a target shape that reaches beyond the uncomfortable one"
-            require(self._has_target(self._zones_by_place[place]), where, accepted)
+            require(self._has_target(place), where, accepted)
         starts = np.concatenate([np.zeros((0, 2), dtype=int), *self._free_places.values()])
         used = {divmod(cell, self.grid.columns) for cell in starts[:, 1].tolist()}
         whose = f"the issuer at {json.dumps(position)}{' or another person' if self.others else ''}"
@@ -660,15 +649,11 @@ class Scenario(Table):
         accepted = "other cells, smaller regions, or another grid.start"
         has_starts = bool(self._free_places) and not unused
         require(has_starts, f"{where} leaves no start outside every region", accepted)
-        n, unseen = self.issuer.places, self.issuer.unseen
+        n, unseen, n_free = self.issuer.places, self.issuer.unseen, len(self._free_places)
         require(n is not None or not unseen, f"issuer.unseen = {unseen}", "0, or issuer.places as well")
-        n_free = len(self._free_places)
         where = f"issuer.places = {n}" + f" with issuer.unseen = {unseen}" * bool(unseen)
-        require(
-            (n or 0) + unseen <= n_free,
-            where,
-            f"at most {n_free} together: the issuer can stand in so many cells",
-        )
+        accepted = f"at most {n_free} together: the issuer can stand in so many cells"
+        require((n or 0) + unseen <= n_free, where, accepted)
 
 
 # What decides which zones cells are in, and where episodes can start.
@@ -684,11 +669,10 @@ def _shared_by(geometry: str) -> dict[str, Any]:  # noqa: ARG001
     return {}
 
 
-ScenarioLike = str | Path | Scenario | Mapping[str, Any]
+ScenarioLike = str | Path | Scenario | Mapping[str, object]
 
 
 def _cells(place: Any, grid: Grid) -> list[Cell]:
-    """Returns the cells that a place names."""
     if place == "anywhere":
         return [divmod(cell, grid.columns) for cell in range(grid.rows * grid.columns)]
     return [place] if _is_cell(place) else list(dict.fromkeys(place))
@@ -699,16 +683,16 @@ def _is_cell(place: Any) -> bool:
 
 
 def _round(position: Any, walk: Walk) -> list[Cell]:
-    """Returns where a walk turns, from the issuer's position and back."""
+    """Returns the cells between which a walk is straight, from the issuer's position and back."""
     return [position, *walk.corners, position]
 
 
 def scenario_names() -> list[str]:
-    """Returns the names of the shipped scenarios, which are those of their TOML files."""
+    """Returns the names of the shipped scenarios."""
     return sorted(path.stem for path in SCENARIO_DIRECTORY.glob("*.toml"))
 
 
-def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None = None) -> Scenario:
     """Reads a scenario and checks it.
 
     Args:
@@ -717,7 +701,7 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, Any] | None = 
       overrides: New values by dotted key, for example `{"issuer.position": [8, 6]}`.
 
     Raises:
-      InputError: One sentence that names the file, the key, its value and what is accepted.
+      InputError: For each mistake a sentence that names the file, the key, its value and what is accepted.
 
     >>> load_scenario("S1").issuer.position
     (6, 8)

@@ -61,7 +61,7 @@ evaluation_every = 50
 map_every = 100
 policy = "greedy"
 group = "tables"
-settings = { learning_rate = 0.2, final_epsilon = 0.01, epsilon_fraction = 0.5, record_every = 10 }
+settings = { learning_rate = 0.2, epsilon = 0.1, record_every = 10 }
 [algorithms.dqn]
 algorithm = "compiled_dqn"
 observations = ["one_hot", "coordinates"]

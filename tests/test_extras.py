@@ -67,7 +67,6 @@ def python(
 
 
 def needs(what: str, package: str, extra: str, mark: str) -> str:
-    """Returns a pattern of the message that a package is missing."""
     return (
         rf"{what} needs the package {package}, which is not installed; "
         rf"pip install 'proxemic-benchmark\[{extra}\]' installs it \(in a checkout: make \.venv/{mark}\)\.\n"
@@ -205,6 +204,6 @@ def test_what_is_imported_is_declared() -> None:
     """All that is declared is imported, too, except what others import, as Gymnasium does pygame."""
     core = {*requirements(None), "pydantic_core"}  # pydantic's own, which its documentation says to import
     assert third_party(["envs"]) == core
-    used = {module for extra in ("reproduce", "deep", "cluster", "tune", "docs") for module in EXTRAS[extra]}
-    used -= {"arch", "sb3_contrib", "sklearn"}  # of rliable and optuna, and by name
+    used = {module for extra in ("reproduce", "deep", "cluster", "docs") for module in EXTRAS[extra]}
+    used -= {"arch", "sb3_contrib"}  # of rliable, and by name
     assert third_party(LAYERS) - {*EXTRAS["render"]} == core | used

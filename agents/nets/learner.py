@@ -12,8 +12,8 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from agents.contract import DeepTraining, Schedule, SequentialAlgorithm, snapshots
-from agents.nets.arithmetic import Numbers
+from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm, snapshots
+from agents.nets.arithmetic import Kind, Numbers
 from agents.nets.net import Net, net_of, parameters_of, read, unpadded
 from agents.nets.walk import walk_of
 from agents.process import N_ACTIONS
@@ -34,7 +34,7 @@ class Agent(ABC):
         observation: str,
         points: NDArray[np.int64],
         seed: SeedSequence,
-        kind: type[np.floating[Any]],
+        kind: Kind,
     ) -> None:
         """Makes an agent that has drawn its first weights and starts.
 
@@ -54,7 +54,7 @@ class Agent(ABC):
         self.state = self.begin(model, settings, kind)
 
     @abstractmethod
-    def begin(self, model: Model, settings: Any, kind: type[np.floating[Any]]) -> Any:
+    def begin(self, model: Model, settings: Any, kind: Kind) -> Any:
         """Draws the first weights; returns all that the compiled loop reads and changes."""
 
     @abstractmethod
@@ -99,7 +99,7 @@ class NetAlgorithm(SequentialAlgorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,  # noqa: ARG002
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains an agent, see `agents.contract.SequentialAlgorithm`.
 
         The policy changes only between rollouts, so the policy at a rollout's start is that of every

@@ -9,13 +9,13 @@ Axis letters: O observations, P parameters with padding, L layers, B rows of a c
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.compiled import compiled
-from agents.nets.arithmetic import LANES, Numbers, inlined, like, log, multiply, tanh
+from agents.nets.arithmetic import LANES, Kind, Numbers, inlined, like, log, multiply, tanh
 from agents.nets.walk import draw
 from envs import Model
 from envs.observations import ENCODINGS, observation_blocks, observation_table
@@ -54,18 +54,18 @@ class Memo(NamedTuple):
     now: NDArray[np.int64]  # (1,) calls of `forget`
 
 
-class Known(NamedTuple):
-    """What is known of the largest outputs of a net."""
+class Values(NamedTuple):
+    """The largest outputs of a net, as far as they are computed."""
 
     largest: Numbers  # (O,)
-    memo: Memo  # of which observations it is known
+    memo: Memo  # of which observations they are
 
 
-class Merged(NamedTuple):
+class Distinct(NamedTuple):
     """The observations of a mini-batch, each once."""
 
-    distinct: NDArray[np.int32]  # (B,)
-    place: NDArray[np.int64]  # (O,) where an observation is among them
+    observed: NDArray[np.int32]  # (B,)
+    row: NDArray[np.int64]  # (O,) the index of an observation among them
     memo: Memo
 
 
@@ -88,15 +88,15 @@ def net_of(
     n_outputs: int,
     first: int,
     n_rows: int,
-    kind: type[np.floating[Any]],
+    kind: Kind,
     *,
     is_relu: bool,
 ) -> Net:
-    """Returns a net whose parameters begin at a place of the flat arrays, for calls with at most B rows."""
+    """Returns a net whose parameters begin at the index `first`, for calls with at most B rows."""
     is_sparse, n_observations = ENCODINGS[observation] == "one_hot", model.n_observations
     ones = observation_blocks(model) if is_sparse else np.empty((n_observations, 0))
     table = np.empty((n_observations, 0)) if is_sparse else observation_table(model, observation)
-    n_inputs = sum(each.size for each in model.components) if is_sparse else table.shape[1]
+    n_inputs = sum(component.size for component in model.components) if is_sparse else table.shape[1]
     outputs = np.array([*hidden, n_outputs])
     width = -(-outputs // LANES) * LANES
     sizes = np.array([n_inputs, *width[:-1]]) * width
@@ -120,7 +120,7 @@ def net_of(
     )
 
 
-def parameters_of(n_parameters: int, kind: type[np.floating[Any]]) -> Parameters:
+def parameters_of(n_parameters: int, kind: Kind) -> Parameters:
     """Returns parameters that are zero."""
     values, gradient, first, second = (np.zeros(n_parameters, kind) for _ in range(4))
     sums, n_steps = np.zeros(_SUMS, kind), np.zeros(1, np.int64)
@@ -132,14 +132,14 @@ def memo_of(n_observations: int) -> Memo:
     return Memo(np.full(n_observations, -1), np.zeros(1, np.int64))
 
 
-def nothing_known(n_observations: int, kind: type[np.floating[Any]]) -> Known:
-    """Returns room for `know`."""
-    return Known(np.zeros(n_observations, kind), memo_of(n_observations))
+def values_of(n_observations: int, kind: Kind) -> Values:
+    """Returns room for `compute_values`."""
+    return Values(np.zeros(n_observations, kind), memo_of(n_observations))
 
 
-def merged_of(n_observations: int, n_rows: int) -> Merged:
-    """Returns room for `merge`."""
-    return Merged(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64), memo_of(n_observations))
+def distinct_of(n_observations: int, n_rows: int) -> Distinct:
+    """Returns room for `list_distinct`."""
+    return Distinct(np.zeros(n_rows, np.int32), np.zeros(n_observations, np.int64), memo_of(n_observations))
 
 
 def unpadded(net: Net, values: Numbers) -> Iterator[Numbers]:
@@ -166,13 +166,13 @@ def is_new(memo: Memo, o: int) -> bool:
 
 
 @inlined
-def merge(observed: NDArray[np.int32], merged: Merged) -> int:
+def list_distinct(observed: NDArray[np.int32], distinct: Distinct) -> int:
     """Lists the observations of a mini-batch (B,), each once, and returns how many there are."""
     n_distinct = 0
-    forget(merged.memo)
+    forget(distinct.memo)
     for o in observed:
-        if is_new(merged.memo, o):
-            merged.place[o], merged.distinct[n_distinct] = n_distinct, o
+        if is_new(distinct.memo, o):
+            distinct.row[o], distinct.observed[n_distinct] = n_distinct, o
             n_distinct += 1
     return n_distinct
 
@@ -209,7 +209,7 @@ def forward(net: Net, values: Numbers, observed: NDArray[np.int32], n_rows: int)
 
 @inlined
 def best_output(net: Net, at: int) -> int:
-    """Returns the first of the largest outputs, of those that begin at a place of `net.hidden`."""
+    """Returns the first of the largest outputs, of those that begin at an index of `net.hidden`."""
     best = 0
     for j in range(1, net.n_outputs[-1]):
         if net.hidden[at + j] > net.hidden[at + best]:
@@ -218,19 +218,19 @@ def best_output(net: Net, at: int) -> int:
 
 
 @inlined
-def know(net: Net, values: Numbers, observed: NDArray[np.int32], known: Known) -> None:
-    """Computes the largest output for those observations of which it is not known; O is none."""
-    unknown, n_unknown = net.observed, 0
+def compute_values(net: Net, parameters: Numbers, observed: NDArray[np.int32], values: Values) -> None:
+    """Computes the largest output for those of some observations that lack it; O is none of them."""
+    lacking, n_lacking = net.observed, 0
     for i in range(len(observed) + 1):
-        if n_unknown == len(unknown) or (i == len(observed) and n_unknown):
-            at = forward(net, values, unknown, n_unknown)
-            for r in range(n_unknown):
+        if n_lacking == len(lacking) or (i == len(observed) and n_lacking):
+            at = forward(net, parameters, lacking, n_lacking)
+            for r in range(n_lacking):
                 row = at + r * net.stride
-                known.largest[unknown[r]] = net.hidden[row + best_output(net, row)]
-            n_unknown = 0
-        if i < len(observed) and observed[i] < len(known.largest) and is_new(known.memo, observed[i]):
-            unknown[n_unknown] = observed[i]
-            n_unknown += 1
+                values.largest[lacking[r]] = net.hidden[row + best_output(net, row)]
+            n_lacking = 0
+        if i < len(observed) and observed[i] < len(values.largest) and is_new(values.memo, observed[i]):
+            lacking[n_lacking] = observed[i]
+            n_lacking += 1
 
 
 @inlined
@@ -385,7 +385,11 @@ def draw_uniform(net: Net, values: Numbers, stream: NDArray[np.uint64]) -> None:
 
 @compiled
 def draw_orthogonal(
-    net: Net, values: Numbers, stream: NDArray[np.uint64], gains: Any, room: NDArray[np.float64]
+    net: Net,
+    values: Numbers,
+    stream: NDArray[np.uint64],
+    gains: tuple[float, float],
+    room: NDArray[np.float64],
 ) -> None:
     """Draws orthogonal weights as PyTorch does, with the gains of hidden layers and the last; no biases.
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from numpy.random import SeedSequence
 
-from agents.contract import DeepTraining, Schedule, SequentialAlgorithm
+from agents.contract import DeepTraining, Fields, Schedule, SequentialAlgorithm
 from agents.sb3.settings import DqnSettings, PpoSettings, Sb3Settings
 from envs import Model
 from envs.inputs import needed_by
@@ -46,12 +46,12 @@ class Sb3Algorithm(SequentialAlgorithm):
         seed: SeedSequence,
         schedule: Schedule,
         log: Path | None,
-    ) -> dict[str, Any]:
+    ) -> Fields:
         """Trains by `agents.sb3.training.train_agent`; a missing package is a MissingPackageError."""
         with needed_by(self.path):
-            self.load()
-            from agents.sb3 import training
-        return training.train_agent(self, model, settings, observation, seed, schedule, log)
+            cls = self.load()
+            from agents.sb3.training import train_agent
+        return train_agent(cls, model, settings, observation, seed, schedule, log, has_modes=self.has_modes)
 
 
 DQN: Final = Sb3Algorithm("stable_baselines3:DQN", DqnSettings)

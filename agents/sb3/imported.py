@@ -1,8 +1,8 @@
 """Any class like those of Stable-Baselines3 as an algorithm of this project, by its import path.
 
 Its settings are the arguments in its signature and those of this project. The class's own defaults are
-recorded with them, so that a version with other defaults makes other runs. Whether the class accepts their
-values is found out by making an untrained agent.
+recorded with them, so that a version with other defaults makes other runs. Their values are checked by making
+an untrained agent.
 """
 
 import inspect
@@ -16,7 +16,7 @@ from pydantic import ConfigDict, create_model, model_validator
 
 from agents.sb3.algorithms import Sb3Algorithm
 from agents.sb3.settings import OUR_SETTINGS, Count, Sb3Settings, Share
-from envs.inputs import InputError
+from envs.inputs import InputError, imported
 
 # What this project sets itself, and types of arguments that it understands.
 _SET_HERE: Final = {"policy", "env", "device", "seed", "verbose", "tensorboard_log", "stats_window_size"}
@@ -28,10 +28,10 @@ _KNOWN: Final[dict[str, Any]] = {
 _SOUND: Final[set[tuple[str, str]]] = set()  # path and settings with which an agent could be made
 
 
-def is_sb3_class(found: object) -> bool:
+def is_sb3_class(value: object) -> bool:
     """Returns whether an object is a class of agents like those of SB3, without importing SB3."""
     module = sys.modules.get("stable_baselines3.common.base_class")
-    return module is not None and isinstance(found, type) and issubclass(found, module.BaseAlgorithm)
+    return module is not None and isinstance(value, type) and issubclass(value, module.BaseAlgorithm)
 
 
 class ImportedSettings(Sb3Settings):
@@ -52,29 +52,23 @@ class ImportedSettings(Sb3Settings):
         if key not in _SOUND:
             from agents.sb3.training import check_settings
 
-            check_settings(Sb3Algorithm(self.path, type(self), has_modes=True), self)
+            check_settings(Sb3Algorithm(self.path, type(self)).load(), self, self.path)
             _SOUND.add(key)
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the path, from which another process makes the class of the settings again."""
-        return _restored, (self.path, self.model_dump_json(exclude_unset=True))
+        return _unpickled, (self.path, self.model_dump_json(exclude_unset=True))
 
 
-def _restored(path: str, settings: str) -> Any:
-    """Returns pickled settings."""
-    from agents import load_algorithm
-
-    return load_algorithm(path).settings.model_validate_json(settings)
+def _unpickled(path: str, settings: str) -> Sb3Settings:
+    cls = imported(path, "settings", "algorithm")
+    return algorithm_of(cls, path).settings.model_validate_json(settings)
 
 
 @lru_cache
 def algorithm_of(cls: Any, path: str) -> Sb3Algorithm:
-    """Makes an algorithm of a class.
-
-    Args:
-      cls: A class for which `is_sb3_class` is true.
-      path: Its import path, `module:class`.
+    """Makes an algorithm of a class with the import path `module:class`, see `is_sb3_class`.
 
     Raises:
       InputError: It lacks an argument from which this project takes the discount or the rollout.
@@ -103,7 +97,7 @@ def _arguments(cls: type) -> dict[str, Any]:
     A class that passes `**kwargs` on has the arguments of the class above it, too. The default None stands
     for one that a file cannot hold.
     """
-    found: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for base in cls.__mro__[:-1]:
         if "__init__" not in vars(base):
             continue
@@ -111,10 +105,10 @@ def _arguments(cls: type) -> dict[str, Any]:
         for parameter in parameters:
             is_single = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
             if is_single and not parameter.name.startswith("_"):
-                found.setdefault(parameter.name, _default(parameter.default))
+                arguments.setdefault(parameter.name, _default(parameter.default))
         if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
             break
-    return found
+    return arguments
 
 
 def _default(default: Any) -> Any:

@@ -32,15 +32,13 @@ class Output:
 
 
 def output_of(agent: BaseAlgorithm) -> Output:
-    """Returns how to ask an agent's net; one that cannot be asked raises a ValueError.
-
-    The means of a quantile network are action values (Dabney et al. 2018, eq. 3).
-    """
+    """Returns how to ask an agent's net; one that cannot be asked raises a ValueError."""
     policy: Any = agent.policy
-    if isinstance(getattr(policy, "q_net", None), torch.nn.Module):
-        return Output(policy.q_net, is_value=True, net=policy.q_net)
-    if isinstance(getattr(policy, "quantile_net", None), torch.nn.Module):
-        return Output(lambda o: policy.quantile_net(o).mean(dim=1), is_value=True, net=policy.quantile_net)
+    if isinstance(net := getattr(policy, "q_net", None), torch.nn.Module):
+        return Output(net, is_value=True, net=net)
+    if isinstance(net := getattr(policy, "quantile_net", None), torch.nn.Module):
+        # Mean quantiles are action values (Dabney et al. 2018, eq. 3).
+        return Output(lambda o: net(o).mean(dim=1), is_value=True, net=net)
     if not hasattr(policy, "get_distribution"):
         raise ValueError(
             f"{type(policy).__name__} has neither action values (q_net, quantile_net) nor a distribution of "
@@ -50,11 +48,7 @@ def output_of(agent: BaseAlgorithm) -> Output:
 
 
 def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns what an agent's net says about every observation, by one forward pass.
-
-    Args:
-      agent: An agent with the interface of SB3.
-      observations: (O, ...), as `envs.observations.observation_table` has them.
+    """Returns what an agent's net says about every observation (O, ...), by one forward pass.
 
     Returns:
       (O, A): action values, or probabilities whose rows sum to one; not finite if the net diverged.
@@ -70,7 +64,7 @@ def policy_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np
 
 
 def readable_table(agent: BaseAlgorithm, observations: torch.Tensor) -> NDArray[np.float64]:
-    """Returns `policy_table` of an agent of any class; one that is not finite raises a ValueError."""
+    """Returns `policy_table` of an agent of any class; raises a ValueError if there is none."""
     name = type(agent.policy).__name__
     try:
         table = policy_table(agent, observations)
@@ -98,12 +92,7 @@ def saved_table(path: Path, algorithm: str, model: Model, observation: str) -> A
     """Reads the policy of a model that was saved by `model.save`.
 
     Such a file holds pickled objects, and loading it can run any code: load only files that you trust.
-
-    Args:
-      path: The .zip file.
-      algorithm: The import path of its class, for example `"stable_baselines3:DQN"`.
-      model: Compiled scenario with O observations.
-      observation: The form of observation that it was trained with, see `envs.observations`.
+    `algorithm` is the import path of its class, for example `"stable_baselines3:DQN"`.
 
     Raises:
       InputError: The file cannot be loaded as this class; or see `agent_table`.
@@ -146,10 +135,10 @@ def agent_table(agent: BaseAlgorithm, where: str, model: Model, observation: str
     observations = observation_table(model, observation)
     expected = {"observation": observation_space(observations), "action": spaces.Discrete(len(ACTIONS))}
     for kind, space in expected.items():
-        found = getattr(agent, f"{kind}_space")
-        if found != space:
+        given = getattr(agent, f"{kind}_space")
+        if given != space:
             raise InputError(
-                f"{where}: {kind}_space = {found}; accepted in {model.scenario.name} with observation = "
+                f"{where}: {kind}_space = {given}; accepted in {model.scenario.name} with observation = "
                 f'"{observation}": {space}.'
             )
     try:

@@ -24,8 +24,7 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
-from agents.contract import Schedule, snapshots
-from agents.sb3.algorithms import Sb3Algorithm
+from agents.contract import Fields, Schedule, snapshots
 from agents.sb3.settings import Sb3Settings
 from agents.sb3.tables import first_line, output_of, policy_table, readable_table
 from agents.sb3.vec_env import SB3VecEnv
@@ -44,34 +43,40 @@ class _DivergedError(Exception):
     """The net's values are no longer finite."""
 
 
-def make_agent(algorithm: Sb3Algorithm, settings: Sb3Settings, env: VecEnv) -> BaseAlgorithm:
-    """Makes an agent of SB3's class for an env of `settings.n_envs` envs, on the CPU, not seeded yet."""
+def make_agent(
+    cls: type[BaseAlgorithm], settings: Sb3Settings, env: VecEnv, *, has_modes: bool = False
+) -> BaseAlgorithm:
+    """Makes an agent of a class for an env of `settings.n_envs` envs, on the CPU, not seeded yet.
+
+    With `has_modes`, its nets may have modules that differ between training and acting, as dropout does.
+    """
+    arguments: dict[str, Any] = {"device": "cpu", **settings.arguments}
     with warnings.catch_warnings():  # the last mini-batch of a rollout is allowed to be smaller
         warnings.filterwarnings("ignore", message="You have specified a mini-batch size")
-        agent: BaseAlgorithm = algorithm.load()("MlpPolicy", env, device="cpu", **settings.arguments)
+        agent = cls("MlpPolicy", env, **arguments)
     # The same Adam, a step in one call. As an argument it would unset the epsilon that SB3 gives Adam.
     optimizer = getattr(agent.policy, "optimizer", None)
     if isinstance(optimizer, torch.optim.Adam):
         for group in optimizer.param_groups:
             group["fused"] = True
-    if not algorithm.has_modes:  # SB3 would walk all modules twice per step to switch modes
+    if not has_modes:  # SB3 would walk all modules twice per step to switch modes
         agent.policy.set_training_mode = lambda _: None  # type: ignore[assignment,method-assign]
     return agent
 
 
-def check_settings(algorithm: Sb3Algorithm, settings: Sb3Settings) -> None:
+def check_settings(cls: type[BaseAlgorithm], settings: Sb3Settings, path: str) -> None:
     """Refuses, by a ValueError, what cannot be trained: makes an agent, and reads its policy as a table."""
     env = SB3VecEnv(ProxemicVectorEnv(settings.n_envs, "S1", "coordinates"))
     with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            agent: Any = make_agent(algorithm, settings, env)
+            agent = make_agent(cls, settings, env, has_modes=True)
         except Exception as error:  # whatever the class raises
-            raise ValueError(f"{algorithm.path} cannot be made: {first_line(error)}") from error
+            raise ValueError(f"{path} cannot be made: {first_line(error)}") from error
         try:
             readable_table(agent, torch.as_tensor(env.reset()))
         except ValueError as error:
-            raise ValueError(f"{algorithm.path} cannot be evaluated: {first_line(error)}") from error
+            raise ValueError(f"{path} cannot be evaluated: {first_line(error)}") from error
 
 
 class _Snapshots(BaseCallback):
@@ -94,10 +99,10 @@ class _Snapshots(BaseCallback):
         self._n_counts = 0  # evaluation steps whose counts are kept
         self._reading_s = 0.0  # CPU seconds spent on reading policies, which is not training
         self._started_s = time.thread_time()
-        points = self._points
-        self.tables = np.full((len(points), len(observations), len(ACTIONS)), np.nan)  # see `policy_table`
-        self.disagreements = np.zeros(len(points), dtype=np.int64)
-        self.cpu_time_s = np.zeros(len(points))
+        n_points = len(self._points)
+        self.tables = np.full((n_points, len(observations), len(ACTIONS)), np.nan)  # see `policy_table`
+        self.disagreements = np.zeros(n_points, dtype=np.int64)
+        self.cpu_time_s = np.zeros(n_points)
         self.diverged_at = -1
 
     def _on_training_start(self) -> None:
@@ -118,7 +123,7 @@ class _Snapshots(BaseCallback):
         return not self.has_ended
 
     def keep_policy(self, before: int) -> None:
-        """Keeps the present policy for all evaluation steps before a step that have none yet."""
+        """Keeps the present policy for the evaluation steps before a step that have none yet."""
         due = sum(point < before for point in self._points[self._n_policies :])
         if due == 0:
             return
@@ -145,26 +150,28 @@ class _Snapshots(BaseCallback):
             self._n_counts += 1
 
     def fill(self) -> None:
-        """Lets what follows an early end be as it is there."""
+        """Repeats the last policy and the last counts for the evaluation steps after an early end."""
         self.tables[self._n_policies :] = self.tables[self._n_policies - 1 : self._n_policies]
         self.keep_counts(2**62)
 
     def diverged(self) -> None:
-        """Notes that there is no policy from here on; it counts as the uniform random one."""
+        """Notes that there is no policy from here on."""
         self.diverged_at = self._points[min(self._n_policies, len(self._points) - 1)] if self._points else 0
         self.keep_counts(2**62)
 
 
 def train_agent(
-    algorithm: Sb3Algorithm,
+    cls: type[BaseAlgorithm],
     model: Model,
     settings: Sb3Settings,
     observation: str,
     seed: SeedSequence,
     schedule: Schedule,
     log: Path | None,
-) -> dict[str, Any]:
-    """Trains an agent, see `agents.contract.SequentialAlgorithm`."""
+    *,
+    has_modes: bool,
+) -> Fields:
+    """Trains an agent of a class, see `agents.contract.SequentialAlgorithm` and `make_agent`."""
     with _isolated(seed) as (env_seed, action_seed):
         limit = settings.time_limit
         env = SB3VecEnv(
@@ -172,7 +179,7 @@ def train_agent(
         )
         env.seed(env_seed)
         observations = torch.as_tensor(observation_table(model, observation))
-        agent = make_agent(algorithm, settings, VecMonitor(env) if log else env)
+        agent = make_agent(cls, settings, VecMonitor(env) if log else env, has_modes=has_modes)
         # Without one, SB3 makes a temporary folder for every agent, and leaves it there.
         agent.set_logger(configure(str(log), ["tensorboard"]) if log else Logger(None, []))
         agent.action_space.seed(action_seed)
@@ -184,7 +191,7 @@ def train_agent(
             agent.learn(settings.budget, callback=kept, log_interval=interval)
             if agent.num_timesteps != settings.budget and not kept.has_ended:
                 raise InputError(
-                    f"{algorithm.path}: trained for {agent.num_timesteps} steps; accepted: the budget of "
+                    f"{cls.__name__}: trained for {agent.num_timesteps} steps; accepted: the budget of "
                     f"{settings.budget}."
                 )
             if not kept.has_ended:

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from envs import ProxemicVectorEnv
+from envs.vector_env import Actions, Observations
 
 
 class SB3VecEnv(VecEnv):
@@ -28,7 +28,7 @@ class SB3VecEnv(VecEnv):
         self._is_disagreement = env.model.is_wrong_ping.ravel()
         self._seed: int | None = None
         self._generator = np.random.default_rng()
-        self._actions: NDArray[Any] = np.zeros(env.num_envs, dtype=np.int64)
+        self._actions: Actions = np.zeros(env.num_envs, dtype=np.int64)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -36,7 +36,7 @@ class SB3VecEnv(VecEnv):
         self._seed = seed
         return [seed] * self.num_envs
 
-    def reset(self) -> NDArray[Any]:
+    def reset(self) -> Observations:
         """Resets every env; returns observations (N, ...)."""
         if self._seed is not None:
             self._generator, self._seed = np.random.default_rng(self._seed), None
@@ -45,7 +45,7 @@ class SB3VecEnv(VecEnv):
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return self.env.observe()
 
-    def step_async(self, actions: NDArray[Any]) -> None:
+    def step_async(self, actions: Actions) -> None:
         """Sets the actions of the next step, (N,)."""
         self._actions = actions
 
@@ -70,15 +70,15 @@ class SB3VecEnv(VecEnv):
         """Closes the env."""
         self.env.close()
 
-    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
         """Returns an attribute of the batch, repeated for every requested env."""
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
+    def env_is_wrapped(self, wrapper_class: type[object], indices: VecEnvIndices = None) -> list[bool]:  # noqa: ARG002
         """Returns False for every requested env."""
         return [False] * len(list(self._get_indices(indices)))
 
-    def env_method(self, method_name: str, *_: Any, **__: Any) -> NoReturn:
+    def env_method(self, method_name: str, *_: object, **__: object) -> NoReturn:
         """Refuses what would be for single envs, as does `set_attr`."""
         raise NotImplementedError(f"{method_name}: accepted: nothing; all envs share what the batch has.")
 

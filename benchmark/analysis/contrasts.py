@@ -66,8 +66,8 @@ def contrast(x: Means, y: Means, margin: float) -> Contrast:
     weights = [1 / len(x.means)] * len(x.means) + [-1 / len(y.means)] * len(y.means)
     means, sizes = [*x.means, *y.means], [*x.sizes, *y.sizes]
     opposite = [-weight for weight in weights]
-    above, below = (p_above(each, means, sizes, 0.0) for each in (weights, opposite))
-    not_less, not_more = (p_above(each, means, sizes, -margin) for each in (weights, opposite))
+    above, below = (p_above(signed, means, sizes, 0.0) for signed in (weights, opposite))
+    not_less, not_more = (p_above(signed, means, sizes, -margin) for signed in (weights, opposite))
     return Contrast(
         x.mean - y.mean,
         *combined(weights, means, sizes),
@@ -99,36 +99,13 @@ def runs_for_any_equivalence(margin: float, n_scenarios: int, n_contrasts: int) 
     >>> runs_for_any_equivalence(0.1, 1, 1), runs_for_any_equivalence(0.1, 1, 51)
     (29, 66)
     """
-    return runs_to_decide([1.0] * n_scenarios, [1.0] * n_scenarios, margin, n_contrasts)
-
-
-def runs_to_decide(
-    x: Sequence[float], y: Sequence[float], margin: float, n_contrasts: int, *, is_better_enough: bool = True
-) -> int:
-    """Returns how few runs of each learner decide a contrast, given the means that they will have.
-
-    P-values are multiplied by the number of contrasts, which Holm's method never exceeds.
-
-    Args:
-      x: Means by scenario.
-      y: Those of the other learner.
-      margin: For equivalence.
-      n_contrasts: How many there are.
-      is_better_enough: Whether it is decided, too, if x is better. If not, x must be better by less than the
-        margin.
-
-    >>> runs_to_decide([0.9], [0.6], 0.1, 1), runs_to_decide([0.9], [0.9], 0.1, 1)
-    (21, 65)
-    """
 
     def is_enough(n: int) -> bool:
-        found = contrast(Means(x, [n] * len(x)), Means(y, [n] * len(y)), margin)
-        is_only_equivalent = found.difference > 0 and not is_better_enough
-        p = found.p_equivalent if is_only_equivalent else min(found.p_different, found.p_equivalent)
-        return p * n_contrasts <= 1 - LEVEL
+        side = Means([1.0] * n_scenarios, [n] * n_scenarios)
+        return contrast(side, side, margin).p_equivalent * n_contrasts <= 1 - LEVEL
 
     most = 2
-    while not is_enough(most):  # ends, as every difference is measurable or smaller than the margin
+    while not is_enough(most):
         most *= 2
     return 1 + bisect_left(range(1, most), True, key=is_enough)
 
@@ -140,9 +117,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
     [0.03, 0.06, 0.06, 0.02]
     """
     n, adjusted, largest = len(p_values), [0.0] * len(p_values), 0.0
-    for rank, place in enumerate(sorted(range(n), key=lambda i: p_values[i])):
-        largest = max(largest, min((n - rank) * p_values[place], 1.0))
-        adjusted[place] = largest
+    for rank, index in enumerate(sorted(range(n), key=lambda i: p_values[i])):
+        largest = max(largest, min((n - rank) * p_values[index], 1.0))
+        adjusted[index] = largest
     return adjusted
 
 
@@ -169,13 +146,13 @@ def decide(
 
     To adjust p-values by `list` leaves them as they are.
     """
-    different = adjust([each.p_different for each in contrasts])
-    equivalent = adjust([each.p_equivalent for each in contrasts])
+    different = adjust([found.p_different for found in contrasts])
+    equivalent = adjust([found.p_equivalent for found in contrasts])
     return [
         {
             "p_different": p,
             "p_equivalent": q,
-            "verdict": verdict(each.difference, p, q) if allowed else NO_VERDICT,
+            "verdict": verdict(found.difference, p, q) if allowed else NO_VERDICT,
         }
-        for each, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True)
+        for found, p, q, allowed in zip(contrasts, different, equivalent, is_allowed, strict=True)
     ]

@@ -74,7 +74,7 @@ def proportion_interval(
     return np.minimum(low, mean), np.maximum(high, mean)
 
 
-def proportion(values: NDArray[Any]) -> Estimate:
+def proportion(values: NDArray[np.generic]) -> Estimate:
     """Returns means over agents of (N, ...) numbers in [0, 1], see `proportion_interval`; NaN without any."""
     if not len(values):
         return Estimate(np.nan, np.nan, np.nan)

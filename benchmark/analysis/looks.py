@@ -101,14 +101,14 @@ def took(curves: pd.DataFrame, level: float, budget: float = math.inf) -> pd.Dat
 def rows_of(experiment: Experiment, frame: pd.DataFrame) -> dict[Population, pd.DataFrame]:
     """Returns the rows of every population of a map that has any, without runs after a missing one."""
     named = {(keys["condition"], keys["learner"]): rows for keys, rows in by_population(frame)}
-    found = {}
+    rows_by_population = {}
     for population in experiment.populations:
-        rows = named.get((population.condition.name, population.learner.name))
-        if rows is not None:
-            seeds, start = rows["seed"].unique(), population.seeds.start
-            n = int((seeds == start + np.arange(len(seeds))).sum())
-            found[population] = rows[rows["seed"] < start + n]
-    return found
+        rows = named.get((population.condition.name, population.learner.name), frame[:0])
+        seeds, start = rows["seed"].unique(), population.seeds.start
+        n = int((seeds == start + np.arange(len(seeds))).sum())
+        if n:
+            rows_by_population[population] = rows[rows["seed"] < start + n]
+    return rows_by_population
 
 
 def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
@@ -132,12 +132,12 @@ def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
     assert report is not None
     # The same contrast may be in two grids.
     n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})
-    tail, found = tail_of(n_contrasts, len(report.looks)), []
+    tail, decided = tail_of(n_contrasts, len(report.looks)), []
     for x, y in pairs:
         if x in rows and y in rows:
             looked = _look(experiment, (x, y), (rows[x], rows[y]), tail)
-            found += [] if looked is None else [looked]
-    return found
+            decided += [] if looked is None else [looked]
+    return decided
 
 
 def _look(

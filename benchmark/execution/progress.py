@@ -17,7 +17,7 @@ _RECENT_S: Final = 600.0  # the time left is estimated from runs that ended so r
 
 
 class Display:
-    """A bar per learner and one for all, or occasional lines where the output is not a terminal."""
+    """A bar for all runs and one per learner, or occasional lines where the output is not a terminal."""
 
     def __init__(
         self, name: str, runs: Iterable[RunSpecification], ended: set[str], console: Console | None = None
@@ -39,7 +39,7 @@ class Display:
         counts = [(learner, n, done[learner]) for learner, n in Counter(learners.values()).items()]
         tasks = {
             label: self._progress.add_task(label, total=total, completed=completed, running=0, failed=0)
-            for label, total, completed in [*counts, (name, len(learners), done.total())]
+            for label, total, completed in [(name, len(learners), done.total()), *counts]
         }
         self._all = tasks[name]
         self._task = {digest: tasks[learner] for digest, learner in learners.items()}

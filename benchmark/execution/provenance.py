@@ -71,7 +71,7 @@ def versions(algorithm: str) -> dict[str, str]:
 
 @cache
 def environment(algorithm: str) -> dict[str, str]:
-    """Returns what has to be the same on every machine that executes runs of an algorithm: versions and code.
+    """Returns what must be the same on every machine that executes runs of an algorithm: versions and code.
 
     Raises:
       InputError: A package is missing.

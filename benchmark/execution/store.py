@@ -69,6 +69,7 @@ _ADVICE: Final = {
 }
 _T = TypeVar("_T")
 Arrays = Mapping[str, NDArray[Any]]
+Provenance = Mapping[str, Any]  # of a record: versions, commit, machine, times
 _Row = tuple[str | int | bytes | None, ...]  # _COLUMNS, and perhaps arrays
 
 
@@ -93,7 +94,7 @@ class Record:
     digest: str
     specification: str  # canonical JSON
     status: str  # "done"; "diverged": done, but with a policy that was not finite at the end; or "failed"
-    provenance: Mapping[str, Any]  # versions, commit, machine, times
+    provenance: Provenance
     arrays: Arrays  # empty if it failed
     error: str | None = None
 
@@ -120,7 +121,7 @@ def _pack(arrays: Arrays) -> bytes:
 
 
 class _Packed(Arrays):
-    """Arrays by name, from the bytes of `_pack`; each is decompressed whenever it is asked for."""
+    """Arrays by name, from the bytes of `_pack`; an array is decompressed whenever it is asked for."""
 
     def __init__(self, packed: bytes) -> None:
         layout, _, data = packed.partition(b"\n")
@@ -144,8 +145,8 @@ class _Packed(Arrays):
 class Store:
     """An open `runs.db`, used as a context manager.
 
-    If SQLite finds that the file is damaged and it may be written, it is replaced by one with the intact
-    records; the damaged one is kept beside it, with a message on stderr.
+    A file that SQLite finds damaged is replaced by one with the intact records, if it may be written; the
+    damaged one is kept beside it, with a message on stderr.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
@@ -175,12 +176,12 @@ class Store:
 
     def _open(self) -> None:
         """Opens the file, creates its table if it is new, and checks that it is a store."""
-        # Also for reading it is opened for writing: what an interrupted transaction left is then put right.
+        # Readers, too, open it for writing, so that SQLite can undo an interrupted transaction.
         uri = f"{self._path.absolute().as_uri()}?mode={'rw' if self._read_only else 'rwc'}"
         with self._input_errors():
             self._connection = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level="IMMEDIATE")
         self._inode = self._inode_now()
-        # Text that is no UTF-8 any more is found by its checksum.
+        # Text that is not UTF-8 is damaged, which its checksum reveals.
         self._connection.text_factory = lambda text: text.decode(errors="surrogateescape")
         try:
             self._do(self._set_up)
@@ -265,7 +266,7 @@ class Store:
     def _get(self, digest: str, arrays: bool) -> Record:
         columns = _COLUMNS + ", arrays" * arrays
         row = self._connection.execute(f"SELECT {columns} FROM runs WHERE digest = ?", (digest,)).fetchone()
-        # The digest is that asked for: in a damaged index it may lead to the record of another run.
+        # The checksum covers the digest asked for: a damaged index may lead to the record of another run.
         if row is None or not _is_whole(digest, *row[1:]):
             advice = "run its experiment again, which repeats it"
             raise InputError(f"{self._path}: the record of run {digest[:12]} is damaged; {advice}.")
@@ -285,7 +286,7 @@ class Store:
         return False
 
     def discard_damaged(self, digests: Iterable[str]) -> int:
-        """Removes the damaged records of these runs, of those that have ended; returns how many.
+        """Removes the damaged records of those of these runs that have ended; returns how many.
 
         If the structure of the file is damaged, it is replaced by one with the intact records first.
         """
@@ -313,13 +314,10 @@ class Store:
         return "" if result == "ok" else _in_one_line(result)
 
     def _do(self, action: Callable[[], _T]) -> _T:
-        """Returns what an action on the database returns.
+        """Returns the result of an action on the database; an error of SQLite becomes an `InputError`.
 
-        If the file is damaged, its intact records are saved first; if it was replaced or removed meanwhile,
-        the one that is there now is opened, or a new one.
-
-        Raises:
-          InputError: SQLite cannot do it.
+        If the file is damaged, its intact records are saved first. If it was replaced or removed meanwhile,
+        the file that is there now is opened, or a new one.
         """
         with self._input_errors():
             try:

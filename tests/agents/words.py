@@ -49,15 +49,6 @@ def uniform(word: int) -> float:
     return (word >> 11) / 2**53
 
 
-def decayed(settings: Any, key: str, unit: int) -> float:
-    """Returns a setting that decays linearly over a fraction of the budget."""
-    first, last = getattr(settings, key), getattr(settings, f"final_{key}")
-    if last is None:
-        return float(first)
-    share = unit / round(getattr(settings, f"{key}_fraction") * settings.budget)
-    return float(last if share >= 1 else first + (last - first) * share)
-
-
 def textbook(
     name: str, model: Model, settings: Any, seed: SeedSequence, points: Sequence[int] = ()
 ) -> dict[str, Any]:
@@ -69,8 +60,7 @@ def textbook(
     record: dict[str, Any] = {"greedy": [], "max_q": [], "table_max_q": []}
     stream = words(seed)
     tables = np.full((2, model.n_observations, 5), settings.initial_value)  # the second for double Q-learning
-    visits = np.zeros((model.n_observations, 5))
-    traces: dict[tuple[int, int], list[float]] = {}  # weight and learning rate
+    traces: dict[tuple[int, int], float] = {}  # weights
     n_tables = 2 if name == "double_q_learning" else 1
 
     def values(o: int) -> NDArray[np.float64]:
@@ -96,7 +86,7 @@ def textbook(
     while unit < settings.budget:
         if not visited:
             take_snapshot(unit)
-        epsilon = decayed(settings, "epsilon", unit)
+        epsilon = settings.epsilon
         o = int(model.observation[state])
         visited.append(values(o).max())
         largest.append(tables[:n_tables].mean(axis=0).max())
@@ -134,20 +124,16 @@ def textbook(
                     argmax = choose(word, 0.0, best_actions(tables[updated, o_next]))
                     value = tables[1 - updated, o_next, argmax]
             target += settings.discount * value
-        rate = decayed(settings, "learning_rate", unit)
-        if settings.visit_exponent is not None:
-            visits[o, action] += 1
-            rate /= visits[o, action] ** settings.visit_exponent
+        rate = settings.learning_rate
         if name == "watkins_q_lambda":
             if episode_steps == 0 or not is_greedy:
                 traces.clear()
             error = target - tables[0, o, action]
-            for trace in traces.values():
-                trace[0] *= settings.discount * settings.trace_decay
-            traces = {pair: trace for pair, trace in traces.items() if trace[0] >= LEAST_TRACE}
-            traces[o, action] = [1.0, rate]
-            for pair, (weight, pair_rate) in traces.items():
-                tables[0, *pair] += pair_rate * error * weight
+            faded = {pair: settings.discount * settings.trace_decay * traces[pair] for pair in traces}
+            traces = {pair: weight for pair, weight in faded.items() if weight >= LEAST_TRACE}
+            traces[o, action] = 1.0
+            for pair, weight in traces.items():
+                tables[0, *pair] += rate * error * weight
         else:
             tables[updated, o, action] += rate * (target - tables[updated, o, action])
 

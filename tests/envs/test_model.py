@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from envs import ACTIONS, EVENTS, ZONES, compile_scenario, load_scenario
+from envs import ACTIONS, EVENTS, ZONES, ProxemicEnv, compile_scenario, load_scenario
 from envs.model import MOVES, PING
 from envs.observations import compile_seen, observation_table
 
@@ -44,9 +44,9 @@ def test_fresh_states_have_no_wrong_ping() -> None:
 
 @pytest.mark.parametrize("name", ["S3", "Moody"])
 def test_transition_table_has_what_the_model_has(name: str) -> None:
-    model = compile_scenario(load_scenario(name))
-    reward = model.grid_reward + model.issuer_reward
-    for state, actions in model.P.items():
+    env = ProxemicEnv(name)
+    model, reward = env.model, env.model.grid_reward + env.model.issuer_reward
+    for state, actions in env.P.items():
         for action, outcomes in actions.items():
             pairs = zip(model.probability[state, action], model.next_state[state, action], strict=True)
             facts = reward[state, action], model.terminated[state, action]

@@ -44,10 +44,8 @@ def test_batch_equals_gymnasiums(name: str, mode: AutoresetMode) -> None:
     ours = gymnasium.make_vec(f"envs:Proxemic/{name}-v0", num_envs=n, observation=observation, **options)
     assert isinstance(ours, ProxemicVectorEnv)
     theirs = sync_env(n, name, observation, limit, mode)
-    assert ours.single_observation_space == theirs.single_observation_space
-    assert ours.observation_space == theirs.observation_space
-    assert ours.single_action_space == theirs.single_action_space
-    assert ours.action_space == theirs.action_space
+    for space in ("single_observation_space", "observation_space", "single_action_space", "action_space"):
+        assert getattr(ours, space) == getattr(theirs, space)
     assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
     assert_same(ours.reset(seed=7), theirs.reset(seed=7))
     assert ours.np_random_seed == theirs.np_random_seed == (7, 8, 9, 10, 11)

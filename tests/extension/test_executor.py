@@ -65,7 +65,6 @@ def broken(jobs: int) -> ProcessPerJob:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """The experiment's file."""
     (tmp_path / "small.toml").write_text(TOML, encoding="utf-8")
     return tmp_path / "small.toml"
 

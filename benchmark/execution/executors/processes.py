@@ -17,7 +17,7 @@ from benchmark.execution.job import execute_job
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
 
-_PR_SET_PDEATHSIG: Final = 1  # the signal that a process gets when the thread ends that has started it
+_PR_SET_PDEATHSIG: Final = 1  # of prctl: send a signal when the parent thread ends
 
 
 class WorkerDiedError(Exception):
@@ -51,7 +51,7 @@ class Processes:
         return self._pool.submit(self._execute, job, logs)
 
     def cancel(self) -> None:
-        """Kills every worker, whatever it does; there is nothing in them to be saved."""
+        """Kills every worker at once; there is nothing in them to be saved."""
         with self._lock:
             self._is_cancelled = True
             for process in self._processes:
@@ -60,7 +60,7 @@ class Processes:
         self._pool.shutdown(cancel_futures=True)
 
     def _execute(self, job: Job, logs: Path | None) -> list[Record]:
-        """Has this thread's worker execute a job, unless it dies or is killed by `cancel`."""
+        """Executes a job in this thread's worker, unless that dies or is killed by `cancel`."""
         if getattr(self._worker, "connection", None) is None:
             self._worker.process, self._worker.connection = self._start()
         try:

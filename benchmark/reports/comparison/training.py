@@ -158,13 +158,8 @@ def _medians(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns medians over runs of the steps between which a run learns, (RESAMPLES + 1,) each.
 
-    They are those of the runs as they are, and then of resamples. A run that never learns has the budget and
-    infinity.
-
-    Args:
-      first: (N,) index of the evaluation from which each run has learned.
-      steps: (T,) of evaluations.
-      rng: For resamples.
+    They are those of the runs as they are, and then of resamples; `first` is from `_learned`. A run that
+    never learns has the budget and infinity.
     """
     when, n = np.array([0.0, *steps, np.inf]), len(first)
     sample = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
@@ -234,30 +229,32 @@ def speedups(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 )
 def ahead(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares the two learners of each contrast in both directions, at steps at which both are evaluated."""
-    cells: list[dict[str, object]] = []
-    means: list[dict[int, float]] = []
-    for keys, rows in by_population(own_rows(curves, experiment)):
-        cells.append({**keys, "n": rows["seed"].nunique(), "index": len(means)})
-        means.append(dict(zip(rows["step"].unique(), by_step(rows, "success").mean(axis=0), strict=True)))
-    axes = [name for name in names_of(experiment) if name in ("scenario", "condition")]
+    cells = pd.DataFrame(
+        {**keys, "n": rows["seed"].nunique(), "means": _means(rows)}
+        for keys, rows in by_population(own_rows(curves, experiment))
+    )
     for pair in contrasts_of(experiment):
-        sides = (side.to_dict("records") for side in matched(pd.DataFrame(cells), pair))
-        for x, y in zip(*sides, strict=True):
+        for x, y in zip(*(side.to_dict("records") for side in matched(cells, pair)), strict=True):
             for one, other in ((x, y), (y, x)) if x["learner"] != y["learner"] else ():
-                row: Row = {axis: one[axis] for axis in axes}
+                row: Row = {axis: one[axis] for axis in names_of(experiment) if axis in PAIR}
                 row |= {"x": one["learner"], "y": other["learner"], "n": min(x["n"], y["n"])}
-                yield row | _ahead(means[one["index"]], means[other["index"]], [one["n"], other["n"]])
+                yield row | _ahead(one["means"], other["means"], [one["n"], other["n"]])
+
+
+def _means(curves: pd.DataFrame) -> dict[int, float]:
+    """Returns the mean success over runs by step."""
+    return dict(zip(curves["step"].unique(), by_step(curves, "success").mean(axis=0), strict=True))
 
 
 def _ahead(x: Mapping[int, float], y: Mapping[int, float], sizes: Sequence[int]) -> Row:
     """Returns at which steps the mean success of x is above that of y, given the means by step."""
     common = {step: (x[step], y[step]) for step in x if step in y}
-    found = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
+    steps = [step for step, pair in common.items() if combined([1, -1], pair, sizes)[0] > 0]
     most = max(common, key=lambda step: x[step] - y[step])
     return {
-        "steps_ahead": len(found),
-        "first_step": float(found[0]) if found else np.inf,
-        "last_step": float(found[-1]) if found else np.inf,
+        "steps_ahead": len(steps),
+        "first_step": float(steps[0]) if steps else np.inf,
+        "last_step": float(steps[-1]) if steps else np.inf,
         "largest_difference": x[most] - y[most],
         "largest_at": most,
         "largest_x": x[most],
@@ -323,16 +320,16 @@ def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, pat
     rows: list[list[film.Film]] = []
     for family in ("tabular", "deep"):
         chosen = next((name for name in learners if experiment.learners[name].family == family), None)
-        rows.append([_film(each, records) for each in drawn if each.learner.name == chosen])
+        rows.append([_film(population, records) for population in drawn if population.learner.name == chosen])
     film.write(film.learning([row for row in rows if row]), path)
 
 
 def _film(population: Population, records: RecordsOf) -> film.Film:
     """Returns the film of a population's typical agent."""
-    found = records(population)
-    agent = typical_agent(found)
-    title = f"{population.scenario.name}: {population.learner.title}, seed {found.seeds[agent]} (median)"
-    return film.film_of(title, found, agent)
+    own = records(population)
+    agent = typical_agent(own)
+    title = f"{population.scenario.name}: {population.learner.title}, seed {own.seeds[agent]} (median)"
+    return film.film_of(title, own, agent)
 
 
 @writing(
@@ -341,8 +338,8 @@ def _film(population: Population, records: RecordsOf) -> film.Film:
 def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes what all learners know, but for reference implementations."""
     shown = [
-        Shown(each.learner.variant, each.learner.observation, records(each))
-        for each in _drawn(runs, experiment)
+        Shown(population.learner.variant, population.learner.observation, records(population))
+        for population in _drawn(runs, experiment)
     ]
     path.write_bytes(compressed(packed(shown)))
 

@@ -202,9 +202,7 @@ def _in_words(counted: Counter[str]) -> dict[str, object]:
 def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
     every = _took(experiment, curves)
-    steps = {
-        (each.condition.name, each.learner.name): took["steps"].to_numpy() for each, took in every.items()
-    }
+    steps = {(key.condition.name, key.learner.name): took["steps"].to_numpy() for key, took in every.items()}
     for population in every:
         condition, learner = population.condition.name, population.learner
         if (condition, learner.reference_for) in steps:
@@ -284,8 +282,8 @@ def _took(experiment: Experiment, curves: pd.DataFrame) -> dict[Population, pd.D
 
 
 def _contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
-    if found := rules.contrasts(experiment, curves):
-        return found
+    if contrasts := rules.contrasts(experiment, curves):
+        return contrasts
     raise InputError(f"{experiment.name}: no contrast has enough runs yet: run the experiment first.")
 
 
@@ -299,7 +297,7 @@ def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
     n, rng = len(x), np.random.default_rng(BOOTSTRAP_SEED)
     drawn = np.vstack([np.arange(n), rng.integers(n, size=(RESAMPLES, n))])
     medians = [np.median(took[currency].to_numpy()[drawn], axis=1) for took in (x, y)]
-    if all(np.isinf(each[0]) for each in medians) or any(each[0] == 0 for each in medians):
+    if all(np.isinf(median[0]) for median in medians) or any(median[0] == 0 for median in medians):
         return Estimate(np.nan, np.nan, np.nan)
     spent = [np.median(took[f"spent_{currency}"]) for took in (x, y)]
     of_x, of_y = (np.where(np.isinf(m), other, m) for m, other in zip(medians, spent, strict=True))

@@ -17,7 +17,6 @@ from benchmark.analysis.contrasts import (
     holm,
     mixed,
     runs_for_any_equivalence,
-    runs_to_decide,
     verdict,
 )
 
@@ -73,15 +72,6 @@ def test_fewest_runs_for_any_equivalence_are_the_fewest(
     if n_contrasts == 1:  # the root of two squared one-sided exact ends of 29 runs, by hand
         assert n == 29
         assert 1 - 0.05 ** (1 / 29) < margin < 1 - 0.05 ** (1 / 28)
-
-
-@pytest.mark.parametrize(("x", "y"), [(0.9, 0.6), (0.9, 0.95), (1.0, 0.99), (0.2, 0.45)])
-def test_fewest_runs_that_decide_are_the_fewest(x: float, y: float) -> None:
-    n = runs_to_decide([x], [y], 0.1, 20)
-    for runs, is_decided in ((n, True), (n - 1, False)):
-        found = contrast(Means([x], [runs]), Means([y], [runs]), 0.1)
-        verdicts = {each["verdict"] for each in decide([found] * 20, is_allowed=[True] * 20)}
-        assert (verdicts != {UNDECIDED}) == is_decided
 
 
 shares = st.lists(st.integers(0, 20), min_size=2, max_size=2).map(

@@ -37,7 +37,6 @@ algorithms.plain = { algorithm = "q_learning_plain", observations = ["index"], s
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The path of that experiment."""
     path = tmp_path_factory.mktemp("experiment") / "stopped.toml"
     path.write_text(EXPERIMENT, encoding="utf-8")
     return path
@@ -45,7 +44,6 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def runs(experiment: Path) -> list[RunSpecification]:
-    """Its runs."""
     return all_specifications(load_experiment(experiment))
 
 
@@ -101,7 +99,6 @@ def children(pid: int) -> list[int]:
 
 
 def start(experiment: Path, results: Path) -> subprocess.Popen[str]:
-    """Starts an experiment, and waits until some of its runs are stored."""
     arguments = ["run", str(experiment), "--results", str(results), "--jobs", "2", "--executor", "process"]
     process = subprocess.Popen(
         [sys.executable, "-m", "benchmark", *arguments],
@@ -116,7 +113,6 @@ def start(experiment: Path, results: Path) -> subprocess.Popen[str]:
 
 
 def n_stored(results: Path) -> int:
-    """Returns how many runs are stored."""
     try:
         with Store(results / "runs.db", read_only=True) as store:
             return len(store.statuses())
@@ -161,15 +157,11 @@ def test_stopped_driver_loses_only_the_runs_in_flight(
         assert arrays_of(store.get(sorted(store.statuses()))) == expected
 
 
-LONG: Final = """
-description = "An agent of Stable-Baselines3 that learns for a long time."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 100000000
-map_every = 100000000
-settings = { budget = 100000000 }
-algorithms.long = { algorithm = "long_runs:Holding", observations = ["one_hot"], seeds = 1 }
-"""
+LONG: Final = (
+    EXPERIMENT.replace("60000", "100000000")
+    .replace("q_learning_plain", "long_runs:Holding")
+    .replace("index", "one_hot")
+)
 LONG_RUNS: Final = """
 import ctypes
 import os

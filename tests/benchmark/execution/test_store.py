@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmark.execution.store import NoRunsError, Record, Store
+from benchmark.execution.store import Arrays, NoRunsError, Record, Store
 from envs import InputError
 
 
-def record(digest: str, status: str = "done", arrays: dict[str, NDArray[Any]] | None = None) -> Record:
+def record(digest: str, status: str = "done", arrays: Arrays | None = None) -> Record:
     error = "oh" if status == "failed" else None
     return Record(digest, "{}", status, {"wall_time_s": 1.0}, arrays or {}, error)
 
@@ -30,9 +30,9 @@ def content_of(record: Record) -> tuple[object, ...]:
 def execute(path: Path, *statements: str, parameters: Sequence[object] = ()) -> list[Any]:
     """Does something to the file that the store does not know of."""
     connection = sqlite3.connect(path, isolation_level=None)
-    found = [connection.execute(statement, parameters).fetchall() for statement in statements]
+    rows = [connection.execute(statement, parameters).fetchall() for statement in statements]
     connection.close()
-    return found[-1]
+    return rows[-1]
 
 
 def damaged_store(path: Path, share: float | None = None) -> dict[str, Record]:
@@ -75,8 +75,8 @@ NUMBERS = ["i1", "u1", "<i2", ">u4", "<i8", "<f2", "<f4", ">f8", "<c16", "<M8[s]
 @pytest.mark.parametrize("shape", [(), (3, 0), (2, 3, 5)])
 def test_arrays_come_back_bit_by_bit(tmp_path: Path, shape: tuple[int, ...]) -> None:
     rng = np.random.default_rng(0)
-    arrays: dict[str, NDArray[Any]] = {
-        # Any bits: some floats are denormal, or NaN with a payload.
+    arrays: dict[str, NDArray[np.generic]] = {
+        # Arbitrary bits: some floats are denormal, or NaN with a payload.
         name: np.frombuffer(rng.bytes(int(np.prod(shape)) * np.dtype(name).itemsize), name).reshape(shape)
         for name in NUMBERS
     }
@@ -186,7 +186,7 @@ def test_no_flipped_bit_is_used_silently(tmp_path: Path) -> None:
     path = tmp_path / "runs.db"
     with Store(path) as store:
         for i in range(12):
-            arrays: dict[str, NDArray[Any]] = {"q": rng.random((30, 5)), "greedy": rng.integers(0, 31, 120)}
+            arrays: Arrays = {"q": rng.random((30, 5)), "greedy": rng.integers(0, 31, 120)}
             store.add([record(f"{i:064x}", "failed" if i == 3 else "done", arrays)])
         expected = {digest: content_of(store.get([digest])[0]) for digest in store.statuses()}
     whole = path.read_bytes()

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmark.analysis.population import Population
 from numpy.typing import NDArray
 
-from benchmark.analysis.population import Population
 from benchmark.reports.explorer import FILE, MOST_MASKS, Shown, explorer_item, typical_agent
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen

@@ -29,10 +29,11 @@ NEVER = math.inf
 
 
 def test_steps_count_from_the_last_evaluation_below_enough() -> None:
-    early, late, never = [0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]
+    curves = [[0, 0.95, 0.5, 0.9, 1], [0, 0, 0, 0, 1], [1, 1, 1, 1, 0.5]]
+    early, late, never = np.array(curves)
     cells = [
-        Cell("a", [early] * 3 + [never]),
-        Cell("b", [late, late, late, early]),
+        Cell("a", np.array([early] * 3 + [never])),
+        Cell("b", np.array([late] * 3 + [early])),
         Cell("c", np.ones((2, 5))),
     ]
     a, b, c = table("steps", data_of(cells)).to_dict("records")
@@ -57,6 +58,7 @@ def test_wrong_pings_are_counted_per_1000_steps_since_the_last_evaluation() -> N
 
 def test_region_by_hand() -> None:
     """The target region of S1 has 16 cells; a run without any marked cell has no precision."""
+    marked: dict[str, list[float]]
     marked = {"target_cells_marked": [8, 16], "cells_marked": [8, 24], "region_overlap": [8 / 16, 16 / 24]}
     data = data_of([Cell("a", np.zeros(2), runs=marked), Cell("b", np.zeros(2))])
     row, none = table("region", data).to_dict("records")
@@ -159,7 +161,7 @@ def test_the_best_learner_of_each_class_is_that_of_the_search() -> None:
     }  # fmt: skip
     for gone in ({"soft", "ppo"}, {"near", "ppo"}):  # no stochastic policy, or nobody sees the offset
         left = {name: each for name, each in chosen.items() if name not in gone}
-        assert item("classes").table(data_of(cells, chosen=left)) is None
+        assert item("classes").tabulate(data_of(cells, chosen=left)) is None
 
 
 def test_readers_see_names_the_best_first_and_one_precision(tmp_path: Path) -> None:
@@ -198,7 +200,7 @@ def test_many_contrasts_are_counted_in_a_table() -> None:
     learners = {"x": Made("deep", (1.0, 1.0, 0.0, 1.0)), "y": Made("tabular", (1.0, 0.0, 1.0, 1.0))}
     scenarios = ["S1", "S2", "S3", "Hall"]
     few = compared(learners, [("x", "y")], ["y"], scenarios, pool="none")
-    assert item("verdicts").table(few) is None
+    assert item("verdicts").tabulate(few) is None
     learners["z"] = Made("deep", 1.0)
     many = compared(learners, [("x", "y"), ("z", "y")], ["y"], scenarios, pool="none")
     assert table("verdicts", many).to_dict("records") == [
@@ -233,7 +235,8 @@ def test_what_is_possible_is_bounded_by_an_agent_that_knows_the_state() -> None:
     cells += [Cell("search", np.zeros(2), scenario, "planner", "stochastic") for scenario in scenarios]
     records = {}
     for name in scenarios:
-        run = SimpleNamespace(scenario=load_scenario(name), observation="index", horizon=200)
+        scenario = load_scenario(name)
+        run = SimpleNamespace(scenario=scenario, observation="index", horizon=200, variant="search")
         random, optimal = anchors(compile_scenario(run.scenario), 200, "start")["grid_return"]
         found = [
             {"stochastic_grid_return": np.array([random + score * (optimal - random)]),
@@ -262,7 +265,7 @@ def until_learned(steps: NDArray[np.int_], n_points: int) -> NDArray[np.float64]
 
 def ratios(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[dict[str, float]]:
     data = data_of([Cell("net", x, family="deep"), Cell("table", y)])
-    frame = item("speedups").table(data)
+    frame = item("speedups").tabulate(data)
     return [] if frame is None else frame.to_dict("records")  # type: ignore[return-value]
 
 
