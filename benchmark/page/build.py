@@ -12,7 +12,6 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -139,7 +138,7 @@ class _Part:
                 figure=self._figure(item) if has_figure else None,
                 is_folded=is_folded,
                 most_rows=_MOST_ROWS,
-                source=self.link(f"{item.name}.csv"),
+                source=f"{self.prefix}{item.name}.csv",
             )
             return html.strip()
 
@@ -148,7 +147,7 @@ class _Part:
         )
         description = self.inline(inert(manifest["description"]))
         making = templates.get_template("made.html").render(
-            made=manifest, description=description, manifest=self.link(MANIFEST)
+            made=manifest, description=description, manifest=f"{self.prefix}{MANIFEST}"
         )
         headline = (document.headline or "").split("\n\n")
         return {
@@ -160,7 +159,7 @@ class _Part:
             "description": description,
             "note": self.inline(inert(manifest.get("note", ""))),
             "sections": self._sections(markdown, content),
-            "readme": self.link("README.md"),
+            "readme": f"{self.prefix}README.md",
             "made": manifest,
             "partial": self.inline(manifest.get("partial") or ""),
             "year": manifest.get("last_started_at", "")[:4],
@@ -171,22 +170,16 @@ class _Part:
         """Returns what the page's map needs but for its tables; None if this is no map."""
         if self.folder.manifest["report"]["kind"] != "map":
             return None
-        variants = self.folder.manifest["algorithms"]
         looks = {}
-        for variant, declared in variants.items():
-            for observation in declared["settings"]:
-                style, learner = learner_style(variant, observation, [*variants]), f"{variant}, {observation}"
-                looks[learner] = {
-                    "name": self.folder.title(learner),
-                    "told": self.folder.told(learner),
-                    "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
-                    "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
-                }
+        for learner, title in self.folder.titles.items():
+            style = learner_style(*learner.split(", "), [*self.folder.manifest["algorithms"]])
+            looks[learner] = {
+                "name": title,
+                "told": self.folder.told(learner),
+                "colour": f"light-dark({style['color']}, {in_dark(style['color'])})",
+                "dash": "" if style["ls"] == "-" else " ".join(f"{4 * n:g}" for n in style["ls"][1]),
+            }
         return {"folder": self.prefix, "looks": looks}
-
-    def link(self, file: str) -> str:
-        """Returns where a file of the folder is, seen from the page."""
-        return f"{self.prefix}{file}"
 
     def inline(self, text: str) -> Markup:
         """Returns a text in Markdown as HTML within a paragraph; what it has of HTML is shown as it is."""
@@ -201,10 +194,8 @@ class _Part:
                 token.type, token.content, bare = "text", f" ({bare})", ""
             if target and ":" not in target and not target.startswith(("#", "/")):
                 if ".csv" in target:
-                    token.attrSet("href", self.link(target))
+                    token.attrSet("href", f"{self.prefix}{target}")
                     token.attrSet("class", "n" if "#row=" in target else "file")
-                elif self.prefix and (repository := about()["repository"]):
-                    token.attrSet("href", f"{repository}/blob/main/{self.root}{target}")
                 else:
                     token.type, token.content, bare = "text", "", f"{self.root}{target}"
             if token.type == "text":
@@ -277,12 +268,10 @@ def _render(parts: Sequence[_Part]) -> str:
     """Returns the page."""
     templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters |= {"slug": _slug, "signed": lambda number: f"{number:.3g}".replace("-", "−")}
-    names = {part.link(path.name) for part in parts for path in part.folder.path.glob("*.csv")}
+    names = {f"{part.prefix}{path.name}" for part in parts for path in part.folder.path.glob("*.csv")}
     templates.globals |= {
         "inside": names,
         "root": "results/" if parts[0].prefix else parts[0].root,
-        "hosted": about()["repository"] if parts[0].prefix else "",  # which has published folders alone
-        **about(),
     }
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
     for part in parts:
@@ -291,7 +280,7 @@ def _render(parts: Sequence[_Part]) -> str:
             if explorer.FILE in part.folder:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
             for path in sorted(part.folder.path.glob("*.csv")):
-                tables[part.link(path.name)] = path.read_text(encoding="utf-8")
+                tables[f"{part.prefix}{path.name}"] = path.read_text(encoding="utf-8")
             for name, declared in part.folder.manifest["scenarios"].items():
                 scenarios[name] = part.inline(inert(declared["description"]))
     scene, steps = episode.episode()
@@ -312,22 +301,21 @@ def _render(parts: Sequence[_Part]) -> str:
             horizon=first.get("horizon"),
             agents=explored,
             command="make report" if len(parts) > 1 else first["command"],
+            version=_version(),
             year=max(str(report["year"]) for report in reports),
             css=Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
-            js=Markup(_script()),
+            js=Markup("\n".join(_scripts("main.js").values())),
             data=_base64(explorer.compressed(tables)),
         )
 
 
-@cache
-def about() -> dict[str, str]:
-    """Returns the version of this project, and the address of its repository, which may be empty."""
+def _version() -> str:
+    """Returns the version of this project, which need not be installed."""
     try:
         declared = tomllib.loads((_TEMPLATES.parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
-    except OSError:  # an installed package
-        return {"version": metadata.version("proxemic-benchmark"), "repository": ""}
-    repository = declared["tool"]["proxemic-benchmark"]["repository"]
-    return {"version": declared["project"]["version"], "repository": repository.rstrip("/")}
+    except OSError:
+        return metadata.version("proxemic-benchmark")
+    return str(declared["project"]["version"])
 
 
 def _base64(content: bytes) -> str:
@@ -344,22 +332,16 @@ def _agents(folder: Folder) -> bytes:
     return explorer.compressed(shown)
 
 
-def _script() -> str:
-    """Returns `main.js` and all modules that it imports as one script, since the page can import no files.
+def _scripts(name: str) -> dict[str, str]:
+    """Returns a module of the script after those that it imports, since the page can import no files.
 
-    A module comes after those that it imports. All share one scope, so their top-level names must differ.
+    All share one scope, so their top-level names must differ.
     """
+    text = (_TEMPLATES / "script" / name).read_text(encoding="utf-8")
     texts: dict[str, str] = {}
-
-    def add(name: str) -> None:
-        text = (_TEMPLATES / "script" / name).read_text(encoding="utf-8")
-        for needed in _IMPORT.findall(text):
-            if needed not in texts:
-                add(needed)
-        texts[name] = _EXPORT.sub("", _IMPORT.sub("", text))
-
-    add("main.js")
-    return "\n".join(texts.values())
+    for needed in _IMPORT.findall(text):
+        texts |= _scripts(needed)
+    return texts | {name: _EXPORT.sub("", _IMPORT.sub("", text))}
 
 
 def _is_in_repository(results: Path) -> bool:
