@@ -132,39 +132,30 @@ class _Part:
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
             has_figure = document.has_figure(item) and item is not lead and not (table and is_folded)
-            html = templates.get_template("item.html").render(
-                item=item,
-                table=table,
-                figure=self._figure(item) if has_figure else None,
-                is_folded=is_folded,
-                most_rows=_MOST_ROWS,
-                source=f"{self.prefix}{item.name}.csv",
-            )
-            return html.strip()
+            shown = {"item": item, "table": table, "is_folded": is_folded, "most_rows": _MOST_ROWS}
+            shown |= {"figure": self._figure(item) if has_figure else None}
+            source = f"{self.prefix}{item.name}.csv"
+            return templates.get_template("item.html").render(shown, source=source).strip()
 
         markdown = document.render(
             lambda item, is_folded: f"\n\n{_MARK}{'FOLD ' * is_folded}{item.name}{_MARK}\n\n"
         )
-        description = self.inline(inert(manifest["description"]))
-        making = templates.get_template("made.html").render(
-            made=manifest, description=description, manifest=f"{self.prefix}{MANIFEST}"
-        )
-        headline = (document.headline or "").split("\n\n")
-        return {
+        report = {
             "id": self.name,
             "question": document.question,
-            "headline": [self.inline(text) for text in headline if text],
+            "headline": [self.inline(text) for text in (document.headline or "").split("\n\n") if text],
             "map": self._map(),
             "lead": self._figure(lead) if lead is not None else None,
-            "description": description,
+            "description": self.inline(inert(manifest["description"])),
             "note": self.inline(inert(manifest.get("note", ""))),
             "sections": self._sections(markdown, content),
             "readme": f"{self.prefix}README.md",
             "made": manifest,
+            "manifest": f"{self.prefix}{MANIFEST}",
             "partial": self.inline(manifest.get("partial") or ""),
             "year": manifest.get("last_started_at", "")[:4],
-            "making": Markup(making),
         }
+        return report | {"making": Markup(templates.get_template("made.html").render(report=report))}
 
     def _map(self) -> dict[str, object] | None:
         """Returns what the page's map needs but for its tables; None if this is no map."""
@@ -203,12 +194,7 @@ class _Part:
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
 
     def _sections(self, markdown: str, content: Callable[[re.Match[str]], str]) -> list[dict[str, object]]:
-        """Returns a document's sections; what stands first has no heading.
-
-        Args:
-          markdown: The document, with marks around the names of items.
-          content: Returns the HTML of a marked item.
-        """
+        """Returns a document's sections, with the content of marked items; what stands first has no heading."""
         sections = []
         for text in _SECTIONS.split(f"\n{markdown}\n"):
             heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
