@@ -10,7 +10,7 @@ import gzip
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -67,7 +67,7 @@ def chapters(results: Path) -> list[str]:
 def write(results: Path, experiment: str | None = None) -> Path:
     """Writes what `texts` returns; returns the page's path.
 
-    In this repository, a folder that is not published gets a `.gitignore`, so that git leaves it alone.
+    In this repository, git ignores folders that are not published, by a `.gitignore` in them.
 
     Raises:
       InputError: There is nothing to show, or the page cannot be written.
@@ -117,7 +117,6 @@ class _Part:
         self.folder = self.document.folder
         self.name = path.name
         self.prefix = prefix
-        self.root = f"results/{path.name}/"  # in the repository
         self._parser = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
 
     def report(self, templates: jinja2.Environment) -> dict[str, object]:
@@ -177,24 +176,19 @@ class _Part:
         return self._html(self._parser.parseInline(text))
 
     def _html(self, tokens: Sequence[Token]) -> Markup:
-        """Returns parsed Markdown as HTML, with links from the page to what can be reached from it."""
-        bare = ""  # the file of a link that leads nowhere from the page, which is then named
+        """Returns parsed Markdown as HTML, with links that lead from the page to files of the folder."""
         for token in [child for block in tokens for child in (block.children or [])]:
             target = str(token.attrGet("href") or "")
-            if token.type == "link_close" and bare:
-                token.type, token.content, bare = "text", f" ({bare})", ""
             if target and ":" not in target and not target.startswith(("#", "/")):
+                token.attrSet("href", f"{self.prefix}{target}")
                 if ".csv" in target:
-                    token.attrSet("href", f"{self.prefix}{target}")
                     token.attrSet("class", "n" if "#row=" in target else "file")
-                else:
-                    token.type, token.content, bare = "text", "", f"{self.root}{target}"
             if token.type == "text":
                 token.content = _MINUS.sub("−", token.content)
         return Markup(self._parser.renderer.render(tokens, self._parser.options, {}))
 
     def _sections(self, markdown: str, content: Callable[[re.Match[str]], str]) -> list[dict[str, object]]:
-        """Returns a document's sections, with the content of marked items; what stands first has no heading."""
+        """Returns a document's sections, with the content of marked items; the first has no heading."""
         sections = []
         for text in _SECTIONS.split(f"\n{markdown}\n"):
             heading, body = text.split("\n", 1) if text.startswith("#") else ("", text)
@@ -218,7 +212,10 @@ class _Part:
         if shown.empty:
             return None
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]
-        kinds = [_kind(str(name), [row[i].striptags() for row in cells]) for i, name in enumerate(shown)]
+        kinds = []  # the class of each column's cells: names have none
+        for name, column in zip(shown, zip(*cells, strict=True), strict=True):
+            is_number = all(_NUMBER.fullmatch(cell.striptags()) for cell in column)
+            kinds.append("number" if is_number else "verdict" if str(name).startswith("verdict") else "")
         n_keys = next((i for i, kind in enumerate(kinds[:_MOST_KEYS]) if kind), min(len(kinds), _MOST_KEYS))
         kinds[1:n_keys] = ["key"] * (n_keys - 1)
         columns = [self.inline(str(name)) for name in shown]
@@ -232,8 +229,7 @@ class _Part:
             form, sizes = "svg+xml", _SIZE.findall(content.decode())[:2]
             width, height = (round(float(size) * 4 / 3) for size in sizes)
         else:
-            with Image.open(path) as image:
-                width, height = image.size
+            width, height = Image.open(path).size
         texts = {"caption": self.inline(item.caption), "alt": item.caption}
         return {**texts, "type": form, "data": _base64(content), "width": width, "height": height}
 
@@ -243,30 +239,22 @@ def _slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
-def _kind(name: str, texts: Iterable[str]) -> str:
-    """Returns the class of a column's cells: names have none."""
-    if all(_NUMBER.fullmatch(text) for text in texts):
-        return "number"
-    return "verdict" if name.startswith("verdict") else ""
-
-
 def _render(parts: Sequence[_Part]) -> str:
     """Returns the page."""
     templates = templates_in(_TEMPLATES, is_html=True)
     templates.filters |= {"slug": _slug, "signed": lambda number: f"{number:.3g}".replace("-", "−")}
-    names = {f"{part.prefix}{path.name}" for part in parts for path in part.folder.path.glob("*.csv")}
-    templates.globals |= {
-        "inside": names,
-        "root": "results/" if parts[0].prefix else parts[0].root,
-    }
     reports, explored, tables, scenarios = [], [], dict[str, str](), dict[str, Markup]()
+    templates.globals |= {
+        "inside": tables,
+        "root": "results/" if parts[0].prefix else f"results/{parts[0].name}/",
+    }
     for part in parts:
         with part.folder.reading():
+            for path in sorted(part.folder.path.glob("*.csv")):
+                tables[f"{part.prefix}{path.name}"] = path.read_text(encoding="utf-8")
             reports.append(part.report(templates))
             if explorer.FILE in part.folder:
                 explored.append((part.name, part.prefix, _base64(_agents(part.folder))))
-            for path in sorted(part.folder.path.glob("*.csv")):
-                tables[f"{part.prefix}{path.name}"] = path.read_text(encoding="utf-8")
             for name, declared in part.folder.manifest["scenarios"].items():
                 scenarios[name] = part.inline(inert(declared["description"]))
     scene, steps = episode.episode()

@@ -1,4 +1,4 @@
-"""References in Markdown: every key of scenario and experiment files, and every column of published tables."""
+"""References in Markdown: every key of scenario and experiment files, every column of published tables."""
 
 import json
 from collections.abc import Mapping
