@@ -137,8 +137,12 @@ def learners(made: Path) -> Learners:
     with Store(made.parent / "runs.db", read_only=True) as store:
         data = load(load_experiment(made.parent / "mine.toml"), store)
         return {
-            (population.scenario.name, population.learner.variant, population.learner.observation):
-            data.records(population) for population in data.experiment.populations
+            (
+                population.scenario.name,
+                population.learner.variant,
+                population.learner.observation,
+            ): data.records(population)
+            for population in data.experiment.populations
         }
 
 

@@ -3,6 +3,7 @@
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -17,7 +18,7 @@ from agents.policy import ALL_ACTIONS, contains, greedy_masks
 from benchmark.analysis.records import Records, optimal_values
 from benchmark.analysis.walk import CIRCLE, HORIZON, walk
 from benchmark.page import build
-from benchmark.reports.explorer import FILE, Shown, compressed, packed
+from benchmark.reports import explorer
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
 from envs.scene import COLOUR_MAP, colour_limits
@@ -310,6 +311,11 @@ SEEN = dict.fromkeys(
 SEEN["Walking"] = "offset"
 
 
+def of_variant(name: str, records: Records, **more: object) -> Records:
+    """Returns records as if their run was one of another variant."""
+    return replace(records, run=replace(records.run, variant=name, **more))
+
+
 @pytest.fixture(scope="module")
 def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everything:
     """A page on scenarios of all kinds, with policies that are optimal but for some observations."""
@@ -323,9 +329,8 @@ def everything(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Everythi
         is_drawn = (masks == 0) | (generator.random(len(masks)) < 0.15)
         masks[is_drawn] = generator.integers(1, 32, is_drawn.sum())
         points = np.broadcast_to(masks, (1, 4, len(masks)))
-        populations[name] = blank(name, 1, observation=observation, greedy=points)
-    shown = [Shown("a-table_b", SEEN[name], each) for name, each in populations.items()]
-    (folder / "mine" / FILE).write_bytes(compressed(packed(shown)))
+        populations[name] = of_variant("a-table_b", blank(name, 1, observation=observation, greedy=points))
+    explorer.write([*populations.values()], folder / "mine" / explorer.FILE)
     build.write(folder, "mine")
     return folder / "mine", populations
 
@@ -443,12 +448,10 @@ def test_first_pair_ends_differently(everything: Everything, open_page: Open, tm
     masks[:, model.observation[::-1]] = greedy_masks(solve(model, 1.0, 200).q, 1e-9)[::-1]
     fails_at = 70  # place in which the first agent PINGs at once, again and again
     masks[0, model.observation[model.states_of(fails_at)]] = 1 << ACTIONS.index("PING")
-    shown = [
-        Shown(name, form, blank("Anywhere", 1, greedy=np.broadcast_to(mask, (1, 4, len(mask)))))
-        for (name, form), mask in zip((TABLE, NET), masks, strict=True)
-    ]
+    both = [blank("Anywhere", 1, greedy=np.broadcast_to(mask, (1, 4, len(mask)))) for mask in masks]
+    shown = [of_variant("a-table_b", both[0]), of_variant("dqn", both[1], observation="coordinates")]
     shutil.copytree(everything[0], tmp_path / "mine")
-    (tmp_path / "mine" / FILE).write_bytes(compressed(packed(shown)))
+    explorer.write(shown, tmp_path / "mine" / explorer.FILE)
     build.write(tmp_path, "mine")
     opened = open_page(tmp_path / "mine")
     chosen = [opened.panel(side, "select[name=learner]").input_value() for side in ("left", "right")]
