@@ -229,7 +229,8 @@ class _Part:
             form, sizes = "svg+xml", _SIZE.findall(content.decode())[:2]
             width, height = (round(float(size) * 4 / 3) for size in sizes)
         else:
-            width, height = Image.open(path).size
+            with Image.open(path) as image:
+                width, height = image.size
         texts = {"caption": self.inline(item.caption), "alt": item.caption}
         return {**texts, "type": form, "data": _base64(content), "width": width, "height": height}
 

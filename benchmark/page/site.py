@@ -124,7 +124,7 @@ def _link(path: Path, site: Path) -> None:
         if original.is_file() and not target.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(original, target)
-        return match[0]
+        return match[0] if target.exists() else ""
 
     path.write_text(_LINK.sub(moved, path.read_text(encoding="utf-8")), encoding="utf-8")
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmark.analysis.records import Records
 from numpy.typing import NDArray
 
+from benchmark.analysis.records import Records
 from benchmark.reports.explorer import FILE, MOST_MASKS, typical_agent, write
 from envs import ACTIONS, load_scenario
 from envs.observations import compile_seen
