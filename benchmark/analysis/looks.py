@@ -20,15 +20,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.frames import Group, by_population, by_step, learned, tables
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
 from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population
 
-NEITHER: Final = "neither"  # most runs of neither learner learn, whatever their budgets
-TOO_SHORT: Final = "too short"  # nor within the smaller budget; within its own, most runs of one do
+FASTER, SLOWER, EQUAL, UNDECIDED = "faster", "slower", "equally fast", "undecided"
+NEITHER: Final = "neither learns"  # most runs of neither learner learn, whatever their budgets
+TOO_SHORT: Final = "budget too short"  # nor within the smaller budget; within its own, most runs of one do
+VERDICTS: Final = (FASTER, SLOWER, EQUAL, NEITHER, TOO_SHORT, UNDECIDED)
 SPENT: Final = {"steps": "step", "disagreements": "training_wrong_pings", "cpu_time_s": "cpu_time_s"}
 _ENDS: Final = 3  # if a verdict is wrong, so is one end of an interval: two of a probability, one of a share
 
@@ -74,9 +75,9 @@ def decide(
     if never > 0.5:
         verdict = TOO_SHORT if one_learns else NEITHER
     elif 0.5 - margin < low <= high < 0.5 + margin:
-        verdict = EQUIVALENT
+        verdict = EQUAL
     else:
-        verdict = BETTER if low > 0.5 else WORSE if high < 0.5 else UNDECIDED
+        verdict = FASTER if low > 0.5 else SLOWER if high < 0.5 else UNDECIDED
     return Decision(n, verdict, Estimate(mean, low, high))
 
 

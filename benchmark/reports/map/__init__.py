@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Final
 
+from benchmark.analysis.looks import VERDICTS
 from benchmark.drawing.tables import link
 from benchmark.reports.folder import Folder
 from benchmark.reports.item import Report
@@ -15,7 +16,7 @@ def headline(folder: Folder) -> str:
     table = folder.frame("verdicts")
     grid, parts = table["grid"].iloc[0], []
     for _, row in table[table["grid"] == grid].iterrows():
-        ended = [verdict for verdict in results.IN_WORDS.values() if row[verdict]]
+        ended = [verdict for verdict in VERDICTS if row[verdict]]
         counts = [f"{verdict} at {link(str(row[verdict]), 'verdicts', row)}" for verdict in ended]
         x, y = (folder.told(row[side]) for side in "xy")
         parts.append(f"{x} compared with {y}: {', '.join(counts)}")

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER, TOO_SHORT
 from benchmark.drawing.style import INK, figure_of, learner_style
 from benchmark.drawing.tables import two_digits
 from benchmark.experiments import Experiment, Learner
@@ -32,7 +33,7 @@ _SIGNS: Final = {  # of a ratio, in the order of their legend
     "?": "? undecided",
     "": "blank: not trained",
 }
-_SIGN_OF: Final = {"equally fast": "=", "neither learns": "neither", "budget too short": "short"}
+_SIGN_OF: Final = {EQUAL: "=", NEITHER: "neither", TOO_SHORT: "short"}
 _FIXED: Final = "\N{NO-BREAK SPACE}"
 _LABELS: Final = {
     "places": "places in which the person may stand",
@@ -226,11 +227,11 @@ def _draw_square(axis: Axes, tables: Frames, experiment: Experiment, grid: str) 
 
 def _sign(row: pd.Series, point: str, pairs: pd.DataFrame) -> tuple[str, float]:
     """Returns the text and the colour of a contrast: the logarithm of its ratio of steps, or NaN for none."""
-    if row["verdict"] not in ("faster", "slower"):
+    if row["verdict"] not in (FASTER, SLOWER):
         return _SIGN_OF.get(row["verdict"], "?"), np.nan
     logarithm = np.log(row["ratio"]) if row["ratio"] > 0 else -_MOST
     if np.isnan(logarithm):
-        return "!", (1 if row["verdict"] == "faster" else -1) * _MOST / 4
+        return "!", (1 if row["verdict"] == FASTER else -1) * _MOST / 4
     own = pairs[(pairs["grid"] == row["grid"]) & (pairs["point"] == point)]
     own = own[(own["x"] == row["x"]) & (own["y"] == row["y"])]
     # Where most runs of a side never learn, the ratio is a bound.

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from agents.hardness import Hardness, hardness
 from benchmark.analysis import looks as rules
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, UNDECIDED, WORSE
 from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, median, proportion
-from benchmark.analysis.looks import NEITHER, TOO_SHORT, Contrast
+from benchmark.analysis.looks import VERDICTS, Contrast
 from benchmark.experiments import Experiment, Population
 from benchmark.reports.item import item, no_rows
 from envs import InputError, Scenario
@@ -24,14 +23,6 @@ from envs.scenario import NoisyFeedback
 Row = Mapping[str, object]
 
 POINT: Final = {"grid": "", "point": ""}
-IN_WORDS: Final = {
-    BETTER: "faster",
-    WORSE: "slower",
-    EQUIVALENT: "equally fast",
-    NEITHER: "neither learns",
-    TOO_SHORT: "budget too short",
-    UNDECIDED: "undecided",
-}
 _MEANINGS: Final = {
     "columns": "columns of the room",
     "contrasts": "contrasts that ended with so many pairs of runs",
@@ -63,10 +54,10 @@ _MEANINGS: Final = {
     "unseen": "further cells of the issuer, never met in training",
     "unseen_success": "success with the issuer in these cells, of several runs the mean; empty without any",
     "verdict": "verdict on x",
-    **dict.fromkeys(IN_WORDS.values(), "contrasts with this verdict"),
+    **dict.fromkeys(VERDICTS, "contrasts with this verdict"),
 }
 _item: Final = partial(item, meanings=_MEANINGS)
-_COUNTED: Final = dict.fromkeys(IN_WORDS.values(), "")
+_COUNTED: Final = dict.fromkeys(VERDICTS, "")
 
 
 @_item(
@@ -142,7 +133,7 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             **_sides(contrast),
             "n": contrast.decision.n,
             "budget": min(side.first.settings.budget for side in (contrast.x, contrast.y)),
-            "verdict": IN_WORDS[contrast.decision.verdict],
+            "verdict": contrast.decision.verdict,
             "faster": contrast.decision.faster,
             "ratio": ratio(*contrast.took, "steps"),
             "ratio_disagreements": ratio(*contrast.took, "disagreements"),
@@ -161,7 +152,13 @@ def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         key = contrast.x.condition.axes["grid"], contrast.x.learner.name, contrast.y.learner.name
         counts.setdefault(key, Counter()).update([contrast.decision.verdict])
     for (grid, x, y), counted in counts.items():
-        yield {"grid": grid, "x": x, "y": y, "n": counted.total()} | _in_words(counted)
+        yield {
+            "grid": grid,
+            "x": x,
+            "y": y,
+            "n": counted.total(),
+            **{name: counted[name] for name in VERDICTS},
+        }
 
 
 @_item(
@@ -178,11 +175,7 @@ def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     }
     for n in experiment.report.looks:
         counted = Counter(decision.verdict for decision in distinct.values() if decision.n == n)
-        yield {"n": n, "contrasts": counted.total()} | _in_words(counted)
-
-
-def _in_words(counted: Counter[str]) -> dict[str, object]:
-    return {text: counted[verdict] for verdict, text in IN_WORDS.items()}
+        yield {"n": n, "contrasts": counted.total(), **{name: counted[name] for name in VERDICTS}}
 
 
 @_item(

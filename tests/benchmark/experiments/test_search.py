@@ -87,9 +87,7 @@ def tuned(tmp_path: Path, *changes: tuple[str, str]) -> Experiment:
 
 def forget() -> None:
     """Lets searches be read again, which a process does once."""
-    choices._read_search.cache_clear()
-    choices._digest_of_search.cache_clear()
-    choices._scenarios_of_search.cache_clear()
+    choices._search.cache_clear()
 
 
 def test_trials_stay_the_same_when_a_search_is_lengthened() -> None:

@@ -73,15 +73,7 @@ def test_killed_report_leaves_no_process_behind(drawn: Drawn, tmp_path: Path) ->
 def test_folder_has_what_items_say_and_readers_infer_the_types_of_all_columns(drawn: Drawn) -> None:
     names = {path.name for path in drawn.folder.iterdir()}
     drawn_names = ["contrasts", "summary", "curves", "effects", "wrong_pings"]
-    tables = [
-        *drawn_names[:-1],
-        "aggregate",
-        "outcomes",
-        "steps",
-        "ahead",
-        "region",
-        "cost",
-    ]  # none has learned
+    tables = [*drawn_names[:-1], "aggregate", "outcomes", "steps", "cost"]
     expected = {f"{name}.csv" for name in tables} | {f"{name}.svg" for name in drawn_names}
     assert names == expected | {"README.md", "manifest.json", ".stamp", "learning.webp", SCORES}
     assert [mistyped_columns(drawn.folder / f"{name}.csv") for name in tables] == [[]] * len(tables)
@@ -202,7 +194,7 @@ def test_what_searches_took_is_in_the_tables(drawn: Drawn) -> None:
 def test_more_runs_mark_the_manifest_and_the_text(drawn: Drawn, tmp_path: Path) -> None:
     looks = []
     pairs = [["net, one_hot", "table, index"], ["sarsa, index", "table, index"]]
-    omit = omitting_all_but("contrasts", "ahead")
+    omit = omitting_all_but("contrasts", "steps")
     with Store(drawn.results / "runs.db", read_only=True) as store:
         for n, first in ((3, 0), (4, 1), (4, 1), (11, 1)):  # others than the first are other seeds
             text = EXPERIMENT.replace("seeds = 12", f"seeds = {n}, first_seed = {first}")

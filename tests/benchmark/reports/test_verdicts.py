@@ -51,6 +51,8 @@ CASES: list[tuple[dict[str, Made], str]] = [
     # Better in success, worse in score: not "earns".
     ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.5)}, "mixed"),
     ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.9)}, "earns"),
+    # The random policy has to be beaten in success alone.
+    ({"table": WEAK._replace(score=0.0), "net": WINNER._replace(score=0.0)}, "earns"),
     # One net is better in success and worse in score, another is better in both.
     ({"table": WEAK, "other": WINNER._replace(score=0.0), "net": WINNER}, "earns"),
     # It is enough to be worse in one scenario and better in none.
