@@ -162,7 +162,8 @@ class _Part:
             return None
         looks = {}
         for learner, title in self.folder.titles.items():
-            style = learner_style(*learner.split(", "), [*self.folder.manifest["algorithms"]])
+            variant, observation = learner.split(", ")
+            style = learner_style(variant, observation, [*self.folder.manifest["algorithms"]])
             looks[learner] = {
                 "name": title,
                 "told": self.folder.told(learner),

@@ -60,7 +60,7 @@ def accepted(schema: Schema) -> str:
         return " or ".join(map(json.dumps, values))
     if "prefixItems" in schema:
         return f"[{', '.join(map(accepted, schema['prefixItems']))}]"
-    kind = schema.get("type", "anything")
+    kind = str(schema.get("type", "anything"))
     words = f"list of {accepted(schema['items'])}" if kind == "array" else _TYPES.get(kind, kind)
     if isinstance(inner := schema.get("additionalProperties"), dict):
         words = f"for each name: {accepted(inner)}"
