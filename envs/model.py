@@ -303,7 +303,7 @@ def _components(scenario: Scenario, *of_states: NDArray[np.int_]) -> tuple[Compo
     grid = scenario.grid
     farthest = np.array(grid.size) - 1
     largest = np.maximum(farthest, 1)
-    stands = np.array([[people[0].cell for people in stages] for stages in scenario.people])  # (J, P, 2)
+    stands = np.array([[people[0].position for people in stages] for stages in scenario.people])  # (J, P, 2)
     cells = np.array(scenario.issuer_cells) @ (grid.columns, 1)
     shown = np.array(scenario.shown_cells)  # (I, 2)
     index = np.searchsorted(cells, stands @ (grid.columns, 1))  # (J, P)
@@ -326,7 +326,7 @@ def _feedback(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float
     Feedback by distance is relative to the largest distance from a start in the same place.
     """
     position = scenario.grid.position
-    stands = np.array([[[who.cell for who in people] for people in stages] for stages in scenario.people])
+    stands = np.array([[[who.position for who in people] for people in stages] for stages in scenario.people])
     shape = *stands.shape[:2], len(position)  # J, P, C
     mean, noise, is_late = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     every_start = scenario.starts_by_place.values()

@@ -243,7 +243,7 @@ def _draw_zones(axis: Axes, model: Model, context: int) -> None:
     axis.vlines(np.arange(1, scene.columns) - 0.5, -0.5, scene.rows - 0.5, **lines)
     axis.hlines(np.arange(1, scene.rows) - 0.5, -0.5, scene.columns - 0.5, **lines)
     if model.scenario.moves:
-        way = np.array([people[0].cell for people in model.scenario.people[context // n_phases]])
+        way = np.array([people[0].position for people in model.scenario.people[context // n_phases]])
         axis.plot(*np.vstack([way, way[:1]])[:, ::-1].T, **_WAY)
     if not scene.cells_of("start"):
         is_here = model.context[model.starts] // n_phases == context // n_phases

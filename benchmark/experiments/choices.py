@@ -4,16 +4,13 @@ import hashlib
 import json
 from functools import lru_cache
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from agents import dynamic_programming, load_algorithm
 from benchmark.experiments.schema import Declaration, overlap, read_experiment
 from benchmark.experiments.search import Chosen, read_chosen
 from envs import InputError, Scenario, load_scenario
 from envs.inputs import unknown_name
-
-# What two scenarios that are alike have in common, and what is compared in no time.
-_CHEAP: Final = ("ping_limit", "rewards", "observe", "first_phase", "draw")
 
 
 def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen | None:
@@ -96,12 +93,11 @@ def check_seeds(declared: Declaration, variant: str, path: Path) -> None:
 
 
 def check_unseen(scenario: Scenario, search: str) -> None:
-    """Refuses, by an InputError, a scenario of a search, in whatever reflection."""
+    """Refuses, by an InputError, a scenario of a search, also under another name."""
+    texts = {"name", "description"}
     for other in _search(search).scenarios:
-        is_alike = scenario.grid.size == other.grid.size and len(scenario.places) == len(other.places)
-        is_alike = is_alike and all(getattr(scenario, key) == getattr(other, key) for key in _CHEAP)
-        if is_alike and scenario.essence == other.essence:
-            reason = f"{scenario.name} is {other.name}, a scenario of the search, or its reflection"
+        if scenario.model_dump(exclude=texts) == other.model_dump(exclude=texts):
+            reason = f"{scenario.name} is {other.name}, a scenario of the search"
             raise InputError(f"{reason}; accepted: other scenarios.")
 
 
