@@ -87,7 +87,7 @@ class Grid(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        rows, columns, lines = self.rows, self.columns, self.walls.split()
+        (rows, columns), lines = self.size, self.walls.split()
         size = f"rows x columns = {rows} x {columns}"
         require(rows * columns <= MAX_STATES, size, f"at most {MAX_STATES} cells")
         is_complete = [len(line) for line in lines] == [columns] * rows and set(self.walls) <= set("#. \n")
@@ -111,7 +111,7 @@ class NoisyFeedback(Table):
     """Feedback by distance plus a number drawn at each PING, uniformly between minus and plus `noise`."""
 
     kind: Literal["noisy"]
-    """This kind of feedback."""
+    """This kind."""
     noise: Annotated[float, Field(gt=0, le=1e6)]
     """Half the width of the interval that the number is drawn from."""
 
@@ -365,9 +365,7 @@ class Scenario(Table):
         return np.concatenate(rows)
 
     def _in_drawn_order(self, cells: Iterable[Cell]) -> list[Cell]:
-        """Returns cells in an order that `draw` decides, the same for all rooms that have them."""
-
-        def rank(cell: Cell) -> bytes:
+        def rank(cell: Cell) -> bytes:  # the same in all rooms that have the cell
             return hashlib.sha256(json.dumps([self.draw, *cell]).encode()).digest()
 
         return sorted(cells, key=rank)
@@ -510,30 +508,27 @@ class Scenario(Table):
         return self
 
     def _check_phases(self) -> None:
-        names = [phase.name for phase in self.phases]
         for i, phase in enumerate(self.phases):
             where, chances, is_timed = f"phases.{i}", phase.next or {}, phase.next is None
             is_alike = (phase.steps is not None) == is_timed == (self.phases[0].next is None)
             require(is_alike, f"{where} ({phase.name})", "steps in every phase, or next in every phase")
-            is_unique = names.count(phase.name) == 1
+            others = [other.name for other in self.phases if other is not phase]
+            is_unique = phase.name not in others
             require(is_unique, f"{where}.name = {phase.name}", "another name, since it is taken")
             for name in chances:
-                others = [other for other in names if other != phase.name]
                 accepted = ", ".join(others) or "no phase"
                 require(name in others, f"{where}.next: {name} is not another phase", accepted)
             total = math.fsum(chances.values())
             require(total <= 1 + _CERTAINTY_TOLERANCE, f"{where}.next: the sum {total:g}", "at most 1")
 
     def _check_walk(self) -> None:
-        """Checks that the issuer moves in one way, if at all, and that its feedback allows that."""
         walk = self.issuer.walk
         require(walk is None or not self.phases, "issuer.walk and phases", "one of them")
         if walk is None and all(phase.position is None for phase in self.phases):
             return
         moved_by = "phases with positions" if walk is None else "issuer.walk"
-        position = json.dumps(self.issuer.position)
-        is_cell = len(_listed(self.issuer.position)) == 1
-        require(is_cell, f"{moved_by} with issuer.position = {position}", "a cell")
+        is_cell = isinstance(self.issuer.position[0], int)
+        require(is_cell, f"{moved_by} with issuer.position = {json.dumps(self.issuer.position)}", "a cell")
         for first, last in pairwise(self._turns):
             is_straight = (first[0] == last[0]) != (first[1] == last[1])
             where = f"issuer.walk.corners: from {json.dumps(first)} to {json.dumps(last)}"
@@ -542,7 +537,6 @@ class Scenario(Table):
         require(not self.is_delayed, where, "any other kind")
 
     def _check_cells(self) -> None:
-        """Checks that everyone stands alone, on floor."""
         walk = self.issuer.walk
         positions = {
             "issuer.position": _listed(self.issuer.position),
@@ -579,7 +573,6 @@ class Scenario(Table):
         require(n_states <= MAX_STATES, product, f"at most {MAX_STATES}")
 
     def _check_starts(self) -> None:
-        """Checks that episodes can start and succeed, in every cell that is listed for it."""
         listed, free = _listed(self.issuer.position), self._free_places
         for place in listed:
             where = f"regions: with the issuer at {json.dumps(place)}, the agent can enter no target region"
@@ -637,9 +630,6 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
 
     Raises:
       InputError: For each mistake a sentence that names the file, the key, its value and what is accepted.
-
-    >>> load_scenario("S1").issuer.position
-    (6, 8)
     """
     if isinstance(scenario, Scenario):
         if not overrides:
@@ -652,14 +642,12 @@ def load_scenario(scenario: ScenarioLike, overrides: Mapping[str, object] | None
     if path.suffix != ".toml":
         path = SCENARIO_DIRECTORY / f"{scenario}.toml"
         if str(scenario) not in scenario_names():
-            otherwise = "the path of a .toml file"
-            unknown_name("scenarios", "scenario", str(scenario), scenario_names(), otherwise)
+            unknown_name("scenarios", "scenario", str(scenario), scenario_names(), "the path of a .toml file")
     check_file_name(path, "the scenario is")
     changed = override(read_toml(path), overrides or {}, str(path))
     return _checked(json.dumps(changed, default=str), path)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=256)  # experiments load the same scenarios again and again
 def _checked(values: str, path: Path) -> Scenario:
-    """Returns the scenario of a file, given its values as JSON. Experiments load the same again and again."""
     return parse(Scenario, json.loads(values), str(path), name=path.stem)
