@@ -209,24 +209,24 @@ def in_either_case(names: Iterable[str]) -> tuple[str, str] | None:
 def read_toml(path: Path) -> dict[str, Any]:
     """Reads a TOML file; one that cannot be read, is too large or nested too deeply raises an InputError."""
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: cannot be read: it is not a file.")
+        if path.exists() and not path.is_file():  # a pipe might never end
+            raise OSError(0, "it is not a file")
         if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(f"{path}: larger than {_LARGEST_FILE:,} bytes; accepted: a smaller file.")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        _check_texts(data, str(path))
-        return data
+            raise OSError(0, f"it is larger than {_LARGEST_FILE:,} bytes")
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {reason}.") from error
+    try:
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}.") from error
     except RecursionError:
         raise InputError(f"{path}: {_TOO_DEEP}.") from None
-    except InputError:
-        raise
     except ValueError as error:  # Python refuses to read such a number
         raise InputError(f"{path}: a number has {_TOO_LONG}.") from error
+    _check_texts(data, str(path))
+    return data
 
 
 def whole_number(text: str, option: str, low: int, high: int) -> int:
