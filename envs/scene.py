@@ -117,8 +117,9 @@ def scene_of(model: Model, context: int = 0) -> Scene:
     zone = model.zone[states].reshape(grid.size)
     position, phase = divmod(context, len(scenario.stages))
     people = [
-        Glyph("issuer", row * grid.columns + column, HEADINGS[heading] if scenario.has_front else None)
-        for (row, column), heading, *_ in scenario.people[position][phase]
+        Glyph("issuer", row * grid.columns + column, HEADINGS[person.heading] if scenario.has_front else None)
+        for person in scenario.people[position][phase]
+        for row, column in [person.position]
     ]
     is_here = model.context[model.starts] // len(scenario.stages) == position
     starts = np.unique(model.cell[model.starts[is_here]]).tolist()  # one of many is not marked
