@@ -12,6 +12,7 @@ from benchmark.analysis.frames import RecordsOf, by_step, learned
 from benchmark.analysis.intervals import proportion, student
 from benchmark.drawing import film
 from benchmark.experiments import Experiment, Population
+from benchmark.reports import explorer
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import (
     CELL,
@@ -27,7 +28,7 @@ from benchmark.reports.comparison.declared import (
     reporting_of,
 )
 from benchmark.reports.comparison.verdicts import Row
-from benchmark.reports.explorer import FILE, Shown, compressed, packed, typical_agent
+from benchmark.reports.explorer import explorer_item, typical_agent
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -210,16 +211,10 @@ def _film(population: Population, records: RecordsOf) -> film.Film:
     return film.film_of(title, own, agent)
 
 
-@writing(
-    "agents", "what the explorer on the page shows: values, policies and scenarios, as compressed JSON", FILE
-)
+@explorer_item
 def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes what all learners know, but for reference implementations."""
-    shown = [
-        Shown(population.learner.variant, population.learner.observation, records(population))
-        for population in _drawn(runs, experiment)
-    ]
-    path.write_bytes(compressed(packed(shown)))
+    explorer.write([records(population) for population in _drawn(runs, experiment)], path)
 
 
 def _drawn(runs: pd.DataFrame, experiment: Experiment) -> list[Population]:

@@ -10,6 +10,8 @@ from typing import cast
 import numpy as np
 import pandas as pd
 import pytest
+from benchmark.reports.map.data import Maps
+from benchmark.reports.map.headline import headline
 
 from benchmark.__main__ import main
 from benchmark.analysis.frames import keys_of
