@@ -42,7 +42,6 @@ examples:
   python -m benchmark run reproduce --report --seeds 100-199  other seeds, in reproduce_seeds_100-199
   python -m benchmark run beyond --cluster tcp://HOST:8786  on the machines of a Dask cluster
   python -m benchmark report compare_deep --partial  draw incomplete results, into compare_deep_partial
-  python -m benchmark report beyond --format pdf   write its figures as PDF, into results/beyond_pdf
   python -m benchmark report                       texts and page of results, from their tables
   python -m benchmark verify reproduce             checksums, 20 runs repeated, results drawn again
   python -m benchmark watch --scenario S2 --algorithm dqn  watch an agent learn
@@ -166,19 +165,17 @@ def _parser() -> argparse.ArgumentParser:
     _add(run, "--jobs", "N", f"{jobs}; with --cluster: twice the number of its workers at the start)", int)
     _add(run, "--report", "", "then draw tables and figures, as 'report' does")
     where = run.add_mutually_exclusive_group()
-    about = "run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another (default: each "
-    _add(where, "--executor", "NAME", f"{about}algorithm's placement, thread or process)")
+    about = "run all jobs in a process or a thread (default: as each algorithm says)"
+    where.add_argument("--executor", choices=("process", "thread"), help=about)
     address = "workers of the Dask scheduler at this address"
     _add(where, "--cluster", "tcp://HOST:PORT", f"run all jobs on the {address}")
-    run.set_defaults(partial=False, format=None)
+    run.set_defaults(partial=False)
 
     report = command("report", "draw an experiment's tables and figures, and build the page")
     about = f"{named}; without one, only the texts of all results and the page are written"
     _add(report, "experiment", "EXPERIMENT", about, nargs="?")
     _add(report, "--seeds", "A-B", drawn)
     _add(report, "--partial", "", "draw a comparison even if runs are missing, into EXPERIMENT_partial")
-    about = "only write figures (svg, pdf) or tables (tex) in this form, into EXPERIMENT_FORMAT"
-    report.add_argument("--format", choices=("svg", "pdf", "tex"), help=about)
 
     summary = "verify checksums, repeat some runs, and make tables, figures, texts and page again"
     verify = command("verify", summary)

@@ -129,9 +129,6 @@ def test_module_that_exits_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
         (tmp_path / "mine.toml").write_text(EXPERIMENT.replace(old, new, 1))
         line = refused(capsys, "run", tmp_path / "mine.toml", "--results", tmp_path)
         assert "exiting:a cannot be imported: it calls exit" in line
-    (tmp_path / "mine.toml").write_text(EXPERIMENT)
-    line = refused(capsys, "run", tmp_path / "mine.toml", "--executor", "exiting:a", "--results", tmp_path)
-    assert "exiting:a cannot be imported: it calls exit" in line
 
 
 def test_all_mistakes_of_a_file_are_reported_at_once(

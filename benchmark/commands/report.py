@@ -13,7 +13,6 @@ from benchmark.experiments.choices import digest_of_search
 from benchmark.experiments.search import Choices, chosen_file, read_chosen
 from benchmark.page import build as page
 from benchmark.reports import document, draw, files, prose, sameness
-from benchmark.reports.data import load
 from benchmark.reports.folder import MANIFEST, Folder
 from envs import InputError
 
@@ -22,19 +21,11 @@ def main(options: argparse.Namespace) -> int:
     """Runs the command; returns the exit code."""
     if options.experiment is None:
         return _rewrite(options)
-    if options.format and options.partial:
-        raise InputError("--format, --partial: accepted: one of the two.")
     experiment = load_experiment(options.experiment)
     report = draw.report_of(experiment)
     seeds = other_seeds(experiment, parse_seeds(options.seeds))
     directory = options.results / folder_name(experiment, seeds, partial=options.partial)
     with Store(options.results / "runs.db", read_only=True) as store:
-        if options.format:
-            directory = directory.with_name(f"{directory.name}_{options.format}")
-            data = load(experiment, store, seeds, columns=report.columns)
-            draw.export(data, report, directory, options.format)
-            print(f"{experiment.name}: written to {directory}.")
-            return 0
         made = draw.draw(experiment, report, store, directory, seeds, partial=options.partial)
         if experiment.declared.search is not None:
             _write_chosen(experiment, store)
@@ -51,8 +42,8 @@ def main(options: argparse.Namespace) -> int:
 
 def _rewrite(options: argparse.Namespace) -> int:
     """Writes the texts of all results and the page, from the tables that are there."""
-    if options.partial or options.format or options.seeds is not None:
-        raise InputError("--partial, --format, --seeds: accepted only together with an experiment.")
+    if options.partial or options.seeds is not None:
+        raise InputError("--partial, --seeds: accepted only together with an experiment.")
     if folders := sorted(path.parent for path in options.results.glob(f"[!.]*/{MANIFEST}")):
         with files.alone(options.results):
             for folder in folders:

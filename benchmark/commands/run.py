@@ -10,7 +10,7 @@ from benchmark.analysis.records import check_scores
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.commands import parse_jobs, parse_seeds, report
 from benchmark.execution import driver
-from benchmark.execution.executors import ExecutorFactory, load_executor
+from benchmark.execution.executors import EXECUTORS, ExecutorFactory
 from benchmark.execution.progress import Display
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, all_specifications, load_experiment
@@ -37,7 +37,7 @@ def main(options: argparse.Namespace) -> int:
         raise InputError(
             f"{name}: --seeds: an experiment with stages uses only its declared seeds; remove --seeds."
         )
-    executor = None if options.executor is None else load_executor(options.executor, "--executor")
+    executor = EXECUTORS.get(options.executor)
     check_scores(all_specifications(experiment, seeds))
     if text := forecast(experiment):
         print(f"{name}: {text}", file=sys.stderr)

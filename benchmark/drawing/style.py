@@ -61,7 +61,6 @@ _RC: Final = {
 _METADATA: Final = {  # that differ between days or versions
     ".png": ("Software",),
     ".svg": ("Date", "Creator"),
-    ".pdf": ("CreationDate", "Creator", "Producer"),
 }
 
 
@@ -74,7 +73,7 @@ def check_file(path: Path, *endings: str) -> None:
 
 
 def save_figure(figure: Figure, path: Path, *, is_tight: bool = False) -> None:
-    """Writes a figure as .png, .svg or .pdf, cut to what is drawn if it is tight; it stays open.
+    """Writes a figure as .png or .svg, cut to what is drawn if it is tight; it stays open.
 
     Without date and program, equal figures give equal bytes.
     """

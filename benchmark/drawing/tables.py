@@ -1,4 +1,4 @@
-"""Writes data frames as CSV, Markdown and LaTeX, and links numbers to their rows.
+"""Writes data frames as CSV and Markdown, and links numbers to their rows.
 
 Texts may come from anybody's experiment or scenario, so whatever a format would execute, or read as
 structure, is escaped here.
@@ -6,7 +6,7 @@ structure, is escaped here.
 
 import math
 import re
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import IO, Final
 
@@ -17,13 +17,6 @@ from tabulate import tabulate
 LINK: Final = re.compile(r"\[([^\[\]]*)\]\((\w+\.csv)#row=([\d;-]+)\)")  # text, file, rows
 _DIGITS: Final = 6  # significant digits in CSV files: few enough to hide rounding
 _SHOWN_DIGITS: Final = 3
-# A table that breaks across pages cannot be scaled. If it is too wide, it reaches into both margins.
-_LATEX: Final = r"""% Needs \usepackage{longtable}
-{\footnotesize
-\setlength{\tabcolsep}{3pt}
-\setlength{\LTleft}{0pt plus 1fill minus 1fill}
-\setlength{\LTright}{\LTleft}
-"""
 # The start of a cell that a spreadsheet would compute, or that would end the cell. In some countries
 # semicolons separate cells. An apostrophe in front makes the cell a text; a cell that already has one gets
 # another, so that `read_csv` can tell them apart.
@@ -80,7 +73,15 @@ def read_csv(file: Path | IO[str]) -> pd.DataFrame:
 
 def to_markdown(frame: pd.DataFrame) -> str:
     """Returns a Markdown table with three significant digits; texts may have `code` and *emphasis*."""
-    return _format(frame, "github", lambda text: inert(text).replace("|", "&#124;"))
+
+    def escaped(value: object) -> str:
+        return inert(show(value)).replace("|", "&#124;")
+
+    texts = [[escaped(value) for value in row] for row in frame.itertuples(index=False)]
+    first = frame.iloc[0] if len(frame) else [""] * len(frame.columns)
+    aligned = ["left" if isinstance(value, str) else "right" for value in first]
+    names = [escaped(str(name)) for name in frame]
+    return tabulate(texts, names, tablefmt="github", disable_numparse=True, colalign=aligned) + "\n"
 
 
 def paragraph(text: str) -> str:
@@ -97,24 +98,6 @@ def paragraph(text: str) -> str:
 def inert(text: str) -> str:
     """Returns a text in one line of Markdown, which becomes structure only at the start of a paragraph."""
     return _ACTIVE.sub(lambda match: f"&#{ord(match[0])};", " ".join(text.split()))
-
-
-def _format(frame: pd.DataFrame, form: str, escape: Callable[[str], str]) -> str:
-    """Returns a table in one of tabulate's formats."""
-    texts = [[escape(show(value)) for value in row] for row in frame.itertuples(index=False)]
-    names = [escape(str(name)) for name in frame]
-    first = frame.iloc[0] if len(frame) else [""] * len(frame.columns)
-    aligned = ["left" if isinstance(value, str) else "right" for value in first]
-    return tabulate(texts, names, tablefmt=form, disable_numparse=True, colalign=aligned) + "\n"
-
-
-def to_latex(frame: pd.DataFrame) -> str:
-    """Returns a LaTeX table that breaks across pages."""
-    # tabulate escapes everything else.
-    table = _format(frame, "latex_longtable", lambda text: " ".join(text.split()))
-    # At the start of a row, these would be an argument of the command before it.
-    table = re.sub(r"^ (?=[\[*])", " {}", table, flags=re.MULTILINE).replace("|", r"\textbar{}")
-    return f"{_LATEX}{table}}}\n"
 
 
 def show(value: object, decimals: int | None = None) -> str:

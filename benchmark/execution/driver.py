@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from itertools import islice
 
 from agents import load_algorithm
-from benchmark.execution.executors import Executor, ExecutorFactory, load_executor
+from benchmark.execution.executors import EXECUTORS, Executor, ExecutorFactory
 from benchmark.execution.job import failures
 from benchmark.execution.plan import Job, plan
 from benchmark.execution.provenance import versions
@@ -85,7 +85,7 @@ class _Executors(ExitStack):
     def of(self, job: Job) -> Executor:
         placement = "" if self._executor else load_algorithm(job[0].algorithm).placement
         if placement not in self._made:
-            self._made[placement] = (self._executor or load_executor(placement))(self._jobs)
+            self._made[placement] = (self._executor or EXECUTORS[placement])(self._jobs)
             self.callback(self._made[placement].cancel)
         return self._made[placement]
 

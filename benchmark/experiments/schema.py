@@ -46,7 +46,7 @@ MOST_CONTRASTS: Final = 8  # that no experiment declares: each costs the others 
 LARGEST_MARGIN: Final = 0.2
 
 # Folders of results that are not those of an experiment, or not of its declared seeds; in small letters.
-_RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*", "*_svg", "*_pdf", "*_tex")
+_RESERVED: Final = ("speed", "speed_smoke", "*_partial", "*_seeds_*")
 
 
 class Variant(Table):

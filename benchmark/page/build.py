@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Final
 
 import jinja2
-import pandas as pd
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
@@ -124,13 +123,13 @@ class _Part:
         document, manifest = self.document, self.folder.manifest
         items = {item.name: item for item in document.items}
         lead = items.get(document.report.lead)
-        lead = lead if lead is not None and document.has_figure(lead) else None
+        lead = lead if lead is not None and document.figure(lead) else None
 
         def content(match: re.Match[str]) -> str:
             is_folded, item = bool(match[1]), items[match[2]]
             table = self._table(item)
             # What is shown on demand is a table, if there is one, and no figure: figures make the page large.
-            has_figure = document.has_figure(item) and item is not lead and not (table and is_folded)
+            has_figure = document.figure(item) and item is not lead and not (table and is_folded)
             shown = {"item": item, "table": table, "is_folded": is_folded, "most_rows": _MOST_ROWS}
             shown |= {"figure": self._figure(item) if has_figure else None}
             source = f"{self.prefix}{item.name}.csv"
@@ -209,7 +208,7 @@ class _Part:
 
     def _table(self, item: Item) -> dict[str, object] | None:
         """Returns an item's table: its columns, the kind of each, and its rows; None without rows to show."""
-        shown = self.document.shown(item) if self.document.has_table(item) else pd.DataFrame()
+        shown = self.document.shown(item)
         if shown.empty:
             return None
         cells = [[self.inline(str(text)) for text in row] for row in shown.itertuples(index=False)]

@@ -23,51 +23,41 @@ _T = TypeVar("_T")
 
 
 def load_report(name: str, source: str = "benchmark.reports") -> Report:
-    """Returns a report.
-
-    Args:
-      name: A key of `REPORTS`, or `module:attribute` of a report that lives elsewhere.
-      source: The file that named it, for the message.
+    """Returns a report, by a key of `REPORTS`, or `module:attribute` of one that lives elsewhere.
 
     Raises:
-      InputError: Unknown name, a module that cannot be imported, or an object that is not a report.
+      InputError: Unknown name, a module that cannot be imported, or an object that is not a report; the
+        message begins with the source, the file that named it.
     """
     if name not in REPORTS and ":" not in name:
         unknown_name(source, "report", name, REPORTS, "module:attribute")
     return _of_class(REPORTS.get(name, name), source, "report", Report)
 
 
-def load_items(
-    report: Report, declared: Mapping[str, Any], source: str = "benchmark.reports"
-) -> tuple[Item, ...]:
-    """Returns a report's items, without those that an experiment omits, and those that it adds.
-
-    The experiment's table `report` declares both: `omit` has names, `items` has `module:attribute` of each.
-    Messages name the source of the table.
+def load_items(report: Report, declared: Mapping[str, Any], source: str) -> tuple[Item, ...]:
+    """Returns a report's items, with those that an experiment's table `report` adds, without those it omits.
 
     Raises:
       InputError: An unknown name, a module that cannot be imported, an object that is not an item, or an item
-        whose name is taken.
+        whose name is taken; the message begins with the source of the table.
     """
-    names = [item.name for item in report.items]
+    items = {item.name: item for item in report.items}
     for name in declared["omit"]:
-        if name not in names:
-            unknown_name(f"{source}: report.omit", "item", name, names)
-    items = [item for item in report.items if item.name not in declared["omit"]]
+        if name not in items:
+            unknown_name(f"{source}: report.omit", "item", name, items)
+        del items[name]
     for name in declared["items"]:
         item = _of_class(name, f"{source}: report.items", "item", Item)
-        if item.name in [other.name for other in items]:
+        if item.name in items:
             raise InputError(f"{source}: report.items: {name}: the report has an item {item.name} already.")
-        items.append(item)
-    return tuple(items)
+        items[item.name] = item
+    return tuple(items.values())
 
 
 def _of_class(name: str, source: str, kind: str, cls: type[_T]) -> _T:
     """Returns what `module:attribute` names."""
-    found = imported(name, source, kind)
-    if not isinstance(found, cls):
-        article = "an" if kind.startswith(tuple("aeiou")) else "a"
-        raise InputError(
-            f"{source}: {name} is not {article} {kind}; accepted: a {cls.__module__}.{cls.__name__}."
-        )
-    return found
+    named = imported(name, source, kind)
+    if not isinstance(named, cls):
+        article, accepted = "an" if kind == "item" else "a", f"a {cls.__module__}.{cls.__name__}"
+        raise InputError(f"{source}: {name} is not {article} {kind}; accepted: {accepted}.")
+    return named

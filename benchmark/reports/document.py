@@ -17,8 +17,8 @@ import pandas as pd
 from benchmark.drawing import tables
 from benchmark.experiments import PUBLISHED
 from benchmark.reports import files, load_items, load_report, prose
-from benchmark.reports.folder import MANIFEST, Folder, with_titles
-from benchmark.reports.item import PICTURES, Item, as_written
+from benchmark.reports.folder import MANIFEST, PICTURES, Folder, with_titles
+from benchmark.reports.item import Item, as_written
 from benchmark.reports.templates import templates_in as templates_in
 
 _FRAME: Final = Path(__file__).parent / "README.md.jinja"
@@ -56,41 +56,32 @@ class Document:
     def has(self, name: str) -> bool:
         """Returns whether there is an item with something to show."""
         return any(
-            item.name == name and (self.has_table(item) or self.has_figure(item)) for item in self.items
+            item.name == name and (f"{name}.csv" in self.folder or self.figure(item)) for item in self.items
         )
-
-    def has_table(self, item: Item) -> bool:
-        """Returns whether an item has a table here."""
-        return f"{item.name}.csv" in self.folder
-
-    def has_figure(self, item: Item) -> bool:
-        """Returns whether an item has a figure here."""
-        return bool(self.figure(item))
 
     def figure(self, item: Item) -> str:
         """Returns the name of the file with an item's figure; empty if there is none here."""
-        return _figure(self.folder, item.name) if item.caption else ""
+        return self.folder.figure(item.name) if item.caption else ""
 
     def shown(self, item: Item) -> pd.DataFrame:
-        """Returns an item's table as readers see it, of Markdown texts."""
+        """Returns an item's table as readers see it, of Markdown texts; empty if there is none here."""
+        if f"{item.name}.csv" not in self.folder:
+            return pd.DataFrame()
         return item.display(with_titles(self.folder.frame(item.name), self.folder.titles))
 
     def render(self, place: Place, template: Path | None = None, **more: object) -> str:
-        """Returns the document as Markdown.
+        """Returns the document as Markdown, with what `place` returns in the place of each item.
 
-        Args:
-          place: Returns what stands in the place of an item.
-          template: By default that of the report.
-          more: What the template needs besides.
+        The template is by default that of the report; `more` is what it needs besides.
         """
+        own = {item.name for item in self.report.items}
         named = {item.name: item for item in self.items}
 
         def show(name: str, *, is_folded: bool = False) -> str:
             return place(named[name], is_folded) if self.has(name) else ""
 
         def others() -> str:
-            own = {item.name for item in self.report.items}
-            return "\n\n".join(place(item, False) for item in self.items if item.name not in own)
+            return "\n\n".join(place(item, False) for name, item in named.items() if name not in own)
 
         template = template or self.report.document
         functions = {"show": show, "fold": partial(show, is_folded=True), "has": self.has, "others": others}
@@ -106,7 +97,7 @@ class Document:
                 return ""
             file = self.figure(item)
             parts = [f"![{item.caption}]({file})"] if file else []
-            frame = self.shown(item) if self.has_table(item) else pd.DataFrame()
+            frame = self.shown(item)
             if not frame.empty:
                 frame = frame.map(as_written)  # `to_markdown` escapes it
                 parts += [f"{item.description[:1].upper()}{item.description[1:]}:", tables.to_markdown(frame)]
@@ -137,24 +128,16 @@ class Document:
         """A Markdown table of the files."""
         rows = []
         for item in self.items:
-            forms = [".csv", *(f".{form}" for form in PICTURES)]
-            ends = [form for form in forms if f"{item.name}{form}" in self.folder]
+            forms = ("csv", *PICTURES)
+            ends = [f".{form}" for form in forms if f"{item.name}.{form}" in self.folder]
             if ends or (item.file and item.file in self.folder):
                 rows.append((item.file or f"{item.name}{', '.join(ends)}", item.description))
         rows.append((MANIFEST, "what made the runs: versions, commit, machine, times, digest"))
         return tables.to_markdown(pd.DataFrame(rows, columns=["file", "what it is"]))
 
 
-def _figure(folder: Folder, name: str) -> str:
-    """Returns the name of the file with an item's figure in a folder; empty if there is none."""
-    return next((file for form in PICTURES if (file := f"{name}.{form}") in folder), "")
-
-
 def front(results: Path) -> str:
     """Returns the README of the repository, whose numbers and verdicts are those of published tables.
-
-    Args:
-      results: The folder with the folders of results.
 
     Raises:
       InputError: A folder of results is damaged, lacks what README cites, or does not show what is claimed.
@@ -164,7 +147,7 @@ def front(results: Path) -> str:
         return prose.paragraphs(Folder(results / name), title)
 
     def figure(name: str, item: str) -> str:
-        return f"results/{name}/{_figure(Folder(results / name), item)}"
+        return f"results/{name}/{Folder(results / name).figure(item)}"
 
     for name in PUBLISHED:
         prose.written(Folder(results / name))  # also of those that README does not cite

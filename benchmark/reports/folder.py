@@ -17,6 +17,7 @@ from benchmark.experiments import title_of
 from envs import InputError
 
 MANIFEST: Final = "manifest.json"
+PICTURES: Final = ("svg", "png")  # forms of a figure, of which a folder has the smaller one
 SCORES: Final = "scores.csv.gz"  # every run of a comparison
 _UNREADABLE: Final = (
     OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, zlib.error,
@@ -40,14 +41,19 @@ class Folder:
           InputError: It is missing or damaged.
         """
         try:
-            found = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-            found["report"]["kind"], found["scenarios"].items()
+            manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+            manifest["report"]["kind"], manifest["scenarios"].items()
         except _UNREADABLE as error:
             raise InputError(
                 f"{self.path / MANIFEST}: damaged, or made by another version of this project; make these "
-                f"results again: python -m benchmark run {self.path.name} --report"
+                f"results again: {self._command}"
             ) from error
-        return dict(found)
+        return dict(manifest)
+
+    @property
+    def _command(self) -> str:
+        """The command that makes a folder of results, as far as its name says."""
+        return f"python -m benchmark run {self.path.name} --report"
 
     @cached_property
     def titles(self) -> dict[str, str]:
@@ -71,33 +77,28 @@ class Folder:
         """Returns whether there is a file of this name, or one that matches this pattern."""
         return any(self.path.glob(file))
 
-    def frame(self, name: str) -> pd.DataFrame:
-        """Returns a table, from its CSV file, which is named without its ending.
+    def figure(self, name: str) -> str:
+        """Returns the name of the file with an item's figure; empty if there is none."""
+        return next((file for form in PICTURES if (file := f"{name}.{form}") in self), "")
 
-        Raises:
-          OSError: There is no such file.
-        """
+    def frame(self, name: str) -> pd.DataFrame:
+        """Returns a table, from its CSV file, which is named without its ending; raises an OSError."""
         if name not in self._frames:
             self._frames[name] = read_csv(self.path / f"{name}.csv")
         return self._frames[name]
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Turns what goes wrong while files of this folder are read into an `InputError`.
-
-        Raises:
-          InputError: A file is missing, damaged, or was made by another version of this project.
-        """
+        """Turns what goes wrong while files are read, missing, damaged or of another version, into an `InputError`."""
         try:
             yield
         except InputError:
             raise
         except _UNREADABLE as error:
+            fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             if isinstance(error, FileNotFoundError):
                 fault = f"{Path(error.filename).name} is missing"
-            else:
-                fault = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-            again = self.manifest.get("command", f"python -m benchmark run {self.path.name} --report")
+            again = self.manifest.get("command", self._command)
             raise InputError(
                 f"{self.path}: damaged, or made by another version of this project ({fault}); make these "
                 f"results again: {again}"

@@ -25,43 +25,43 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 import pandas as pd
+from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from benchmark.analysis.intervals import Estimate as Estimate
+from benchmark.drawing.style import save_figure
 from benchmark.drawing.tables import decimals_of, inert, link, plain, show
 from benchmark.experiments import Experiment
 from benchmark.reports.data import Data
-from benchmark.reports.folder import Folder
+from benchmark.reports.folder import PICTURES, Folder
 
 Frames = Mapping[str, pd.DataFrame]  # by the item's name
-Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None
+Rows = Iterable[Mapping[str, object]] | pd.DataFrame | None  # values may be `Estimate`s
 Draw = Callable[..., Figure | None]
 Show = Callable[[pd.DataFrame], pd.DataFrame]
 T = TypeVar("T")
-PICTURES: Final = ("svg", "png")  # forms of a figure, of which a folder has the smaller one
-_NO_NUMBER: Final = "-"
 _KEYS: Final = ("scenario", "condition", "grid", "point")  # columns that say where learners are compared
 
 
 @dataclass(eq=False)
 class Item:
-    """A table, a figure, or both; or files of another form. Made by `item`, `drawing` or `writing`."""
+    """A table, a figure, or both; or a file of another form. Made by `item`, `drawing` or `writing`."""
 
-    name: str
-    description: str
+    name: str  # the stem of its files
+    description: str  # what its files hold
     compute: Callable[..., Rows] | None = None
-    columns: Mapping[str, str] | None = None  # that readers see; by default all
-    meanings: Mapping[str, str] = field(default_factory=dict)
-    where: Callable[[pd.DataFrame], pd.DataFrame] | None = None
-    is_measured: bool = False
-    best: str = ""  # the column by which readers see rows sorted; "-": the smallest first
+    columns: Mapping[str, str] | None = None  # that readers see, with labels ("": the name); by default all
+    meanings: Mapping[str, str] = field(
+        default_factory=dict
+    )  # of columns that do not mean the same everywhere
+    where: Show | None = None  # chooses the rows that readers see
+    is_measured: bool = False  # whether it holds measured times or memory, which differ every time
+    best: str = ""  # the column by which readers see rows sorted, the largest first; "-": the smallest
     file: str = ""  # of another form
     write: Callable[..., None] | None = None
     caption: str = ""  # of the figure
     draw: Draw | None = None
-
-    def __post_init__(self) -> None:
-        self.display: Show = self._chosen
+    show: Show | None = None  # returns what readers see, if not the chosen columns
 
     def figure(self, caption: str) -> Callable[[Draw], Draw]:
         """Decorates what draws the figure; it may return None."""
@@ -74,7 +74,7 @@ class Item:
 
     def shown(self, function: Show) -> Show:
         """Decorates what readers see of the table: a function that returns a data frame of Markdown texts."""
-        self.display = function
+        self.show = function
         return function
 
     def tabulate(self, data: Data) -> pd.DataFrame | None:
@@ -91,6 +91,19 @@ class Item:
             return None
         return called(self.draw, data, tables=tables, table=tables.get(self.name))
 
+    def save(self, data: Data, tables: Frames, directory: Path) -> None:
+        """Writes the figure, in its smaller form and marked if runs are missing, or the other file."""
+        if (figure := self.picture(data, tables)) is not None:
+            if data.is_partial:
+                figure.suptitle("PARTIAL: runs are missing", color="firebrick")
+            paths = [directory / f"{self.name}.{form}" for form in PICTURES]
+            for path in paths:
+                save_figure(figure, path)
+            plt.close(figure)
+            max(paths, key=lambda path: path.stat().st_size).unlink()
+        if self.write is not None:
+            called(self.write, data, path=directory / self.file)
+
     def patterns(self) -> tuple[str, ...]:
         """Lists the names that its files can have, as patterns."""
         return (self.file,) if self.file else tuple(f"{self.name}.{end}" for end in ("csv", *PICTURES))
@@ -99,15 +112,14 @@ class Item:
         """Returns what a column of its table means; None if nothing says so."""
         return _meaning(column, _SHARED | dict(self.meanings))
 
-    def _chosen(self, frame: pd.DataFrame) -> pd.DataFrame:
-        """Shows the chosen columns of a table: numbers with their intervals, and with links to their rows."""
+    def display(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Returns the table as readers see it: numbers with their intervals, and with links to their rows."""
+        if self.show is not None:
+            return self.show(frame)
         if self.where is not None:
             frame = self.where(frame)
-        columns = self.columns or {
-            str(name): ""
-            for name in frame
-            if "learner" not in frame or name not in ("algorithm", "observation")
-        }
+        hidden = {"algorithm", "observation"} if "learner" in frame else set[str]()
+        columns = self.columns or {str(name): "" for name in frame if name not in hidden}
         decimals = {
             key: decimals_of(frame[key], is_bounded=f"{key}_low" in frame) for key in columns if key in frame
         }
@@ -141,24 +153,11 @@ def item(
     columns: Mapping[str, str] | None = None,
     *,
     meanings: Mapping[str, str] | None = None,
-    where: Callable[[pd.DataFrame], pd.DataFrame] | None = None,
+    where: Show | None = None,
     is_measured: bool = False,
     best: str = "",
 ) -> Callable[[Callable[..., Rows]], Item]:
-    """Makes an item of the function that computes its table, see the module's docstring.
-
-    The function yields rows, whose values may be `Estimate`s, or returns a data frame, or None.
-
-    Args:
-      name: The stem of its files.
-      description: What its files hold.
-      columns: Those that readers see, with their labels ("": the name); by default all.
-      meanings: What columns mean, but for those that mean the same everywhere.
-      where: Chooses the rows that readers see.
-      is_measured: Whether it holds measured times or memory, which differ every time.
-      best: The column by which readers see the rows of a scenario and condition sorted, the largest first;
-        with "-" before it, the smallest. The CSV file has them in the order in which they are yielded.
-    """
+    """Makes an item of the function that computes its table; the arguments are explained in `Item`."""
     return lambda function: Item(
         name, description, function, columns, meanings or {}, where, is_measured, best
     )
@@ -195,13 +194,19 @@ def expanded(row: Mapping[str, object]) -> dict[str, object]:
 
 
 def entry(row: pd.Series, key: str, table: str, decimals: int | None = None) -> str:
-    """Returns an entry of a table as Markdown: a text, or a number with its interval and a link."""
+    """Returns an entry of a table as Markdown: a text, or a number with its interval and a link.
+
+    >>> entry(pd.Series({"steps": math.inf}, name=3), "steps", "cost")
+    '[never](cost.csv#row=5)'
+    """
     value = row[key]
     if isinstance(value, str):
         return inert(value)
-    text = number(value, decimals)
-    if text == _NO_NUMBER:
-        return text
+    if pd.isna(value):
+        return "-"
+    text = f"{value:,}" if isinstance(value, int) else show(value, decimals)
+    if math.isinf(value):
+        text = "never"  # of steps until something happens
     low, high = row.get(f"{key}_low"), row.get(f"{key}_high")
     is_open = low is None or high is None or math.isnan(low) or math.isinf(low)
     ends = "" if is_open else f" [{show(low, decimals)}, {show(high, decimals)}]"
@@ -215,19 +220,6 @@ def as_written(entry: str) -> str:
     ('a <b>', '0.63 [0.5, 0.7]')
     """
     return html.unescape(plain(entry))
-
-
-def number(value: float | None, decimals: int | None = None) -> str:
-    """Returns a number as readers see it, see `show`.
-
-    >>> number(0.7), number(math.nan), number(math.inf), number(1200)
-    ('0.7', '-', 'never', '1,200')
-    """
-    if pd.isna(value):
-        return _NO_NUMBER
-    if isinstance(value, float) and math.isinf(value):
-        return "never"  # of steps until something happens
-    return f"{value:,}" if isinstance(value, int) else show(value, decimals)
 
 
 # What columns of any table mean.
@@ -280,9 +272,9 @@ def _meaning(column: str, known: Mapping[str, str]) -> str | None:
     if column in known:
         return known[column]
     for pattern, text in _AFFIXES.items():
-        if found := re.fullmatch(pattern, column):
-            name = next(filter(None, found.groups()))
-            if base := _meaning(name, {key: each for key, each in known.items() if key != "*"}):
+        if match := re.fullmatch(pattern, column):
+            name = next(filter(None, match.groups()))
+            if base := _meaning(name, {key: known[key] for key in known if key != "*"}):
                 return text.format(name=name, base=base)
     return known.get("*")
 

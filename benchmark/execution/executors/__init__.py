@@ -1,13 +1,13 @@
-"""Executors: where jobs run. `EXECUTORS` maps an algorithm's placement to one; others come from outside."""
+"""Executors: where jobs run. `EXECUTORS` maps an algorithm's placement to one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from typing import Final, Protocol
 
+from benchmark.execution.executors.processes import Processes
+from benchmark.execution.executors.threads import Threads
 from benchmark.execution.plan import Job
 from benchmark.execution.store import Record
-from envs import InputError
-from envs.inputs import imported, unknown_name
 
 
 class Executor(Protocol):
@@ -30,22 +30,4 @@ class Executor(Protocol):
 # Makes an executor from the largest number of jobs that it will be given at a time.
 ExecutorFactory = Callable[[int], Executor]
 
-EXECUTORS: Final = {
-    "process": "benchmark.execution.executors.processes:Processes",
-    "thread": "benchmark.execution.executors.threads:Threads",
-}
-
-
-def load_executor(name: str, source: str = "executors") -> ExecutorFactory:
-    """Returns what makes an executor, by a key of `EXECUTORS`, or `module:attribute` of one from elsewhere.
-
-    Raises:
-      InputError: Unknown name, a module that cannot be imported, or an object that cannot be called.
-    """
-    if name not in EXECUTORS and ":" not in name:
-        unknown_name(source, "executor", name, EXECUTORS, "module:attribute")
-    factory = imported(EXECUTORS.get(name, name), source, "executor")
-    if not callable(factory):
-        accepted = "a class or function that takes the number of jobs"
-        raise InputError(f"{source}: {name} is not an executor; accepted: {accepted}.")
-    return factory
+EXECUTORS: Final[Mapping[str, ExecutorFactory]] = {"process": Processes, "thread": Threads}

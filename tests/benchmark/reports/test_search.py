@@ -11,7 +11,7 @@ import pytest
 from benchmark.__main__ import main
 from benchmark.experiments import load_experiment
 from benchmark.experiments.search import read_chosen, trials
-from benchmark.reports.item import PICTURES
+from benchmark.reports.folder import PICTURES
 from benchmark.reports.search import check
 from benchmark.reports.search.results import expected_best, gain, mean
 from envs import InputError
