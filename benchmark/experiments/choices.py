@@ -117,7 +117,8 @@ def essence_of(scenario: Scenario) -> str:
         rooms.append(json.dumps([scenario.grid.is_wall[shown].tolist(), sorted(positions)]))
     apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
     rest = scenario.model_dump(mode="json", exclude=apart)
-    feedback = [person.feedback.model_dump() for person in (scenario.issuer, *scenario.others)]
+    spoken = [scenario.issuer.feedback, *(person.feedback for person in scenario.others)]
+    feedback = [table.model_dump() for table in spoken]
     clock = [part.tolist() for part in (scenario.ticks, *scenario.following)]
     return json.dumps([min(rooms), rest, feedback, clock], sort_keys=True)
 

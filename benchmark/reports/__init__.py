@@ -41,11 +41,11 @@ def load_items(report: Report, declared: Mapping[str, Any], source: str) -> tupl
       InputError: An unknown name, a module that cannot be imported, an object that is not an item, or an item
         whose name is taken; the message begins with the source of the table.
     """
-    items = {item.name: item for item in report.items}
+    names = [item.name for item in report.items]
     for name in declared["omit"]:
-        if name not in items:
-            unknown_name(f"{source}: report.omit", "item", name, items)
-        del items[name]
+        if name not in names:
+            unknown_name(f"{source}: report.omit", "item", name, names)
+    items = {item.name: item for item in report.items if item.name not in declared["omit"]}
     for name in declared["items"]:
         item = _of_class(name, f"{source}: report.items", "item", Item)
         if item.name in items:

@@ -69,12 +69,8 @@ def load(
 ) -> Data:
     """Finds what is stored of an experiment.
 
-    Args:
-      experiment: As loaded.
-      store: Where its records are.
-      seeds: Other seeds than the declared ones.
-      partial: Whether runs may be missing. Then learners with fewer than two runs somewhere are left out.
-      columns: Results of runs that are needed; by default all.
+    If runs may be missing, learners with fewer than two runs somewhere are left out. `columns` are the
+    results of runs that are needed; by default all.
 
     Raises:
       InputError: Runs are missing, and which; or there are too few.
@@ -86,9 +82,8 @@ def load(
     for stage, groups in enumerate(stages(experiment, store, seeds), start=1):
         of_stage = f" of stage {stage}" if experiment.has_stages else ""
         missing = missing or _missing(groups, statuses, of_stage)
-        there = {digest for digest, status in statuses.items() if status != "failed"}
         for group in groups:
-            runs = [run for run in group.runs if run.digest in there]
+            runs = [run for run in group.runs if statuses.get(run.digest, "failed") != "failed"]
             stored.append(Group(group.population, runs, group.more))
     if missing and not partial:
         raise InputError(f"{name}: {missing}: run the experiment first.")
@@ -116,9 +111,10 @@ def _missing(groups: Sequence[Group], statuses: Mapping[str, str], of_stage: str
     n_failed = sum(digest in statuses for digest in pending)
     lacking = []
     for group in groups:
-        if n := sum(run.digest in pending for run in group.runs):
+        there = [run for run in group.runs if run.digest not in pending]
+        if len(there) < len(group.runs):
             names = f"{group.population.learner.name} in {group.population.scenario.name}"
-            lacking.append(f"{names} has {len(group.runs) - n} of {len(group.runs)}")
+            lacking.append(f"{names} has {len(there)} of {len(group.runs)}")
     more = f"; and {len(lacking) - _LISTED} more populations" if len(lacking) > _LISTED else ""
     failed = f", {n_failed} of them failed" if n_failed else ""
     text = f"{len(pending)} of {len(runs)} runs{of_stage} are missing{failed}"

@@ -54,7 +54,7 @@ def draw(
       store: Where its records are.
       directory: The folder to write.
       seeds: Other seeds than the declared ones.
-      partial: Whether to report on the runs that are there if some are missing.
+      partial: Whether runs may be missing.
 
     Raises:
       InputError: A run is missing, or the folder cannot be written.
@@ -88,9 +88,7 @@ def draw(
 def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
     """Returns the report of an experiment, with the items that it declares.
 
-    Args:
-      experiment: As loaded.
-      is_drawn: Whether it is drawn now, so that its packages have to be there.
+    If it is drawn now, its packages have to be there.
 
     Raises:
       InputError: It has none, or asks for something else than the experiment has, or a package is missing.
@@ -100,9 +98,9 @@ def report_of(experiment: Experiment, *, is_drawn: bool = True) -> Report:
         raise InputError(f"{where}: there is no key report; accepted: an experiment with one.")
     report = load_report(declared.kind, where)
     items = load_items(report, declared.model_dump(), where)
-    for package in report.packages:
-        if is_drawn and find_spec(package) is None:
-            raise missing_package(f"{experiment.name}: its report", package)
+    missing = [package for package in report.packages if find_spec(package) is None]
+    if is_drawn and missing:
+        raise missing_package(f"{experiment.name}: its report", missing[0])
     of_maps = {"solved": experiment.declared.solved, "grids": experiment.declared.grids}
     for key, value in (of_maps | {"looks": declared.looks}).items():
         if value and not report.reads_curves:

@@ -89,7 +89,7 @@ class Folder:
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Turns what goes wrong while files are read, missing, damaged or of another version, into an `InputError`."""
+        """Turns what goes wrong while files of this folder are read into an `InputError`."""
         try:
             yield
         except InputError:

@@ -1,17 +1,8 @@
 """What a report is made of: items, each with its table, its figure and what its columns mean in one place.
 
-    @item("steps", "how many steps an episode takes after training", {"n": "runs", "steps": ""},
-          meanings={"steps": "expected steps of an episode after training"})
-    def steps(runs):
-        for keys, rows in by_population(runs):
-            yield keys | {"n": len(rows), "steps": rows["steps"].mean()}
-
-    @steps.figure("Steps of an episode.")
-    def _(table, experiment): ...
-
-The function of a table, and that of a figure, take those of the arguments that they name: `runs` and `curves`
-(see `benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
-`is_partial`, whether runs are missing; a figure also `table` (its own) and `tables` (all, by name).
+Functions of tables and figures are called with those arguments that they name: `runs` and `curves` (see
+`benchmark.analysis.frames`), `experiment`, `records`, which returns the `Records` of a population, and
+`is_partial`, whether runs are missing; a figure also with `table` (its own) and `tables` (all, by name).
 The folder of results, its README, the page and the certificate iterate over items; nothing else lists them.
 """
 

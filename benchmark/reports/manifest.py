@@ -12,20 +12,13 @@ from benchmark.reports.data import Data
 
 
 def manifest_of(data: Data, seeds: Sequence[int] | None, before: Path) -> dict[str, object]:
-    """Returns the manifest; drawing again gives the same.
-
-    Args:
-      data: What is drawn.
-      seeds: Other seeds than the declared ones.
-      before: The manifest that this one replaces, if there is one.
-    """
+    """Returns the manifest, which replaces the one at `before`; drawing again gives the same."""
     declared, runs = data.experiment.declared, data.specifications
     sizes = Counter(run.population for run in runs)
     largest = max(sizes, key=lambda population: sizes[population])
     # One run of each learner in each scenario, under the first condition that has it.
     first: dict[tuple[str, str], RunSpecification] = {}
-    for group in data.groups:
-        population = group.population
+    for population in (group.population for group in data.groups):
         first.setdefault((population.scenario.name, population.learner.name), population.first)
     option = "" if seeds is None else f" --seeds {seeds[0]}-{seeds[-1]}"
     manifest = {
@@ -79,7 +72,7 @@ def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
         key: {json.dumps(run[name], sort_keys=True) for run in provenance if name in run}
         for key, name in keys.items()
     }
-    return {key: [json.loads(text) for text in sorted(found)] for key, found in texts.items()} | {
+    return {key: [json.loads(text) for text in sorted(values)] for key, values in texts.items()} | {
         "first_started_at": min(run["started_at"] for run in provenance),
         "last_started_at": max(run["started_at"] for run in provenance),
         "busy_time_s": round(sum(run["wall_time_s"] for run in provenance), 3),
@@ -87,7 +80,7 @@ def _made_by(provenance: Sequence[Provenance]) -> dict[str, object]:
 
 
 def _looks(path: Path, manifest: Mapping[str, object]) -> list[int]:
-    """Returns how many seeds earlier reports in this folder had, if fewer of the same than there are now."""
+    """Returns the numbers of seeds of earlier reports in this folder, if there are more of the same now."""
     try:
         before = json.loads(path.read_text(encoding="utf-8"))
         if any(before[key] != manifest[key] for key in ("experiment", "first_seed")):

@@ -17,7 +17,6 @@ from benchmark.drawing.tables import (
     paragraph,
     plain,
     read_csv,
-    to_latex,
     to_markdown,
     write_csv,
 )
@@ -134,13 +133,3 @@ def test_entries_of_a_markdown_table_stay_in_their_columns() -> None:
     cells = [html.unescape(cell) for cell in re.findall("<td.*?>(.*)</td>", rendered)]
     assert cells[::2] == [" ".join(text.split()) for text in texts]
     assert cells[1::2] == [str(i) for i in range(len(texts))]
-
-
-def test_no_entry_of_a_latex_table_is_an_argument() -> None:
-    texts = ["[1ex]", "*", r"\input{x}", "a|b", "^~$%#&_{}", "a\nb"]
-    lines = to_latex(pd.DataFrame({"[x|": texts, "value": 1.0})).splitlines()
-    assert lines[0] == r"% Needs \usepackage{longtable}"
-    rows = [line.split("&")[0].strip() for line in lines if line.endswith(r"1 \\")]
-    assert rows[:4] == ["{}[1ex]", "{}*", r"\textbackslash{}input\{x\}", r"a\textbar{}b"]
-    assert len(rows) == len(texts)
-    assert any(line.startswith(r" {}[x\textbar{}") for line in lines)

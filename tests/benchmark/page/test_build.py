@@ -258,14 +258,3 @@ def test_texts_of_all_folders_and_the_page_are_written_again(
         made, there = ((path / file).read_text(encoding="utf-8") for path in (tmp_path / "results", results))
         assert made == there, file
     assert (tmp_path / "results" / "mine" / "README.md").exists()
-
-
-@pytest.mark.parametrize(
-    ("form", "files"),
-    [("svg", ["curves.svg", "highest.svg"]), ("tex", ["curves.tex", "summary.tex"])],
-)
-def test_other_forms_have_a_folder_of_their_own(made: Path, form: str, files: list[str]) -> None:
-    arguments = ["report", str(made.parent / "mine.toml"), "--results", str(made.parent), "--format", form]
-    assert main(arguments) == 0
-    assert sorted(path.name for path in made.with_name(f"mine_{form}").iterdir()) == files
-    assert main([*arguments, "--partial"]) == 2

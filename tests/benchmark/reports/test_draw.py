@@ -143,11 +143,10 @@ def test_the_smaller_form_of_a_figure_stays(tmp_path: Path) -> None:
         axis.plot(np.random.default_rng(1).random((runs, 20)), "o")
         return figure
 
-    paths = [tmp_path / "a.svg", tmp_path / "a.png"]
     for n, left in ((2, "a.svg"), (2000, "a.png")):
         made: Any = dict.fromkeys(("curves", "experiment", "records"))
         data: Any = SimpleNamespace(**made, runs=n, is_partial=False)
-        draw.draw_figure(Item("a", "", caption="A.", draw=drawn), {}, data, *paths)
+        Item("a", "", caption="A.", draw=drawn).save(data, {}, tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == [left]
         (tmp_path / left).unlink()
 

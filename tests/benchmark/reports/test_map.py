@@ -20,7 +20,7 @@ from benchmark.execution.store import Store
 from benchmark.experiments import load_experiment
 from benchmark.reports.data import Data
 from benchmark.reports.document import Document
-from benchmark.reports.draw import draw_figure, tables_of
+from benchmark.reports.draw import tables_of
 from benchmark.reports.map import REPORT
 from tests.benchmark.reports.conftest import experiment_of
 from tests.benchmark.reports.sentences import check_links
@@ -233,8 +233,8 @@ def test_verdicts_and_ratios_by_hand(
         found = tables["contrasts"].iloc[0][[column, f"{column}_low", f"{column}_high"]].astype(float)
         assert found.tolist() == pytest.approx([ratio] * 3, nan_ok=True)
     for item in REPORT.items:  # figures can be drawn without a difference, too
-        draw_figure(item, tables, data, tmp_path / f"{item.name}.svg")
-    assert {path.stem for path in tmp_path.glob("*.svg")} == {"map", "grids"}
+        item.save(data, tables, tmp_path)
+    assert {path.stem for path in tmp_path.glob("*.[sp][vn]g")} == {"map", "grids"}
 
 
 def test_a_run_has_learned_within_a_budget_if_success_stays_to_its_end() -> None:

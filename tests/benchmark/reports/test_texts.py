@@ -12,12 +12,11 @@ from markdown_it.token import Token
 
 from benchmark.execution.store import Store
 from benchmark.reports import draw
-from benchmark.reports.data import load
 from envs.scenario import SCENARIO_DIRECTORY
 from tests.benchmark.reports.conftest import experiment_of, trained
 from tests.support import markdown_parser
 
-# A formula, HTML, an entity, a script's link, ill-formed mathematics, LaTeX, and blocks of Markdown.
+# A formula, HTML, an entity, a script's link, ill-formed mathematics, and blocks of Markdown.
 TEXT = r"""=cmd|"/C calc"!A0 <script>alert(1)</script> | a & b &lt; ![x](javascript:alert(1))
 $\frac$ \input{x} % # ^ ~
 # heading
@@ -53,7 +52,7 @@ effects = [["mood-1", "S1", EFFECT]]
 
 @pytest.fixture(scope="module")
 def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folders with the results of an experiment with these texts, its LaTeX tables and its SVG figures."""
+    """The folder of results of an experiment with these texts."""
     folder = tmp_path_factory.mktemp("texts")
     moody = (SCENARIO_DIRECTORY / "Moody.toml").read_text(encoding="utf-8")
     moody = moody.replace('"calm"', json.dumps(PHASE)).replace("{ calm =", f"{{ {json.dumps(PHASE)} =")
@@ -65,9 +64,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with Store(folder / "runs.db") as store:
         trained(experiment, store)
         draw.draw(experiment, report, store, folder / "mine-1")
-        for form in ("tex", "svg"):
-            draw.export(load(experiment, store), report, folder / form, form)
-    return folder
+    return folder / "mine-1"
 
 
 def walk(tokens: list[Token] | None) -> Iterator[Token]:
@@ -77,7 +74,7 @@ def walk(tokens: list[Token] | None) -> Iterator[Token]:
 
 
 def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(hostile: Path) -> None:
-    parser, text = markdown_parser(), (hostile / "mine-1" / "README.md").read_text(encoding="utf-8")
+    parser, text = markdown_parser(), (hostile / "README.md").read_text(encoding="utf-8")
     tokens = list(walk(parser.parse(text)))
     kinds = Counter(token.type for token in tokens)
     assert not kinds["html_block"] + kinds["html_inline"]
@@ -93,26 +90,11 @@ def test_readme_has_no_structure_but_its_own_and_shows_texts_as_they_are(hostile
     assert words.count(" ".join(TEXT.split())) == 3  # of the experiment, its note and the scenario
 
 
-def test_latex_has_no_commands_but_its_own(hostile: Path) -> None:
-    own = {
-        "LTleft", "LTright", "begin", "bottomrule", "end", "endhead", "ensuremath", "footnotesize", "hline",
-        "midrule", "setlength", "tabcolsep", "textasciitilde", "textbackslash", "textbar", "textbf",
-        "toprule", "usepackage",
-    }  # fmt: skip
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in (hostile / "tex").glob("*.tex")}
-    assert r"\textbackslash{}input\{x\}" in texts["scenarios"]
-    for name, text in texts.items():
-        assert set(re.findall(r"\\([A-Za-z]+)", text)) <= own, name
-        rows = [line for line in text.splitlines() if line.endswith(r"\\")]
-        assert len({len(re.findall(r"(?<!\\)&", row)) for row in rows}) <= 1
-        assert not re.findall(r"(?<!\\)[$#]|\|", text)
-
-
 def test_figures_have_the_texts_as_characters(hostile: Path) -> None:
     """Ill-formed mathematics could not have been drawn."""
     texts = {
         path.stem: html.unescape("\n".join(re.findall("<text[^>]*>([^<]*)</text>", path.read_text())))
-        for path in (hostile / "svg").glob("*.svg")
+        for path in hostile.glob("*.svg")
     }
     assert f"{EFFECT}:\nmood-1" in texts["effects"]
     assert PHASE in texts["scenarios"]
