@@ -8,11 +8,11 @@ The readings of the paper are conditions. A sweep adds axes, and each point of t
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
-from itertools import product
+from itertools import chain, product
 from os.path import isfile, join  # which take any text for a path
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
@@ -117,9 +117,19 @@ def _check_axes(table: str, keys: Mapping[str, Sequence[Sequence[str]]]) -> None
     for axis, values in keys.items():
         require(bool(values), f"{table}.{axis}", "a table with at least one value")
         require(any(values), f"{table}.{axis}", "at least one value that changes something")
-        for key in (key for value in values for key in value):
+        for key in chain(*values):
             other = axis_of_key.setdefault(key, axis)
             require(other == axis, f"{table}.{axis} and {table}.{other}: {key}", "different keys")
+
+
+def _points_of(axes: Mapping[str, Iterable[str]]) -> dict[str, dict[str, str]]:
+    """Returns the points of a product of axes, which have a value of each, by name.
+
+    >>> _points_of({"room": ["5x6"], "places": ["4", "8"]}).keys()
+    dict_keys(['room=5x6/places=4', 'room=5x6/places=8'])
+    """
+    points = (dict(zip(axes, values, strict=True)) for values in product(*axes.values()))
+    return {"/".join(f"{axis}={value}" for axis, value in point.items()): point for point in points}
 
 
 class Grid(Table):
@@ -143,27 +153,21 @@ class Grid(Table):
     """Points that are left out, as "AXIS=VALUE/AXIS=VALUE"."""
 
     @cached_property
-    def points(self) -> list[dict[str, str]]:
-        """The value of each axis, at every point."""
-        return [point for name, point in self._all_points.items() if name not in {*self.without}]
-
-    @cached_property
-    def _all_points(self) -> dict[str, dict[str, str]]:
-        """Points by name, those of `without` among them."""
-        points = (dict(zip(self.axes, values, strict=True)) for values in product(*self.axes.values()))
-        return {point_name(point): point for point in points}
+    def points(self) -> dict[str, dict[str, str]]:
+        """The value of each axis, at every point that is not left out, by the point's name."""
+        return {name: point for name, point in _points_of(self.axes).items() if name not in self.without}
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        _check_axes(
-            "axes", {axis: [[*changes] for changes in values.values()] for axis, values in self.axes.items()}
-        )
-        n_points = math.prod(map(len, self.axes.values()))
+        keys = {axis: [[*changes] for changes in values.values()] for axis, values in self.axes.items()}
+        _check_axes("axes", keys)
         few = f"{MOST_CONDITIONS:,} points"
-        require(n_points <= MOST_CONDITIONS, f"axes: more than {few}", f"at most {few}")
-        accepted = f"points such as {next(iter(self._all_points))}"
+        require(
+            math.prod(map(len, keys.values())) <= MOST_CONDITIONS, f"axes: more than {few}", f"at most {few}"
+        )
+        names = [*_points_of(self.axes)]
         for name in self.without:
-            require(name in self._all_points, f"without: {name}", accepted)
+            require(name in names, f"without: {name}", f"points such as {names[0]}")
         require(bool(self.points), "without", "at least one point not listed")
         return self
 
@@ -200,15 +204,6 @@ class Margins(Table):
     """Of the score."""
     faster: Margin = 0.2
     """Of the probability of being faster, from 1/2."""
-
-
-def point_name(point: Mapping[str, str]) -> str:
-    """Returns the name of a point of a grid.
-
-    >>> point_name({"room": "5x6", "places": "4"})
-    'room=5x6/places=4'
-    """
-    return "/".join(f"{axis}={value}" for axis, value in point.items())
 
 
 def _as_tuple(value: object) -> object:
@@ -264,15 +259,6 @@ class Condition:
     """Names of the learners, or of their variants, that run under it; all if it is empty."""
     of_variants: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     """Further changes of settings, by variant: those of a trial."""
-
-    def under(self, reading: str, changes: Reading) -> Self:
-        """Returns the same point under a reading."""
-        return replace(
-            self,
-            name=f"{reading}/{self.name}".rstrip("/"),
-            axes={"reading": reading, **self.axes},
-            changes={f"readings.{reading}": changes, **self.changes},
-        )
 
     def has(self, variant: str, observation: str) -> bool:
         """Returns whether a learner runs under it."""
@@ -338,8 +324,10 @@ class Declaration(Table):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
-        checks = (self._check_names, self._check_schedules, self._check_search, self._check_grids)
-        check_all(*checks, self._check_sweep, self._check_number)
+        check_all(
+            self._check_names, self._check_schedules, self._check_search, self._check_grids,
+            self._check_sweep, self._check_number,
+        )  # fmt: skip
         return self
 
     def _check_names(self) -> None:
@@ -363,33 +351,33 @@ class Declaration(Table):
     def _check_search(self) -> None:
         """Checks that all learners of a search are treated alike, and that nothing else is varied."""
         if self.search is None:
-            for name, each in self.algorithms.items():
-                require(not each.search, f"algorithms.{name}.search", "a table [search] beside it")
+            for name, variant in self.algorithms.items():
+                require(not variant.search, f"algorithms.{name}.search", "a table [search] beside it")
             return
-        changes = [reading for reading in self.readings.values() if reading.scenario or reading.settings]
-        is_alone = not self.sweep and not changes and len(self.readings) == 1 and self.solved is None
+        is_changed = any(reading.scenario or reading.settings for reading in self.readings.values())
+        is_alone = not (self.sweep or self.solved or is_changed or len(self.readings) > 1)
         require(is_alone, "search", "no sweep, readings or solved in the same experiment")
         check_all(*(partial(self._check_searched, name) for name in self.algorithms))
 
+    def _effort(self, name: str) -> tuple[object, ...]:
+        """Returns what all variants of a search have in common."""
+        variant = self.algorithms[name]
+        return variant.seeds, *self.schedule(name), (self.settings | variant.settings).get("budget")
+
     def _check_searched(self, name: str) -> None:
         """Checks what a search tries of one variant."""
-        efforts = {
-            name: (each.seeds, *self.schedule(name), (self.settings | each.settings).get("budget"))
-            for name, each in self.algorithms.items()
-        }
-        each = self.algorithms[name]
-        is_equal = efforts[name] == next(iter(efforts.values()))
-        require(is_equal, f"algorithms.{name}", "the seeds, schedule and budget of all others")
-        require(bool(each.search), f"algorithms.{name}", "a table search, as the experiment has one")
-        unit = (self.settings | each.settings).get("budget_unit", "steps")
-        require(unit == "steps", f"algorithms.{name}.settings.budget_unit = {unit}", "steps")
-        fixed = {"budget", "budget_unit", "time_limit"} & each.search.keys()
-        where = ", ".join(f"algorithms.{name}.search.{key}" for key in sorted(fixed))
-        require(not fixed, where, "other settings")
-        require(each.seeds > 1, f"algorithms.{name}.seeds = 1", "at least 2 in a search")
-        seeds, later = self.seeds_of_search(name)
-        accepted = f"seeds outside {later.start} to {later.stop - 1}, which its later stages use"
-        require(not overlap(seeds, later), f"algorithms.{name}.first_seed = {each.first_seed}", accepted)
+        variant, where = self.algorithms[name], f"algorithms.{name}"
+        is_equal = self._effort(name) == self._effort(next(iter(self.algorithms)))
+        require(is_equal, where, "the seeds, schedule and budget of all others")
+        require(bool(variant.search), where, "a table search, as the experiment has one")
+        unit = (self.settings | variant.settings).get("budget_unit", "steps")
+        require(unit == "steps", f"{where}.settings.budget_unit = {unit}", "steps")
+        fixed = sorted({"budget", "budget_unit", "time_limit"} & variant.search.keys())
+        require(not fixed, ", ".join(f"{where}.search.{key}" for key in fixed), "other settings")
+        require(variant.seeds > 1, f"{where}.seeds = 1", "at least 2 in a search")
+        seeds, fresh = self.seeds_of_search(name)
+        accepted = f"seeds outside {fresh.start} to {fresh.stop - 1}, which its later stages use"
+        require(not overlap(seeds, fresh), f"{where}.first_seed = {variant.first_seed}", accepted)
 
     def _check_grids(self) -> None:
         """Checks that grids name learners."""
@@ -412,16 +400,11 @@ class Declaration(Table):
 
     def _check_sweep(self) -> None:
         """Checks that every axis of a sweep changes something, and no two the same."""
-        keys = {
-            axis: [
-                [
-                    *(f"scenario.{key}" for key in changes.scenario),
-                    *(f"settings.{key}" for key in changes.settings),
-                ]
-                for changes in conditions.values()
-            ]
-            for axis, conditions in self.sweep.items()
-        }
+        keys: dict[str, list[list[str]]] = {axis: [] for axis in self.sweep}
+        for axis, conditions in self.sweep.items():
+            for changes in conditions.values():
+                tables = {"scenario": changes.scenario, "settings": changes.settings}
+                keys[axis].append([f"{name}.{key}" for name, table in tables.items() for key in table])
         _check_axes("sweep", keys)
 
     def _check_number(self) -> None:
@@ -464,39 +447,40 @@ class Declaration(Table):
     def conditions(self) -> dict[str, Condition]:
         """All conditions by name: each reading with each point of a sweep, of grids, or of a search."""
         points = [*self._points()]
-        return {
-            condition.name: condition
-            for reading, changes in self.readings.items()
-            for point in points
-            for condition in [point.under(reading, changes)]
-        }
+        conditions = {}
+        for reading, changes in self.readings.items():
+            for point in points:
+                name = f"{reading}/{point.name}".rstrip("/")
+                axes = {"reading": reading, **point.axes}
+                tables = {f"readings.{reading}": changes, **point.changes}
+                conditions[name] = replace(point, name=name, axes=axes, changes=tables)
+        return conditions
 
     def _points(self) -> Iterator[Condition]:
         """Yields the points of a sweep, of grids, or of a search, as conditions without a reading."""
-        named = {name for grid in self.grids.values() for name in grid.learners}
-        unnamed = [name for name, variant in self._learners.items() if named.isdisjoint((name, variant))]
-        for name, grid in self.grids.items():
-            every = Changes(scenario=grid.scenario, settings=grid.settings)
-            for point in grid.points:
-                changes = {
-                    f"grids.{name}.axes.{axis}.{value}": Changes(scenario=grid.axes[axis][value])
-                    for axis, value in point.items()
-                }
-                axes, learners = {"grid": name, **point}, grid.learners and (*grid.learners, *unnamed)
-                yield Condition(
-                    f"{name}/{point_name(point)}", axes, {f"grids.{name}": every, **changes}, learners
-                )
         if self.search is not None:
             n = self.search.trials
-            drawn = {name: trials(name, each.search, n) for name, each in self.algorithms.items()}
+            drawn = {name: trials(name, variant.search, n) for name, variant in self.algorithms.items()}
             for t in range(n + 1):
                 of_variants = {name: settings[t] for name, settings in drawn.items()}
                 yield Condition(f"trial={t}", {"trial": str(t)}, {}, of_variants=of_variants)
-        if not self.grids and self.search is None:
-            for names in product(*self.sweep.values()):
-                axes = dict(zip(self.sweep, names, strict=True))
-                changed = {f"sweep.{axis}.{name}": self.sweep[axis][name] for axis, name in axes.items()}
-                yield Condition(point_name(axes), axes, changed)
+        elif self.grids:
+            named = {name for grid in self.grids.values() for name in grid.learners}
+            unnamed = [name for name, variant in self._learners.items() if named.isdisjoint((name, variant))]
+            for grid_name, grid in self.grids.items():
+                table, learners = f"grids.{grid_name}", grid.learners and (*grid.learners, *unnamed)
+                everywhere = {table: Changes(scenario=grid.scenario, settings=grid.settings)}
+                for name, point in grid.points.items():
+                    changes = {
+                        f"{table}.axes.{axis}.{value}": Changes(scenario=grid.axes[axis][value])
+                        for axis, value in point.items()
+                    }
+                    axes = {"grid": grid_name, **point}
+                    yield Condition(f"{grid_name}/{name}", axes, everywhere | changes, learners)
+        else:
+            for name, axes in _points_of(self.sweep).items():
+                swept = {f"sweep.{axis}.{value}": self.sweep[axis][value] for axis, value in axes.items()}
+                yield Condition(name, axes, swept)
 
 
 class Extension(Table):
@@ -537,8 +521,8 @@ def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
         raise InputError(f"{path}: the table readings.{DEFAULT_CONDITION} is missing.")
     # The path of a scenario is one from the current folder, or else from that of the experiment.
     scenarios = [
-        beside if isfile(beside := join(path.parent, each)) and not isfile(each) else each  # noqa: PTH113, PTH118
-        for each in read.scenarios
+        beside if isfile(beside := join(path.parent, name)) and not isfile(name) else name  # noqa: PTH113, PTH118
+        for name in read.scenarios
     ]
     return read.model_copy(update={"scenarios": tuple(scenarios)}), path
 
@@ -547,14 +531,14 @@ def _path(experiment: str | Path) -> Path:
     """Returns the file of an experiment."""
     path, names = Path(experiment), experiment_names()
     shipped = EXPERIMENT_DIRECTORY / f"{path.stem}.toml"
-    if path.suffix != ".toml":
-        if str(experiment) not in names:
-            unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
-        return shipped
-    if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
-        reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"
-        raise InputError(f"{path}: {reason}; rename it.")
-    return path
+    if path.suffix == ".toml":
+        if path.stem.lower() in map(str.lower, names) and path.resolve() != shipped.resolve():
+            reason = f"results are named after the experiment's file, and {path.stem} is a shipped one"
+            raise InputError(f"{path}: {reason}; rename it.")
+        return path
+    if str(experiment) not in names:
+        unknown_name("experiments", "experiment", str(experiment), names, "the path of a .toml file")
+    return shipped
 
 
 def find_modules_in(folder: str) -> None:
@@ -591,9 +575,8 @@ def _read(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, object]:
 def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
     """Returns an experiment's tables, references with what they take from their variants.
 
-    Raises:
-      InputError: `reference_for` names no variant, or one that has such a key itself; or the reference sets
-        what it takes.
+    Refuses by an InputError a `reference_for` that names no variant, or one that has such a key itself; and a
+    reference that sets what it takes.
     """
     variants = data.get("algorithms")
     if not isinstance(variants, dict) or not all(
@@ -606,9 +589,10 @@ def _with_references(data: dict[str, object], source: str) -> dict[str, object]:
         where, of = f"{source}: algorithms.{name}", str(variants[name]["reference_for"])
         if of not in own:
             unknown_name(f"{where}: reference_for", "variant", of, own)
-        for key in ("group", "settings", "policy", "tuned_by"):
+        taken = ("group", "settings", "policy", "tuned_by")
+        for key in taken:
             if key in variants[name]:
                 raise InputError(f"{where}.{key}: a reference implementation takes it from {of}; remove it.")
-        keys = own[of].keys() & {"observations", "group", "settings", "policy", "tuned_by"}
-        references[name] = {key: own[of][key] for key in keys} | variants[name]
+        shared = {key: own[of][key] for key in own[of].keys() & {*taken, "observations"}}
+        references[name] = shared | variants[name]
     return data | {"algorithms": variants | references}

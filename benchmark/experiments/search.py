@@ -99,8 +99,8 @@ class Search(Table):
 
     @model_validator(mode="after")
     def _is_sound(self) -> Self:
-        accepted = f"at most trials = {self.trials}"
-        require(self.finalists <= self.trials, f"finalists = {self.finalists}", accepted)
+        is_possible = self.finalists <= self.trials
+        require(is_possible, f"finalists = {self.finalists}", f"at most trials = {self.trials}")
         return self
 
     @property
@@ -146,7 +146,7 @@ class Chosen(Table):
 class Choices(Table):
     """What a search has chosen, as a file has it."""
 
-    search: str  # digest of what was declared, see `specification.digest_of_search`
+    search: str  # digest of what was declared, see `choices.digest_of_search`
     learners: dict[str, Chosen]  # by name
 
 
@@ -158,8 +158,7 @@ def chosen_file(path: Path) -> Path:
 def read_chosen(path: Path, source: str) -> Choices:
     """Reads what the search in an experiment's file has chosen.
 
-    Raises:
-      InputError: Nothing yet, or the file is damaged; the message begins with the source.
+    Refuses by an InputError, which begins with the source, a search without any, and a damaged file.
     """
     file = chosen_file(path)
     again = f"run the search {path.stem} with --report"

@@ -203,7 +203,7 @@ def _draw_square(axis: Axes, tables: Frames, experiment: Experiment, grid: str) 
     contrasts = tables["contrasts"]
     # The first contrast at every point
     compared = contrasts[contrasts["grid"] == grid].drop_duplicates("point").set_index("point")
-    for values in declared.points:
+    for values in declared.points.values():
         point = ", ".join(f"{name} {value}" for name, value in values.items())
         if point in compared.index:
             index = rows.index(values[first]), columns.index(values[second])
