@@ -161,11 +161,14 @@ class Experiment:
         Raises:
           InputError: There is no such scenario, or its runs would be too large.
         """
-        alike = [each for each in self.populations if each.condition.name == condition]
-        alike = [each for each in alike if each.learner.name == learner]
+        alike = [
+            population
+            for population in self.populations
+            if (population.condition.name, population.learner.name) == (condition, learner)
+        ]
         name = Path(scenario).stem
         if name in self.scenarios:
-            return next(each for each in alike if each.scenario.name == name)
+            return next(population for population in alike if population.scenario.name == name)
         other = load_scenario(scenario, alike[0].condition.scenario_changes(name))
         first = replace(alike[0].first, scenario=other)
         check_size(first)  # as if it were declared
@@ -177,8 +180,7 @@ def load_experiment(experiment: str | Path) -> Experiment:
 
     The demands of its report are checked by the report.
 
-    Args:
-      experiment: The name of a shipped experiment, or the path of a TOML file.
+    It is the name of a shipped experiment, or the path of a TOML file.
 
     Raises:
       InputError: A sentence for each mistake, which names file, key, value and what is accepted.
@@ -250,10 +252,10 @@ class _Loading:
         variant = self.declared.algorithms[name]
         algorithm = load_algorithm(variant.algorithm)
         first, *others = self.declared.conditions.values()
-        marks = [{key: value} for key, axis in variant.search.items() for value in axis.marks]
-        nothing: dict[str, object] = {}
-        cases = [(first, nothing), *((first, mark) for mark in marks)]
-        cases += [(condition, nothing) for condition in others]
+        marks: list[dict[str, object]] = [
+            {key: value} for key, axis in variant.search.items() for value in axis.marks
+        ]
+        cases = [(first, mark) for mark in ({}, *marks)] + [(condition, {}) for condition in others]
         learners, families = [], set[str]()
         for observation in variant.observations:
             chosen = None
@@ -367,16 +369,12 @@ class _Loading:
 
     def _where(self, learner: Learner, condition: Condition) -> str:
         """Returns the tables that a learner's settings come from, for messages."""
-        tables = [table for table, change in condition.changes.items() if change.settings]
-        return " with ".join(
-            [
-                f"{self.path}: algorithms.{learner.variant}.settings",
-                *["[settings]"] * bool(self.declared.settings),
-                *[f"tuned_by = {learner.declared.tuned_by}"] * (learner.chosen is not None),
-                *(f"{table}.settings" for table in tables),
-                *[f"search ({condition.name.rpartition('/')[2]})"] * bool(condition.of_variants),
-            ]
-        )
+        parts = [f"{self.path}: algorithms.{learner.variant}.settings"]
+        parts += ["[settings]"] * bool(self.declared.settings)
+        parts += [f"tuned_by = {learner.declared.tuned_by}"] * (learner.chosen is not None)
+        parts += [f"{table}.settings" for table, change in condition.changes.items() if change.settings]
+        parts += [f"search ({condition.name.rpartition('/')[2]})"] * bool(condition.of_variants)
+        return " with ".join(parts)
 
 
 def _check_observations(declared: Declaration, name: str, path: Path) -> None:
@@ -483,10 +481,9 @@ def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]])
     An interrupted experiment therefore has runs of every population. Conditions of the default reading come
     first. A condition that changes nothing in a scenario has the same runs there as an earlier condition.
     """
-    by_reading = sorted(listed, key=lambda each: each[0].condition.axes["reading"] != DEFAULT_CONDITION)
-    every = chain.from_iterable(zip_longest(*(runs for _, runs in by_reading)))
+    by_reading = sorted(listed, key=lambda pair: pair[0].condition.axes["reading"] != DEFAULT_CONDITION)
     first: dict[str, RunSpecification] = {}
-    for run in every:
+    for run in chain.from_iterable(zip_longest(*(runs for _, runs in by_reading))):
         if run is not None:
             first.setdefault(run.digest, run)
     return [*first.values()]

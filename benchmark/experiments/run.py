@@ -39,11 +39,10 @@ class RunSpecification:
     def population(self) -> str:
         """The specification without its seed, as canonical JSON: runs that share it train together."""
         content = {
-            # The key has its name from when the stream always was the experiment's name: another name would
-            # change the digests of all runs.
+            # The keys have the names of earlier versions, since digests depend on them.
             "experiment": self.stream,
             "scenario": self.scenario.model_dump(mode="json"),
-            "arm": self.variant,  # the key has its name from before, as digests depend on it
+            "arm": self.variant,
             "algorithm": self.algorithm,
             "versions": dict(self.versions),
             "observation": self.observation,
@@ -93,14 +92,11 @@ class RunSpecification:
     @property
     def schedule(self) -> Schedule:
         """When the learner's policy and values are kept."""
-        budget = self.settings.budget
+        budget, every = self.settings.budget, self.evaluation_every
         if self.solved is not None:
-            steps = evaluation_steps(budget, self.evaluation_every, float(self.solved["growth"]))
-            return Schedule(budget, tuple(steps))
-        steps, map_steps = (
-            evaluation_steps(budget, every) for every in (self.evaluation_every, self.map_every)
-        )
-        return Schedule(budget, tuple(steps), tuple(map_steps))
+            return Schedule(budget, tuple(evaluation_steps(budget, every, float(self.solved["growth"]))))
+        map_steps = evaluation_steps(budget, self.map_every)
+        return Schedule(budget, tuple(evaluation_steps(budget, every)), tuple(map_steps))
 
     @property
     def drawn_scenario(self) -> Scenario:
@@ -109,7 +105,7 @@ class RunSpecification:
 
     @property
     def seed_sequence(self) -> np.random.SeedSequence:
-        """The run's random stream, derived from names and never from a place in a list.
+        """The run's random stream, derived from names and never from a position in a list.
 
         Conditions share their streams: the scenario enters by its name alone, settings not at all.
         """
@@ -135,6 +131,6 @@ def evaluation_steps(budget: int, every: int, growth: float = 1.0) -> list[int]:
         return [*range(0, budget, every), budget]
     steps = [0]
     while steps[-1] < budget:
-        later = max(steps[-1] + every, math.ceil(steps[-1] * growth / every) * every)
-        steps.append(min(later, budget))
+        following = max(steps[-1] + every, math.ceil(steps[-1] * growth / every) * every)
+        steps.append(min(following, budget))
     return steps
