@@ -1,17 +1,20 @@
 """The command `report`: the folder that it writes."""
 
+from dataclasses import replace
+
 import pytest
 
 from benchmark.commands import parse_seeds
 from benchmark.commands.report import folder_name, other_seeds
-from benchmark.experiments import load_experiment
+from benchmark.experiments import Experiment, load_experiment
 
-DECLARED = load_experiment("reproduce")
-(VARIANT,) = (
-    variant.model_copy(update={"seeds": 100, "first_seed": 0}) for variant in DECLARED.algorithms.values()
-)
-DEFAULT = {"default": DECLARED.readings["default"].model_copy(update={"seeds": None})}
-REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": VARIANT}, "readings": DEFAULT})
+FIRST, *_ = load_experiment("reproduce").populations
+
+
+def with_seeds(*ranges: range) -> Experiment:
+    """Returns the experiment with a population for each of these ranges of seeds."""
+    populations = [replace(FIRST, seeds=seeds) for seeds in ranges]
+    return replace(load_experiment("reproduce"), populations=populations)
 
 
 @pytest.mark.parametrize(
@@ -29,15 +32,15 @@ REPRODUCE = DECLARED.model_copy(update={"algorithms": {"q_learning": VARIANT}, "
 def test_other_seeds_than_the_declared_ones_have_a_folder_of_their_own(
     given: str | None, partial: bool, name: str
 ) -> None:
-    seeds = other_seeds(REPRODUCE, parse_seeds(given))
-    assert folder_name(REPRODUCE, seeds, partial=partial) == name
+    experiment = with_seeds(range(100))
+    seeds = other_seeds(experiment, parse_seeds(given))
+    assert folder_name(experiment, seeds, partial=partial) == name
 
 
 def test_seeds_are_the_declared_ones_only_if_they_are_those_of_every_variant() -> None:
-    other = VARIANT.model_copy(update={"first_seed": 100})
-    for variants, declared in (([other], "100-199"), ([VARIANT, VARIANT], "0-99"), ([VARIANT, other], None)):
-        algorithms = {str(i): variant for i, variant in enumerate(variants)}
-        experiment = REPRODUCE.model_copy(update={"algorithms": algorithms})
+    own, other = range(100), range(100, 200)
+    for ranges, declared in (([other], "100-199"), ([own, own], "0-99"), ([own, other], None)):
+        experiment = with_seeds(*ranges)
         for text in ("0-99", "100-199", "0-199"):
             seeds = parse_seeds(text)
             assert other_seeds(experiment, seeds) == (None if text == declared else seeds)
