@@ -221,7 +221,7 @@ def test_git_has_the_published_results_and_ignores_those_of_users(
     assert {"results/README.md", "results/equivalence/manifest.json"} <= {*listed}
     shutil.copytree(made, results / "mine")
     build.write(results, "mine")
-    for path in ("results/runs.db", "map.png", "film.webp", "results/mine_svg/curves.svg"):
+    for path in ("results/runs.db", "map.png", "film.webp", "results/mine_partial/curves.svg"):
         (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).touch()
     assert git(tmp_path, "status", "--porcelain") == ""
