@@ -18,8 +18,7 @@ from envs.inputs import unknown_name
 def chosen_for(declared: Declaration, variant: str, observation: str) -> Chosen | None:
     """Returns the settings that a search has chosen for a learner, and their effort; None without a search.
 
-    Raises:
-      InputError: Nothing has been chosen for this learner, or not by the search as it is declared now.
+    Refuses, by an InputError, a search that has chosen nothing for it, or was declared otherwise then.
     """
     name, searched = source_of(declared, variant)
     if not name:

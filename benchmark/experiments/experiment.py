@@ -161,11 +161,8 @@ class Experiment:
         Raises:
           InputError: There is no such scenario, or its runs would be too large.
         """
-        alike = [
-            population
-            for population in self.populations
-            if (population.condition.name, population.learner.name) == (condition, learner)
-        ]
+        names = condition, learner
+        alike = [p for p in self.populations if (p.condition.name, p.learner.name) == names]
         name = Path(scenario).stem
         if name in self.scenarios:
             return next(population for population in alike if population.scenario.name == name)
@@ -178,9 +175,7 @@ class Experiment:
 def load_experiment(experiment: str | Path) -> Experiment:
     """Reads an experiment, and checks it together with the algorithms and scenarios that it names.
 
-    The demands of its report are checked by the report.
-
-    It is the name of a shipped experiment, or the path of a TOML file.
+    It is the name of a shipped experiment, or the path of a TOML file. Its report checks what it demands.
 
     Raises:
       InputError: A sentence for each mistake, which names file, key, value and what is accepted.
@@ -224,10 +219,8 @@ class _Loading:
     def noted(self, prefix: str = "", common: str = "", variant: str = "") -> Iterator[None]:
         """Notes what is refused, after a prefix; what several conditions or variants share, once.
 
-        Args:
-          prefix: What is put in front of every line.
-          common: The beginning of lines that does not tell mistakes apart.
-          variant: Whose mistake it is, if it is about a key that this variant has itself.
+        The beginning `common` of lines does not tell mistakes apart. A mistake is that of a variant if it is
+        about a key that this variant has itself.
         """
         own: set[str] = set()
         if variant:
@@ -252,10 +245,9 @@ class _Loading:
         variant = self.declared.algorithms[name]
         algorithm = load_algorithm(variant.algorithm)
         first, *others = self.declared.conditions.values()
-        marks: list[dict[str, object]] = [
-            {key: value} for key, axis in variant.search.items() for value in axis.marks
-        ]
-        cases = [(first, mark) for mark in ({}, *marks)] + [(condition, {}) for condition in others]
+        cases: list[tuple[Condition, dict[str, object]]] = [(first, {})]
+        cases += [(first, {key: mark}) for key, axis in variant.search.items() for mark in axis.marks]
+        cases += [(condition, {}) for condition in others]
         learners, families = [], set[str]()
         for observation in variant.observations:
             chosen = None
@@ -434,11 +426,7 @@ def _family(learner: Learner, settings: LearnerSettings) -> str:
 
 
 def check_size(run: RunSpecification) -> None:
-    """Checks that observations, the agent, and what is recorded of a run, fit into memory.
-
-    Raises:
-      InputError: They do not.
-    """
+    """Refuses, by an InputError, observations, agents and records of a run that do not fit into memory."""
     scenario = seen_as(run.scenario, run.observation)
     every, n_inputs = f"evaluation_every = {run.evaluation_every}", 2 * len(scenario.observe)
     if ENCODINGS[run.observation] == "one_hot":
@@ -463,11 +451,7 @@ def check_size(run: RunSpecification) -> None:
 
 
 def all_specifications(experiment: Experiment, seeds: Sequence[int] | None = None) -> list[RunSpecification]:
-    """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first.
-
-    Raises:
-      InputError: There are too many.
-    """
+    """Lists every run of an experiment once, see `interleaved`; of one with stages, those of the first."""
     populations = experiment.populations
     n_runs = sum(len(population.seeds if seeds is None else seeds) for population in populations)
     if n_runs > MOST_RUNS:

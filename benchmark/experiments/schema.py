@@ -507,8 +507,7 @@ def experiment_names() -> list[str]:
 def read_experiment(experiment: str | Path) -> tuple[Declaration, Path]:
     """Reads an experiment's tables and checks their form, not yet what they name; returns also their file.
 
-    Raises:
-      InputError: The file cannot be read, or a key or value is not accepted.
+    Refuses, by an InputError, a file that cannot be read, and keys and values that are not accepted.
     """
     path = _path(experiment)
     check_file_name(path, "results are")
