@@ -1,13 +1,11 @@
 """What a comparison declares, what follows if it declares none, and what is refused."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.reports.comparison.declared import (
-    check,
     contrasts_of,
     decisive_learners,
     effects_of,
@@ -37,21 +35,6 @@ CONTRAST = '["net, one_hot", "table, index"]'
 
 def declared(tmp_path: Path, reporting: str = "") -> Experiment:
     return experiment_of(tmp_path / "mine.toml", f'{BASE}\n[report]\nkind = "comparison"\n{reporting}\n')
-
-
-def test_figures_that_would_be_too_high_are_refused_before_the_runs(tmp_path: Path) -> None:
-    """Four contrasts that are not pooled, each a row in every scenario and condition: 250 of them."""
-    text = f"""
-    pool = "none"
-    baseline = "table, index"
-    contrasts = [{CONTRAST}, ["net, coordinates", "table, index"], ["table, index", "other, index"],
-                 ["net, one_hot", "net, coordinates"]]
-    """
-    experiment = declared(tmp_path, text)
-    scenario = experiment.scenarios["S1"]
-    check(replace(experiment, scenarios={str(i): scenario for i in range(125)}))  # times two conditions
-    with pytest.raises(InputError, match=r"126 scenarios under 2 .* at most 250 scenarios"):
-        check(replace(experiment, scenarios={str(i): scenario for i in range(126)}))
 
 
 def of_nets(path: Path, algorithm: str, forms: list[str], rest: str) -> Experiment:
