@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
+from benchmark.analysis.contrasts import Means
 from benchmark.analysis.intervals import Estimate, combined, interval, resample
 from benchmark.analysis.search import AROUND, Areas, best_apart, chosen_by, everywhere, outcomes, settings_of
 from benchmark.drawing.maps import gallery
@@ -344,10 +345,8 @@ def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
 
 def mean(areas: Sequence[Areas]) -> Estimate:
     """Returns the mean over scenarios of means over runs, given the numbers in [0, 1] of each scenario."""
-    share, means = 1 / len(areas), [float(part.mean()) for part in areas]
-    return Estimate(
-        float(np.mean(means)), *combined([share] * len(areas), means, [len(part) for part in areas])
-    )
+    means = Means([float(part.mean()) for part in areas], [*map(len, areas)])
+    return Estimate(means.mean, *means.interval)
 
 
 def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
@@ -360,7 +359,7 @@ def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
     means = [float(side.mean()) for side in sides]
     if not apart:
         return Estimate(0.0, 0.0, 0.0)
-    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [len(side) for side in sides]))
+    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
 
 
 def expected_best(areas: Areas, weights: NDArray[np.float64]) -> NDArray[np.float64]:
