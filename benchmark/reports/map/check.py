@@ -39,15 +39,15 @@ def _mistakes(experiment: Experiment, contrast: tuple[str, str]) -> Iterator[str
     """Yields what is wrong with a contrast: unknown learners, or other seeds than the first look needs."""
     assert experiment.report is not None
     known, looks = experiment.learners, experiment.report.looks
-    for name in contrast:
-        if name not in known:
-            yield f"report.contrasts: {name}: accepted: {', '.join(known)}."
-    sides = {known[name].variant: known[name].declared for name in contrast if name in known}
-    for variant, declared in sides.items():
-        if looks and declared.seeds != min(looks):
+    yield from (
+        f"report.contrasts: {name}: accepted: {', '.join(known)}." for name in contrast if name not in known
+    )
+    sides = [known[name] for name in contrast if name in known]
+    for side in sides:
+        if looks and side.declared.seeds != min(looks):
             accepted = f"report.looks[0] = {looks[0]}, as report.contrasts names it"
-            yield f"algorithms.{variant}.seeds = {declared.seeds}: accepted: {accepted}."
-    if len({declared.first_seed for declared in sides.values()}) > 1:
+            yield f"algorithms.{side.variant}.seeds = {side.declared.seeds}: accepted: {accepted}."
+    if len({side.declared.first_seed for side in sides}) > 1:
         yield f"report.contrasts: {' and '.join(contrast)}: accepted: the same first_seed."
 
 

@@ -25,9 +25,11 @@ _LABELS: Final = {
     "disagreements": "median wrong PINGs",
     "faster": "probability that x is faster",
     "n": "runs",
+    "n_reference": "runs of y, the reference",
     "ratio": "median steps of y / of x",
     "solved": "share that learns",
     "steps": "median steps",
+    "steps_reference": "median steps of y",
     "success": "success at the end",
     "unseen_success": "success in unseen places",
     "verdict": "verdict on x",
@@ -172,14 +174,7 @@ def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @_item(
     "reference",
     "exploratory: DQN and PPO of Stable-Baselines3 compared with the compiled ones",
-    _columns("grid point x y n n_reference steps steps_reference faster")
-    | {
-        "y": "reference",
-        "n": "runs of x",
-        "n_reference": "runs of the reference",
-        "steps": "median steps of x",
-        "steps_reference": "of the reference",
-    },
+    _columns("grid point x y n n_reference steps steps_reference faster"),
 )
 def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""

@@ -93,16 +93,6 @@ def test_deep_rl_has_to_beat_every_baseline(learners: dict[str, Made], expected:
     assert outcomes(data) == [expected]
 
 
-def test_every_scenario_is_decided_against_both_baselines() -> None:
-    learners = {
-        "table": Made("tabular", 0.3),
-        "soft": Made("tabular", (0.3, 1.0, 0.3), policy="stochastic"),
-        "net": Made("deep", (1.0, 1.0, 0.0)),
-    }
-    found = table("outcomes", compared(learners, baseline=["table", "soft"], pool="none"))
-    assert found.to_numpy().tolist() == [["S1", "earns"], ["S2", "does not earn"], ["S3", "does not earn"]]
-
-
 @pytest.mark.parametrize(
     ("verdicts", "expected"),
     [
@@ -164,12 +154,10 @@ def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
         ((1.0, 0.85, 0.85), (0.7, 1.0, 1.0), "mixed", "S1, S2, S3"),  # the same on average
         ((1.0, 0.85, 1.0), (1.0, 1.0, 1.0), "mixed", "S2"),
         ((1.0, 1.0, 0.7), (0.2, 0.2, 0.9), "mixed", "S3"),  # better on average, and worse in one by 0.2
-        ((0.2, 0.2, 0.9), (1.0, 1.0, 0.7), "mixed", "S3"),
         ((1.0, 1.0, 0.85), (0.2, 0.2, 0.9), "better", "S3"),  # in S3 it may be worse by more than 0.1
         ((0.2, 0.2, 0.9), (1.0, 1.0, 0.85), "worse", "S3"),
         ((1.0, 1.0, 1.0), (0.2, 0.2, 0.9), "better", ""),
         ((1.0, 1.0, 0.95), (1.0, 1.0, 1.0), "equivalent", "S3"),
-        ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0), "equivalent", ""),
     ],
 )
 def test_scenarios_that_stand_apart_are_named(
