@@ -1,19 +1,17 @@
 """The runs of a comparison, learner after learner, and what each population of them comes to."""
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from benchmark.analysis.frames import KEYS, by_population
 from benchmark.analysis.intervals import Estimate, student
 from benchmark.experiments import Experiment, Learner
 from benchmark.reports.comparison.columns import EFFORT
-from benchmark.reports.comparison.declared import Pair, is_own
+from benchmark.reports.comparison.declared import is_own
 
 Row = dict[str, Any]
-_PLACE: Final = ["scenario", "condition", "learner"]
 
 
 def names_of(experiment: Experiment) -> list[str]:
@@ -71,12 +69,3 @@ def cells_of(runs: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
             | {"wrong_pings": rate.value, "wrong_pings_reach": rate.high - rate.value}
         )
     return pd.DataFrame(cells)
-
-
-def matched(cells: pd.DataFrame, pair: Pair) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Returns the cells that the first side names, and those that differ from them by what the sides name."""
-    x = cells[np.logical_and.reduce([cells[axis] == name for axis, name in pair.x.items()])]
-    index = pd.MultiIndex.from_frame(cells[_PLACE])
-    others = index.get_indexer(pd.MultiIndex.from_frame(x.assign(**pair.y)[_PLACE]))
-    is_there = others >= 0
-    return x[is_there].reset_index(drop=True), cells.iloc[others[is_there]].reset_index(drop=True)

@@ -205,8 +205,7 @@ def _dots(tables: Frames, experiment: Experiment) -> Figure:
             titles = [experiment.learners[name].title for name in learners]
             figures.label_rows(axis, titles, first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
-            for name in {*baselines} & {*learners}:
-                y = learners.index(name)
+            for y in [learners.index(name) for name in baselines if name in learners]:
                 axis.axhspan(y - 0.5, y + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
         text += "; grey: the tables to beat" if baselines else ""

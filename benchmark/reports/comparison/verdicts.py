@@ -29,8 +29,9 @@ from benchmark.analysis.contrasts import (
 )
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.experiments import Experiment
-from benchmark.reports.comparison.cells import Row, cells_of, matched
+from benchmark.reports.comparison.cells import Row, cells_of
 from benchmark.reports.comparison.declared import (
+    AXES,
     Pair,
     contrasts_of,
     decisive_learners,
@@ -123,18 +124,13 @@ def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -
     for values in product(*axes.values()):
         names = dict(zip(axes, values, strict=True))
         here = pd.DataFrame([row for row in rows if names.items() <= row.items()])
-        yield {**names, "outcome": outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
+        yield {**names, "outcome": _outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
 
 
-def outcome(rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame) -> str:
-    """Decides by contrasts of one scenario, or pooled ones, as `document.md.jinja` says.
-
-    Args:
-      rows: The contrasts of decisive learners with baselines.
-      baselines: The learners that deep learners have to beat.
-      decisive: The deep learners that are compared with all baselines.
-      runs: Rows with `learner`, `condition` and `budget`.
-    """
+def _outcome(
+    rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame
+) -> str:
+    """Decides by the contrasts of decisive learners with baselines, of one scenario or pooled."""
     verdicts, of_x = standings(rows, baselines), rows["x"]
     if NO_VERDICT in set(verdicts) or len(verdicts) < len(decisive):
         return "no verdict"
@@ -180,7 +176,12 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
 
 def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled: bool) -> Iterator[Case]:
     """Yields the pairs of cells that two sides name, by what names their row."""
-    x, y = matched(cells, pair)
+    x = cells[np.logical_and.reduce([cells[axis] == name for axis, name in pair.x.items()])]
+    # The cell that differs from each of these by what the sides name, if it is there
+    known, wanted = (pd.MultiIndex.from_frame(frame[[*AXES]]) for frame in (cells, x.assign(**pair.y)))
+    others = known.get_indexer(wanted)
+    is_there = others >= 0
+    x, y = x[is_there].reset_index(drop=True), cells.iloc[others[is_there]].reset_index(drop=True)
     keys = ["scenario"] if "scenario" not in pair.x and not is_pooled else []
     keys += ["condition"] if "condition" not in pair.x and len(experiment.conditions) > 1 else []
     keys += ["algorithm", "observation"] if "learner" not in pair.x else []

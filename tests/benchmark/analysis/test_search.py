@@ -67,11 +67,9 @@ def test_stages_follow_from_what_is_stored(tmp_path: Path) -> None:
 
     # Around the chosen settings, one of them changes at a time.
     names = [(group.population.learner.name, group.population.scenario.name) for group in around]
-    chosen_ones = {
-        name: group for name, group in zip(names, around, strict=True) if not group.more["setting"]
-    }
-    for name, group in zip(names, around, strict=True):
-        before, after = (one.runs[0].settings.model_dump() for one in (chosen_ones[name], group))
+    chosen_ones = {name: group for key, group in zip(names, around, strict=True) if not group.more["setting"]}
+    for key, group in zip(names, around, strict=True):
+        before, after = (one.runs[0].settings.model_dump() for one in (chosen_ones[key], group))
         assert {run.seed for run in group.runs} == {13, 14}
         changed = {key for key in before if before[key] != after[key]}
         assert changed == {group.more["setting"].split(".")[0]} - {""}
