@@ -141,14 +141,8 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts verdicts; a point of two grids counts in both."""
     decided = pd.DataFrame(
-        [
-            {
-                "grid": contrast.x.condition.axes["grid"],
-                **_sides(contrast),
-                "verdict": contrast.decision.verdict,
-            }
-            for contrast in _contrasts(experiment, curves)
-        ]
+        _name(contrast.x) | _sides(contrast) | {"verdict": contrast.decision.verdict}
+        for contrast in _contrasts(experiment, curves)
     )
     for (grid, x, y), ended in decided.groupby(["grid", "x", "y"], sort=False)["verdict"]:
         yield {"grid": grid, "x": x, "y": y, "n": len(ended), **_counted([*ended])}

@@ -66,10 +66,11 @@ def test_stages_follow_from_what_is_stored(tmp_path: Path) -> None:
     assert {run.seed for run in runs_of(fresh)} == {10, 11, 12}
 
     # Around the chosen settings, one of them changes at a time.
-    names = [(group.population.learner.name, group.population.scenario.name) for group in around]
-    chosen_ones = {name: group for key, group in zip(names, around, strict=True) if not group.more["setting"]}
-    for key, group in zip(names, around, strict=True):
-        before, after = (one.runs[0].settings.model_dump() for one in (chosen_ones[key], group))
+    unchanged: dict[tuple[str, str], dict[str, object]] = {}
+    for group in around:
+        key = group.population.learner.name, group.population.scenario.name
+        settings = group.runs[0].settings.model_dump()
+        own = unchanged.setdefault(key, settings)  # the first of each has the chosen settings
         assert {run.seed for run in group.runs} == {13, 14}
-        changed = {key for key in before if before[key] != after[key]}
+        changed = {name for name in own if own[name] != settings[name]}
         assert changed == {group.more["setting"].split(".")[0]} - {""}
