@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from benchmark.analysis.frames import Group, by_population, by_step, learned, tables
 from benchmark.analysis.intervals import LEVEL, Estimate, proportion_interval
-from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Population
 
@@ -128,46 +127,35 @@ def compared(experiment: Experiment) -> list[tuple[Population, Population]]:
 
 
 def contrasts(experiment: Experiment, curves: pd.DataFrame) -> list[Contrast]:
-    """Lists all contrasts that have enough runs for a look."""
-    report, pairs, rows = experiment.report, compared(experiment), rows_of(experiment, curves)
-    assert report is not None
-    # The same contrast may be in two grids.
-    n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})
-    tail, decided = tail_of(n_contrasts, len(report.looks)), []
-    for x, y in pairs:
-        if x in rows and y in rows:
-            looked = _look(experiment, (x, y), (rows[x], rows[y]), tail)
-            decided += [] if looked is None else [looked]
-    return decided
-
-
-def _look(
-    experiment: Experiment,
-    sides: tuple[Population, Population],
-    curves: tuple[pd.DataFrame, pd.DataFrame],
-    tail: float,
-) -> Contrast | None:
-    """Looks at a contrast until it is decided; None if there are too few runs for any look."""
-    report, solved = experiment.report, experiment.declared.solved
+    """Lists all contrasts that have enough runs for a look, each looked at until it is decided."""
+    report, solved, pairs = experiment.report, experiment.declared.solved, compared(experiment)
     assert report is not None
     assert solved is not None
-    budget = min(side.first.settings.budget for side in sides)
-    own = [took(rows, solved.success) for rows in curves]
-    x, y = (took(rows, solved.success, budget) for rows in curves)
-    decision = None
-    for n in (n for n in report.looks if n <= min(len(x), len(y))):
-        one_learns = any(np.isfinite(runs["steps"][:n]).mean() > 0.5 for runs in own)
-        steps = x["steps"].to_numpy()[:n], y["steps"].to_numpy()[:n]
-        decision = decide(*steps, report.margins.faster, tail, one_learns=one_learns)
-        if decision.verdict != UNDECIDED:
-            break
-    return None if decision is None else Contrast(*sides, (x[: decision.n], y[: decision.n]), decision)
+    # The same contrast may be in two grids.
+    n_contrasts = len({(x.first.digest, y.first.digest) for x, y in pairs})
+    tail, rows, looked = tail_of(n_contrasts, len(report.looks)), rows_of(experiment, curves), []
+    for sides in pairs:
+        if not all(side in rows for side in sides):
+            continue
+        budget = min(side.first.settings.budget for side in sides)
+        own = [took(rows[side], solved.success)["steps"] for side in sides]
+        x, y = (took(rows[side], solved.success, budget) for side in sides)
+        decision = None
+        for n in (n for n in report.looks if n <= min(len(x), len(y))):
+            one_learns = any(np.isfinite(steps[:n]).mean() > 0.5 for steps in own)
+            steps = x["steps"].to_numpy()[:n], y["steps"].to_numpy()[:n]
+            decision = decide(*steps, report.margins.faster, tail, one_learns=one_learns)
+            if decision.verdict != UNDECIDED:
+                break
+        if decision is not None:
+            looked.append(Contrast(*sides, (x[: decision.n], y[: decision.n]), decision))
+    return looked
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     """Yields the declared runs, and for every further look those of contrasts that are undecided before it.
 
-    A stage is known as soon as all runs before are stored.
+    Whoever asks for the next stage has stored those before.
     """
     assert experiment.report is not None
     sides = {side for pair in compared(experiment) for side in pair}
@@ -175,15 +163,14 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
     looked_at = [group for group in groups if group.population in sides]
     yield groups
     for before, n in pairwise(experiment.report.looks):
-        if driver.pending([run for group in groups for run in group.runs], store):
-            return
         _, curves = tables(looked_at, store, ["success", *SPENT.values()])
         looked = contrasts(experiment, curves)
         undecided = [contrast for contrast in looked if contrast.decision.verdict == UNDECIDED]
-        more = dict.fromkeys(side for contrast in undecided for side in (contrast.x, contrast.y))
-        if not more:
+        if not undecided:
             return
-        first = {side: side.seeds.start for side in more}
-        groups = [Group(side, side.runs(range(start + before, start + n))) for side, start in first.items()]
+        groups = []
+        for side in dict.fromkeys(side for contrast in undecided for side in (contrast.x, contrast.y)):
+            start = side.seeds.start
+            groups.append(Group(side, side.runs(range(start + before, start + n))))
         looked_at += groups
         yield groups

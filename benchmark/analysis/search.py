@@ -17,7 +17,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmark.analysis.frames import Group, tables
-from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, Learner, Population
 from benchmark.experiments.search import Chosen, Search
@@ -68,14 +67,12 @@ def outcomes(experiment: Experiment, runs: pd.DataFrame) -> list[Outcome]:
         searched = searched_areas(runs, experiment, learner)
         again = runs[(runs["learner"] == learner.name) & (runs["stage"] == FRESH)]
         fresh = {
-            (int(str(trial)), str(scenario)): rows["area"].to_numpy()
-            for (trial, scenario), rows in again.groupby(["trial", "scenario"], sort=False)
+            (int(str(trial)), str(scenario)): areas.to_numpy()
+            for (trial, scenario), areas in again.groupby(["trial", "scenario"], sort=False)["area"]
         }
-        means = {
-            trial: float(np.mean(everywhere(fresh, trial)))
-            for trial in finalists(searched, experiment.declared.search.finalists)
-        }
-        all_outcomes.append(Outcome(learner, searched, fresh, max(means, key=lambda trial: means[trial])))
+        candidates = finalists(searched, experiment.declared.search.finalists)
+        best = max(candidates, key=lambda trial: float(np.mean(everywhere(fresh, trial))))
+        all_outcomes.append(Outcome(learner, searched, fresh, best))
     return all_outcomes
 
 
@@ -112,19 +109,16 @@ def chosen_by(experiment: Experiment, runs: pd.DataFrame) -> dict[str, Chosen]:
 
 
 def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
-    """Yields the runs of each stage, as long as those before are stored."""
+    """Yields the runs of each stage; whoever asks for the next one has stored those before."""
     search, names = experiment.declared.search, [*experiment.scenarios]
     assert search is not None
     populations: dict[tuple[str, int, str], Population] = {}  # by learner, trial and scenario
+    first = []
     for population in experiment.populations:
         trial = int(population.condition.axes["trial"])
         populations[population.learner.name, trial, population.scenario.name] = population
-    first = [
-        Group(population, population.runs(), {"stage": SEARCHED}) for population in experiment.populations
-    ]
+        first.append(Group(population, population.runs(), {"stage": SEARCHED}))
     yield first
-    if _is_pending(first, store):
-        return
     runs, _ = tables(first, store, COLUMNS)
     fresh = []
     for learner in experiment.learners.values():
@@ -134,8 +128,6 @@ def stages(experiment: Experiment, store: Store) -> Iterator[list[Group]]:
             population = populations[learner.name, trial, name]
             fresh.append(Group(population, population.runs(search.fresh), {"stage": FRESH}))
     yield fresh
-    if _is_pending(fresh, store):
-        return
     runs = pd.concat([runs, tables(fresh, store, COLUMNS)[0]])
     around: list[Group] = []
     for learner, _, _, chosen in outcomes(experiment, runs):
@@ -157,7 +149,3 @@ def _around(chosen: Sequence[Population], search: Search) -> Iterator[Group]:
         first = replace(population.first, settings=other)
         runs = [first.with_seed(seed) for seed in search.around(len(population.seeds))]
         yield Group(population, runs, {"stage": AROUND, "setting": key, "value": value})
-
-
-def _is_pending(groups: Sequence[Group], store: Store) -> bool:
-    return bool(driver.pending([run for group in groups for run in group.runs], store))

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from benchmark.analysis import looks, search
 from benchmark.analysis.frames import Group
+from benchmark.execution import driver
 from benchmark.execution.store import Store
 from benchmark.experiments import Experiment, RunSpecification, interleaved
 
@@ -13,12 +14,14 @@ def stages(experiment: Experiment, store: Store, seeds: Sequence[int] | None = N
 
     An experiment has a single stage, but for a search and for one that declares looks.
     """
-    if experiment.declared.search is not None:
-        yield from search.stages(experiment, store)
-    elif experiment.has_stages:
-        yield from looks.stages(experiment, store)
-    else:
+    if not experiment.has_stages:
         yield [Group(population, population.runs(seeds)) for population in experiment.populations]
+        return
+    kind = looks if experiment.declared.search is None else search
+    for groups in kind.stages(experiment, store):
+        yield groups
+        if driver.pending(runs_of(groups), store):
+            return
 
 
 def runs_of(groups: Iterable[Group]) -> list[RunSpecification]:

@@ -154,6 +154,15 @@ def item(
     )
 
 
+def labelled_columns(labels: Mapping[str, str], names: str) -> dict[str, str]:
+    """Returns the columns of these names, which spaces separate, with their labels; "" is the name.
+
+    >>> labelled_columns({"n": "runs"}, "learner n")
+    {'learner': '', 'n': 'runs'}
+    """
+    return {name: labels.get(name, "") for name in names.split()}
+
+
 def no_rows(frame: pd.DataFrame) -> pd.DataFrame:
     """Chooses no rows for readers, since the figure shows them."""
     return frame.iloc[:0]

@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-import pytest
-
-from benchmark.experiments import Experiment, all_specifications
+from benchmark.experiments import all_specifications
 from tests.benchmark.reports.conftest import experiment_of
 
 UNSWEPT = """
@@ -35,14 +33,8 @@ cost = {{ paper = {{}}, half = {{ scenarios = ["S1"], scenario = {{ "rewards.oth
 """
 
 
-@pytest.fixture
-def experiments(tmp_path: Path) -> tuple[Experiment, Experiment]:
-    """The experiment without its sweep, and with it."""
-    return experiment_of(tmp_path / "unswept.toml", UNSWEPT), experiment_of(tmp_path / "swept.toml", SWEPT)
-
-
-def test_conditions_are_the_product_of_readings_and_axes(experiments: tuple[Experiment, Experiment]) -> None:
-    _, swept = experiments
+def test_conditions_are_the_product_of_readings_and_axes(tmp_path: Path) -> None:
+    swept = experiment_of(tmp_path / "swept.toml", SWEPT)
     assert list(swept.conditions) == [
         f"{reading}/learning_rate={rate}/cost={cost}"
         for reading in ("default", "time_limit")
@@ -62,10 +54,10 @@ def test_conditions_are_the_product_of_readings_and_axes(experiments: tuple[Expe
     assert values["time_limit/learning_rate=paper/cost=half", "S3"] == (0.6, 20, -0.1)  # not in S3
 
 
-def test_sweep_keeps_the_runs_of_the_experiment_without_it(
-    experiments: tuple[Experiment, Experiment],
-) -> None:
-    plain, swept = (all_specifications(experiment) for experiment in experiments)
+def test_sweep_keeps_the_runs_of_the_experiment_without_it(tmp_path: Path) -> None:
+    texts = {"unswept": UNSWEPT, "swept": SWEPT}
+    experiments = [experiment_of(tmp_path / f"{name}.toml", text) for name, text in texts.items()]
+    plain, swept = map(all_specifications, experiments)
     # Two readings and two learning rates in both scenarios; two costs in S1 alone.
     assert len(swept) == len({run.digest for run in swept}) == 2 * 2 * 3 * (2 + 1)
     unchanged = [run for run in swept if run.condition == "default/learning_rate=paper/cost=paper"]

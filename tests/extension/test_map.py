@@ -5,7 +5,6 @@ from pathlib import Path
 import pandas as pd
 
 from benchmark.__main__ import main
-from benchmark.experiments import load_experiment
 from tests.benchmark.reports.test_map import EXPERIMENT
 
 MINE = """
@@ -27,29 +26,6 @@ scenario = { "grid.rows" = 5, "grid.columns" = 6, "issuer.places" = 2 }
 axes.pings.1 = { ping_limit = 1 }
 axes.pings.5 = { ping_limit = 5 }
 """
-
-JOINS_WHEN = """
-extends = "when"
-description = "SARSA joins the map."
-
-[changes."algorithms.sarsa"]
-algorithm = "sarsa"
-observations = ["index"]
-seeds = 20
-settings = { budget = 1000000, record_every = 1000000 }
-"""
-
-
-def test_a_learner_joins_all_grids_of_the_shipped_map(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(JOINS_WHEN, encoding="utf-8")
-    experiment = load_experiment(path)
-    of = [
-        [each.condition.name for each in experiment.populations if each.learner.name == learner]
-        for learner in ("sarsa, index", "q_learning, index")
-    ]
-    assert of[0] == [*experiment.conditions]
-    assert {name.split("/")[1] for name in of[1]} == {"places"}
 
 
 def test_a_learner_and_an_axis_join_the_map(tmp_path: Path) -> None:

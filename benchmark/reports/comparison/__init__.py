@@ -1,8 +1,7 @@
 """Comparisons of learners: what each reached, how cells of the table differ, what it cost, and what it knows.
 
-The table has an axis for scenarios, one for conditions and one for learners. Every contrast of a protocol,
-every effect, every comparison with a reference implementation and every control is the difference between two
-of its cells, or between means of cells over scenarios.
+The axes of the table are scenarios, conditions and learners. Everything that is compared is the difference
+between two of its cells, or between means of cells over scenarios.
 """
 
 from pathlib import Path
@@ -10,8 +9,6 @@ from pathlib import Path
 from benchmark.reports.comparison import results, scenarios, training
 from benchmark.reports.comparison.declared import check, forecast
 from benchmark.reports.item import Report
-
-__all__ = ["REPORT"]
 
 REPORT = Report(
     name="comparison",

@@ -1,7 +1,7 @@
 """What a comparison decides, as its experiment declares it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from benchmark.analysis.contrasts import runs_for_any_equivalence
@@ -11,9 +11,6 @@ from benchmark.experiments.schema import MOST_CONTRASTS
 from envs import InputError
 from envs.inputs import unknown_name
 
-# Scenarios times conditions: curves of so many take minutes to draw, and are about 30,000 pixels high.
-MOST_PANELS: Final = 300
-MOST_ROWS: Final = 1_000  # of contrasts: 60,000 pixels, and Pillow reads no image that is much higher
 AXES: Final = ("learner", "scenario", "condition")  # columns, in the order in which a side names them
 
 Side = Mapping[str, str]  # the columns that a side of a contrast names, with their values
@@ -39,57 +36,31 @@ def reporting_of(experiment: Experiment) -> Reporting:
     """
     reporting = experiment.report
     assert reporting is not None
-    if reporting.contrasts or reporting.baseline or reporting.effects:
-        return reporting
     own = [learner for learner in experiment.learners.values() if not learner.reference_for]
     tables = [learner.name for learner in own if learner.family == "tabular"]
     deep = [learner.name for learner in own if learner.family == "deep"]
+    is_declared = bool(reporting.contrasts or reporting.baseline or reporting.effects)
+    if is_declared or not tables or not deep:
+        return reporting
     if len(deep) > MOST_CONTRASTS:
         raise InputError(
             f"{experiment.argument}: report: there are {len(deep)} deep learners; accepted: a key "
             f"contrasts in [report], unless there are at most {MOST_CONTRASTS}."
         )
-    if not tables:
-        return reporting
     pairs = tuple((name, tables[0]) for name in deep)
-    return reporting.model_copy(update={"baseline": (tables[0],) if deep else (), "contrasts": pairs})
+    return reporting.model_copy(update={"baseline": (tables[0],), "contrasts": pairs})
 
 
 def contrasts_of(experiment: Experiment) -> list[Pair]:
-    """Returns the contrasts with their sides resolved.
-
-    Raises:
-      InputError: A side names something unknown, or the sides do not fit together.
-    """
-    reporting, pairs = reporting_of(experiment), list[Pair]()
-    for i, (x, y) in enumerate(reporting.contrasts):
-        where = f"{experiment.argument}: report.contrasts.{i}"
-        pair = _pair(experiment, where, x, y)
-        if pair in pairs or pair[::-1] in pairs:
-            raise InputError(f"{where} = {[x, y]}: it is declared twice; remove one.")
-        if x in reporting.baseline and experiment.learners[y].family == "deep":
-            raise InputError(
-                f"{where} = {[x, y]}: accepted: the baseline second, since the question is whether deep RL "
-                "is better."
-            )
-        pairs.append(pair)
-    return pairs
+    """Returns the contrasts with their sides resolved; an InputError says which side is wrong."""
+    contrasts = enumerate(reporting_of(experiment).contrasts)
+    return [_pair(experiment, f"contrasts.{i}", x, y) for i, (x, y) in contrasts]
 
 
 def effects_of(experiment: Experiment) -> dict[str, Pair]:
-    """Returns the effects by name, with their sides resolved.
-
-    Raises:
-      InputError: A side names something unknown, the sides do not fit together, or a name is used twice.
-    """
-    effects: dict[str, Pair] = {}
-    for i, (x, y, name) in enumerate(reporting_of(experiment).effects):
-        if name in effects:
-            raise InputError(
-                f'{experiment.argument}: report.effects: "{name}" is the name of two; accepted: one each.'
-            )
-        effects[name] = _pair(experiment, f"{experiment.argument}: report.effects.{i}", x, y)
-    return effects
+    """Returns the effects by name, with their sides resolved; an InputError says which side is wrong."""
+    effects = enumerate(reporting_of(experiment).effects)
+    return {name: _pair(experiment, f"effects.{i}", x, y) for i, (x, y, name) in effects}
 
 
 def compared_learners(experiment: Experiment) -> list[str]:
@@ -100,8 +71,8 @@ def compared_learners(experiment: Experiment) -> list[str]:
 
 def decisive_learners(experiment: Experiment) -> list[str]:
     """Lists the deep learners that are compared with baselines wherever both are."""
-    baselines = [{"learner": name} for name in reporting_of(experiment).baseline]
-    names = dict.fromkeys(x["learner"] for x, y in contrasts_of(experiment) if y in baselines)
+    reporting = reporting_of(experiment)
+    names = dict.fromkeys(x for x, y in reporting.contrasts if y in reporting.baseline)
     return [name for name in names if experiment.learners[name].family == "deep"]
 
 
@@ -114,24 +85,27 @@ def check(experiment: Experiment) -> None:
     """Checks what an experiment declares to be compared.
 
     Raises:
-      InputError: A side of a contrast or effect is wrong, the baseline is no table, a deep learner is
-        compared with some baselines alone, all algorithms are planners, budgets are not in steps, or figures
-        would be too high.
+      InputError: A side of a contrast or effect is wrong or declared twice, the baseline is no table, a deep
+        learner is compared with some baselines alone, all algorithms are planners, or budgets are not in
+        steps.
     """
-    source, contrasts = experiment.argument, contrasts_of(experiment)
+    source, reporting = experiment.argument, reporting_of(experiment)
+    contrasts = contrasts_of(experiment)
+    for i, pair in enumerate(contrasts):
+        where, (x, y) = f"{source}: report.contrasts.{i}", reporting.contrasts[i]
+        if pair in contrasts[:i] or pair[::-1] in contrasts[:i]:
+            raise InputError(f"{where} = {[x, y]}: it is declared twice; remove one.")
+        if x in reporting.baseline and experiment.learners[y].family == "deep":
+            raise InputError(
+                f"{where} = {[x, y]}: accepted: the baseline second, since the question is whether deep RL "
+                "is better."
+            )
     effects_of(experiment)
-    _check_baselines(experiment, contrasts)
-    is_pooled = reporting_of(experiment).pool == "scenarios" and not any(
-        "scenario" in x for x, _ in contrasts
-    )
-    n_scenarios, n_conditions = len(experiment.scenarios), len(experiment.conditions)
-    most = min(MOST_PANELS, MOST_ROWS // max(0 if is_pooled else len(contrasts), 1))
-    if n_scenarios * n_conditions > most:
-        raise InputError(
-            f"{source}: report: {n_scenarios} scenarios under {n_conditions} conditions with "
-            f"{len(contrasts)} contrasts make figures that are too high; accepted: at most {most} scenarios "
-            "times conditions."
-        )
+    names = [name for _, _, name in reporting.effects]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f'{source}: report.effects: "{name}" is the name of two; accepted: one each.')
+    _check_baselines(experiment)
     if {learner.family for learner in experiment.learners.values()} == {"planner"}:
         raise InputError(f"{source}: algorithms: accepted: at least one that is not a planner.")
     for population in experiment.populations:
@@ -143,22 +117,21 @@ def check(experiment: Experiment) -> None:
             )
 
 
-def _check_baselines(experiment: Experiment, contrasts: Sequence[Pair]) -> None:
-    source, baselines = experiment.argument, reporting_of(experiment).baseline
+def _check_baselines(experiment: Experiment) -> None:
+    source, reporting, decisive = experiment.argument, reporting_of(experiment), decisive_learners(experiment)
     tables = [name for name, learner in experiment.learners.items() if learner.family == "tabular"]
-    for name in baselines:
+    for name in reporting.baseline:
         if name not in tables:
             unknown_name(f"{source}: report.baseline", "table", name, tables)
-        if baselines.count(name) > 1:
+        if reporting.baseline.count(name) > 1:
             raise InputError(f"{source}: report.baseline: {name} is named twice; remove one.")
-        decisive = decisive_learners(experiment)
         if not decisive:
             raise InputError(
                 f"{source}: report.contrasts: none compares a deep learner with {name}; "
                 f'accepted: at least one like ["LEARNER", "{name}"].'
             )
         for learner in decisive:
-            if ({"learner": learner}, {"learner": name}) not in contrasts:
+            if (learner, name) not in reporting.contrasts:
                 raise InputError(
                     f"{source}: report.contrasts: {learner} is compared with another baseline and not "
                     f"with {name}; accepted: contrasts with all or none."
@@ -195,7 +168,8 @@ def forecast(experiment: Experiment) -> str:
     )
 
 
-def _pair(experiment: Experiment, where: str, x: str, y: str) -> Pair:
+def _pair(experiment: Experiment, key: str, x: str, y: str) -> Pair:
+    where = f"{experiment.argument}: report.{key}"
     pair = Pair(_side(experiment, where, x), _side(experiment, where, y))
     if pair.x == pair.y or pair.x.keys() != pair.y.keys():
         raise InputError(f"{where} = {[x, y]}: accepted: two different names of the same kind.")
@@ -204,17 +178,14 @@ def _pair(experiment: Experiment, where: str, x: str, y: str) -> Pair:
 
 def _side(experiment: Experiment, where: str, text: str) -> Side:
     """Returns the columns that a side names: learner, scenario and condition, joined by " @ "."""
-    known = {
-        "learner": [*experiment.learners],
-        "scenario": [*experiment.scenarios],
-        "condition": [*experiment.conditions],
-    }
+    names = (experiment.learners, experiment.scenarios, experiment.conditions)
+    known = {axis: [*of_axis] for axis, of_axis in zip(AXES, names, strict=True)}
     side: dict[str, str] = {}
     for part in text.split(" @ "):
-        axes = [axis for axis, names in known.items() if part in names]
+        axes = [axis for axis in AXES if part in known[axis]]
         if not axes:
-            names = [f'"{name}"' for names in known.values() for name in names]
-            unknown_name(where, "learner, scenario or condition", f'"{part}"', names)
+            accepted = [f'"{name}"' for of_axis in names for name in of_axis]
+            unknown_name(where, "learner, scenario or condition", f'"{part}"', accepted)
         axis = next((axis for axis in axes if axis not in side), None)
         if axis is None:
             raise InputError(f'{where} = "{text}": accepted: at most one {axes[0]} on a side.')

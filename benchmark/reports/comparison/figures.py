@@ -18,18 +18,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, NO_VERDICT, UNDECIDED, WORSE
-from benchmark.drawing.style import INK, figure_of, learner_style
+from benchmark.drawing.style import figure_of, learner_style
 from benchmark.experiments import Experiment
 from benchmark.reports.item import Frames
 
 Style = dict[str, Any]  # arguments of matplotlib
-SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
-# What they mean against several baselines, see `verdicts.standings`.
-THAN: Final = {
-    BETTER: " than all",
-    WORSE: " than at least one",
-    EQUIVALENT: " to at least one, worse than none",
-}
 _STYLES: Final[dict[str, Style]] = {
     BETTER: {"marker": "^", "color": "black"},
     WORSE: {"marker": "v", "color": "black"},
@@ -38,6 +31,7 @@ _STYLES: Final[dict[str, Style]] = {
     UNDECIDED: {"marker": "o", "color": "0.55", "mfc": "white"},
     NO_VERDICT: {"marker": "x", "color": "0.55"},
 }
+_ENDPOINTS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
 _N_MARKERS: Final = 6  # of a curve
 _N_POINTS: Final = 4  # of a reference
 _COLUMNS: Final = 6  # of panels, if there are many scenarios
@@ -76,15 +70,10 @@ def style_of(learner: str, experiment: Experiment) -> Style:
     return learner_style(drawn.variant, drawn.observation, list(dict.fromkeys(variants)))
 
 
-def titles(learners: Iterable[str], experiment: Experiment) -> list[str]:
-    """Returns what readers call learners."""
-    return [experiment.learners[name].title for name in learners]
-
-
-def differences(frame: pd.DataFrame, names: Sequence[str], endpoints: Mapping[str, str]) -> Figure:
-    """Draws contrasts: a named row each and a labelled column per endpoint, with margins and verdicts."""
-    with figure_of(1, len(endpoints), (11.0, 0.36 * len(frame) + 1.7)) as (figure, axes):
-        for axis, (key, label) in zip(axes[0], endpoints.items(), strict=True):
+def differences(frame: pd.DataFrame, names: Sequence[str]) -> Figure:
+    """Draws contrasts: a named row each and a column per endpoint, with margins and verdicts."""
+    with figure_of(1, len(_ENDPOINTS), (11.0, 0.36 * len(frame) + 1.7)) as (figure, axes):
+        for axis, (key, label) in zip(axes[0], _ENDPOINTS.items(), strict=True):
             margin = float(frame[f"{key}_margin"].iloc[0])
             axis.axvspan(-margin, margin, color="0.92", lw=0)
             axis.axvline(0.0, color="0.35", lw=0.8, ls=":")
@@ -113,18 +102,10 @@ def curve_panels(
     label: str,
     note: str = "",
 ) -> Iterator[tuple[Figure, Iterable[Axes]]]:
-    """Draws a column of `curves` over training: a panel per scenario and group of learners.
+    """Draws a column of `labelled` curves over training: a panel per scenario and group of learners.
 
-    Args:
-      curves: As `labelled` returns them.
-      panels: Learners by the title of their panel.
-      experiment: Whose they are.
-      column: What is drawn.
-      label: Of the vertical axis.
-      note: What the legend says besides.
-
-    Yields:
-      The figure and its axes, to be completed before the legend is drawn.
+    Groups are by the title of their panel. `label` is that of the vertical axis, and `note` is added to the
+    legend, which is drawn when the caller has completed the axes.
     """
     frame = curves[curves["step"] > 0]
     scenarios = list(frame["scenario"].unique())
@@ -200,11 +181,6 @@ def dot(
         axis.plot(ends, [at, at], color=style["color"], lw=width, alpha=0.6)
         fill: Style = {"mfc": "white"} if is_hollow else {"mec": "white", "mew": 0.4}
         axis.plot(row[key], at, color=style["color"], marker=style["marker"], ms=6, **fill)
-
-
-def text_on(axis: Axes, x: float, y: float, text: str, *, is_dark: bool) -> None:
-    """Writes on a coloured cell, in ink that stays the same on a dark page."""
-    axis.text(x, y, text, ha="center", va="center", color=INK[int(is_dark)])
 
 
 def label_rows(axis: Axes, names: Sequence[str], *, first: bool) -> None:

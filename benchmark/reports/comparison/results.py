@@ -10,29 +10,18 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from benchmark.analysis.contrasts import BETTER, EQUIVALENT, VERDICTS, WORSE, Means
+from benchmark.analysis.contrasts import BETTER, EQUIVALENT, MIXED, VERDICTS, WORSE, Means
 from benchmark.analysis.frames import ENDPOINTS as RESULTS
-from benchmark.analysis.frames import by_population
 from benchmark.analysis.intervals import Estimate, proportion
-from benchmark.drawing.style import figure_of
+from benchmark.drawing.style import INK, figure_of
 from benchmark.drawing.tables import link, write_csv
 from benchmark.experiments import Experiment
 from benchmark.reports.comparison import figures
-from benchmark.reports.comparison.cells import (
-    CELL,
-    EFFORT,
-    MEANINGS,
-    PAIR,
-    effort,
-    names_of,
-    own_rows,
-    populations,
-    wrong_pings,
-)
+from benchmark.reports.comparison.cells import Row, effort, names_of, own_rows, populations, wrong_pings
+from benchmark.reports.comparison.columns import CELL, DIFFERENCES, EFFORT, MEANINGS, RATE, columns
 from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
 from benchmark.reports.comparison.verdicts import (
     ENDPOINTS,
-    Row,
     contrast_rows,
     effect_rows,
     outcome_rows,
@@ -43,9 +32,15 @@ from benchmark.reports.item import Frames, item, no_rows, writing
 from envs.scene import COLOUR_MAP
 from envs.words import listed
 
-_LABELS: Final = {"success": "success probability", "score": "score, clipped to [0, 1]"}
 _MOST_DRAWN: Final = 12  # contrasts
 _FEWEST_COUNTED: Final = 7  # contrasts
+_SIGNS: Final = {BETTER: "▲", WORSE: "▼", EQUIVALENT: "=", MIXED: "±"}  # of verdicts
+# What they mean against several baselines, see `standings`
+_THAN: Final = {
+    BETTER: " than all",
+    WORSE: " than at least one",
+    EQUIVALENT: " to at least one, worse than none",
+}
 # Groups of scenarios in a figure, from top to bottom
 _GROUPS: Final[Mapping[str, str]] = {
     "earns": "a net is better than the tables",
@@ -72,23 +67,11 @@ def _measured(frame: pd.DataFrame) -> pd.DataFrame:
 contrasts = item(
     "contrasts",
     "the declared contrasts, x against y: differences, p-values and verdicts",
-    {
-        **PAIR,
-        "success_verdict": "verdict on success",
-        "score_verdict": "verdict on score",
-        "success_except": "not in",
-        "n": "runs",
-        "success_difference": "difference in success",
-        "success_p_different": "p, no difference",
-        "success_p_equivalent": "p, not equivalent",
-        "score_difference": "difference in score",
-        "wrong_pings_difference": "difference in wrong PINGs",
-    },
-    meanings={
-        **MEANINGS,
-        "n": "runs per scenario, the smallest number",
-        "p_random": "p-value of not succeeding more often than the random policy, adjusted as declared",
-    },
+    columns(
+        "scenario condition x y success_verdict score_verdict success_except n success_difference "
+        "success_p_different success_p_equivalent score_difference wrong_pings_difference"
+    ),
+    meanings=MEANINGS | {"n": "runs per scenario, the smallest number", "wrong_pings": RATE},
     where=_measured,
 )(contrast_rows)
 
@@ -97,17 +80,18 @@ contrasts = item(
 def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
     if len(table) > _MOST_DRAWN:
         return None
-    titles, names = {name: learner.title for name, learner in experiment.learners.items()}, []
+    titles = {name: learner.title for name, learner in experiment.learners.items()}
+    names = []
     for _, row in figures.labelled(table).iterrows():
         x, y = (titled(row[side], titles) for side in "xy")
         names.append(", ".join(filter(None, [f"{x}\nagainst {y}", row["scenario"]])))
-    return figures.differences(table, names, _LABELS)
+    return figures.differences(table, names)
 
 
 outcomes = item(
     "outcomes",
     "whether deep RL earns its keep over the tables to beat",
-    meanings={"outcome": "what the contrasts with the tables to beat come to, see README"},
+    meanings=MEANINGS,
 )(outcome_rows)
 
 
@@ -122,30 +106,16 @@ def verdicts(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -> It
     rows = pd.DataFrame(contrast_rows(runs, experiment, is_partial))
     if len(rows) < _FEWEST_COUNTED or not rows.duplicated(["x", "y"]).any():
         return
-    verdicts = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
-    for (x, y), here in rows.groupby(["x", "y"], sort=False):
-        counts = {verdict: int((here["success_verdict"] == verdict).sum()) for verdict in verdicts}
-        yield {"x": x, "y": y, "n": len(here), **counts}
+    counted = [verdict for verdict in VERDICTS if verdict in {*rows["success_verdict"]}]
+    for (x, y), verdicts in rows.groupby(["x", "y"], sort=False)["success_verdict"]:
+        yield {"x": x, "y": y, "n": len(verdicts)} | {name: sum(verdicts == name) for name in counted}
 
 
 effects = item(
     "effects",
     "exploratory: differences between scenarios, conditions or learners, x minus y",
-    {
-        "effect": "",
-        **CELL,
-        "x": "",
-        "y": "",
-        "n": "runs",
-        "success_difference": "difference in success",
-        "score_difference": "difference in score",
-        "wrong_pings_difference": "difference in wrong PINGs",
-    },
-    meanings={
-        **MEANINGS,
-        "effect": "what differs between x and y",
-        "p_random": "p-value of not succeeding more often than the random policy",
-    },
+    columns(f"effect {CELL} x y n {DIFFERENCES}"),
+    meanings=MEANINGS | {"wrong_pings": RATE},
     where=no_rows,
 )(effect_rows)
 
@@ -185,38 +155,21 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure | None:
 @item(
     "summary",
     "each scenario and learner after training",
-    {
-        **CELL,
-        "policy": "",
-        "n": "runs",
-        "success": "success probability",
-        "greedy_success": "of the greedy policy",
-        "score": "score, clipped",
-        "unbounded_score": "score without bounds",
-        "steps": "",
-        "wrong_pings": "wrong PINGs",
-        "training_wrong_pings": "wrong PINGs per 1,000 steps of training",
-        "every_cell_success": "success from any cell",
-    },
-    meanings={
-        **MEANINGS,
-        "steps": "expected steps of an episode after training",
-        "wrong_pings": "expected wrong PINGs of an episode after training",
-        "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
-        "greedy_success": "success of the greedy policy, whichever policy counts",
-        "diverged": "runs whose policy was no longer finite at some evaluation",
-        "training_wrong_pings": "wrong PINGs per 1,000 steps of the whole training",
-    },
+    columns(
+        f"{CELL} policy n success greedy_success score unbounded_score steps wrong_pings "
+        "training_wrong_pings every_cell_success"
+    ),
+    meanings=MEANINGS,
     where=lambda frame: frame if frame["scenario"].nunique() <= figures.FEW else no_rows(frame),
     best="success",
 )
 def summary(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Of the wrong PINGs of training, the interval is Student's."""
+    means = ("unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success")
     for names, learner, rows in populations(runs, experiment):
         first = rows.iloc[0]
         row: Row = {**names, "policy": first["policy"], "n": len(rows), "budget": first["budget"]}
         row |= {name: proportion(rows[name].to_numpy()) for name in ENDPOINTS}
-        means = ("unbounded_score", "steps", "wrong_pings", "uncomfortable_steps", "greedy_success")
         row |= {name: rows[name].to_numpy().mean() for name in means}
         row["random_success"] = first["random_success"]
         if "every_cell_success" in rows:
@@ -249,10 +202,11 @@ def _dots(tables: Frames, experiment: Experiment) -> Figure:
                 for i, name in enumerate([learner, *references]):
                     at = y + 0.4 * (i - len(references) / 2)
                     figures.dot(axis, panel[panel["learner"] == name], "success", at, style, is_hollow=i > 0)
-            figures.label_rows(axis, figures.titles(learners, experiment), first=axis is axes[0, 0])
+            titles = [experiment.learners[name].title for name in learners]
+            figures.label_rows(axis, titles, first=axis is axes[0, 0])
             axis.set(title=title, xlim=(-0.03, 1.03), xticks=(0, 0.5, 1))
-            for at in [learners.index(name) for name in baselines if name in learners]:
-                axis.axhspan(at - 0.5, at + 0.5, color="0.93", lw=0, zorder=0)
+            for y in [learners.index(name) for name in baselines if name in learners]:
+                axis.axhspan(y - 0.5, y + 0.5, color="0.93", lw=0, zorder=0)
         text = "success probability after training; bar: 95 % interval over runs"
         text += "; grey: the tables to beat" if baselines else ""
         figure.supxlabel(text + figures.reference_note(drawn, tables, experiment), fontsize="small")
@@ -277,12 +231,14 @@ def _heat(tables: Frames, experiment: Experiment) -> Figure:
         axis.pcolormesh(*edges, shares, cmap=COLOUR_MAP, vmin=0, vmax=1, edgecolors="white", linewidth=0.8)
         for (row, column), share in np.ndenumerate(shares):
             text = f"{share:.2f} {signs.get((scenarios[row], learners[column]), '')}".strip()
-            figures.text_on(axis, column, row, text, is_dark=share < 0.55)
+            axis.text(column, row, text, ha="center", va="center", color=INK[int(share < 0.55)])
         axis.set(ylim=(len(scenarios) - 0.5, -0.5))
         budgets = frame.groupby("learner", sort=False)["budget"].first()
         usual = budgets.mode()[0]
-        more = ["" if budgets[name] == usual else f" ({budgets[name]:,})" for name in learners]
-        labels = [a + b for a, b in zip(figures.titles(learners, experiment), more, strict=True)]
+        labels = [
+            experiment.learners[name].title + ("" if budgets[name] == usual else f" ({budgets[name]:,})")
+            for name in learners
+        ]
         axis.set_xticks(range(len(learners)), labels, rotation=40, ha="left", rotation_mode="anchor")
         axis.set_yticks(range(len(scenarios)), scenarios)
         axis.xaxis.tick_top()
@@ -296,12 +252,10 @@ def _heat(tables: Frames, experiment: Experiment) -> Figure:
             at += len(names)
         lines = [f"success probability after {usual:,} steps of training, mean over runs"]
         if signs:
-            than = {} if len(baselines) == 1 else figures.THAN
-            meaning = ", ".join(
-                f"{sign} {verdict}{than.get(verdict, '')}" for verdict, sign in figures.SIGNS.items()
-            )
-            lines.append(f"against {listed(figures.titles(baselines, experiment))}:")
-            lines.append(f"{meaning}; no sign: undecided or not compared")
+            than = {} if len(baselines) == 1 else _THAN
+            meanings = [f"{sign} {verdict}{than.get(verdict, '')}" for verdict, sign in _SIGNS.items()]
+            lines.append(f"against {listed(experiment.learners[name].title for name in baselines)}:")
+            lines.append(f"{', '.join(meanings)}; no sign: undecided or not compared")
         figure.supxlabel("\n".join(lines), fontsize="small")
     return figure
 
@@ -323,7 +277,7 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
     signs: dict[tuple[str, str], str] = {}
     if "scenario" in tables.get("contrasts", ()):
         for scenario, rows in figures.labelled(tables["contrasts"]).groupby("scenario", sort=False):
-            of_learners = standings(rows, baselines).map(figures.SIGNS).fillna("")
+            of_learners = standings(rows, baselines).map(_SIGNS).fillna("")
             signs |= {(str(scenario), str(x)): sign for x, sign in of_learners.items()}
     return signs
 
@@ -331,21 +285,8 @@ def _signs(tables: Frames, baselines: tuple[str, ...]) -> dict[tuple[str, str], 
 @item(
     "aggregate",
     "every learner over all scenarios, after training",
-    {
-        **CELL,
-        "policy": "",
-        "runs": "",
-        "success": "success probability",
-        "score": "score, clipped",
-        **EFFORT,
-        "every_cell_success": "success from any cell",
-        "unbounded_score": "score without bounds",
-        "iqm": "its interquartile mean",
-    },
-    meanings={
-        **MEANINGS,
-        "iqm": "interquartile mean of the unbounded scores of all runs and scenarios (rliable)",
-    },
+    columns(f"{CELL} policy runs success score {EFFORT} every_cell_success unbounded_score iqm"),
+    meanings=MEANINGS,
     best="success",
 )
 def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
@@ -354,11 +295,9 @@ def aggregate(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
     if reporting_of(experiment).pool != "scenarios":
         return
-    for keys, rows in by_population(own_rows(runs, experiment), "scenario"):
+    for names, learner, rows in populations(runs, experiment, "scenario"):
         scenarios = [here for _, here in rows.groupby("scenario", sort=False)]
-        row: Row = {name: keys[name] for name in names_of(experiment) if name in keys}
-        row |= {"policy": rows["policy"].iloc[0], "runs": len(rows)}
-        row |= effort(experiment.learners[keys["learner"]])
+        row: Row = {**names, "policy": rows["policy"].iloc[0], "runs": len(rows), **effort(learner)}
         for name in (*ENDPOINTS, *(f"every_cell_{endpoint}" for endpoint in ENDPOINTS)):
             if name in runs:
                 values = [here[name].to_numpy() for here in scenarios]
@@ -378,20 +317,7 @@ def scores(runs: pd.DataFrame, experiment: Experiment, path: Path) -> None:
     write_csv(own_rows(runs, experiment)[[name for name in names if name in runs]], path)
 
 
-scores.meanings = {
-    "policy": "the evaluated policy, greedy or stochastic",
-    "seed": "seed of the run",
-    "steps": "expected steps of an episode after training",
-    "wrong_pings": "expected wrong PINGs of an episode after training",
-    "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
-    "greedy_success": "success of the greedy policy, whichever policy counts",
-    "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, in which "
-    "PING is its likeliest action",
-    "target_cells_marked": "marked cells that are in the target region",
-    "region_overlap": "cells both marked and in the target region, per cell that is either",
-    "training_wrong_pings": "wrong PINGs of the whole training",
-    "diverged_at": "first evaluation step at which the policy was no longer finite; inf if it always was",
-}
+scores.meanings = MEANINGS | {"training_wrong_pings": "wrong PINGs of the whole training"}
 
 
 # The answer in a sentence: what is said of scenarios by their outcome, in this order

@@ -1,6 +1,6 @@
 """Items of a comparison: how learners learn, after how many steps, at whose expense, and at what cost."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -14,20 +14,9 @@ from benchmark.drawing import film
 from benchmark.experiments import Experiment, Population
 from benchmark.reports import explorer
 from benchmark.reports.comparison import figures
-from benchmark.reports.comparison.cells import (
-    CELL,
-    EFFORT,
-    MEANINGS,
-    effort,
-    own_rows,
-    populations,
-)
-from benchmark.reports.comparison.declared import (
-    compared_learners,
-    decisive_learners,
-    reporting_of,
-)
-from benchmark.reports.comparison.verdicts import Row
+from benchmark.reports.comparison.cells import Row, effort, populations
+from benchmark.reports.comparison.columns import CELL, EFFORT, MEANINGS, columns
+from benchmark.reports.comparison.declared import compared_learners, decisive_learners, reporting_of
 from benchmark.reports.explorer import explorer_item, typical_agent
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
 
@@ -45,12 +34,12 @@ def curves(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame:
     frames = []
     for names, _, rows in populations(curves, experiment):
         steps = rows["step"].unique()
-        columns: Row = {**names, "step": steps}
-        columns |= {name: proportion(by_step(rows, name)) for name in ("success", "score")}
+        row: Row = {**names, "step": steps}
+        row |= {name: proportion(by_step(rows, name)) for name in ("success", "score")}
         rate = np.diff(by_step(rows, "training_wrong_pings"), axis=1) / np.diff(steps) * 1000
         wrong = student(np.column_stack([np.full(len(rate), np.nan), rate]))  # nothing before the first step
-        columns["wrong_pings"] = wrong._replace(low=np.maximum(wrong.low, 0.0))
-        frames.append(pd.DataFrame(expanded(columns)))
+        row["wrong_pings"] = wrong._replace(low=np.maximum(wrong.low, 0.0))
+        frames.append(pd.DataFrame(expanded(row)))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -61,8 +50,7 @@ def _(table: pd.DataFrame, tables: Frames, experiment: Experiment) -> Figure:
     if frame["scenario"].nunique() <= figures.FEW:
         panels = _panels(drawn, experiment)
     else:
-        compared = [name for name in compared_learners(experiment) if name in drawn]
-        panels = {"": {name: drawn[name] for name in compared or drawn}}
+        panels = {"": {name: drawn[name] for name in _compared(drawn, experiment)}}
     note = f"; dotted: {ENOUGH:g}{figures.reference_note(drawn, tables, experiment)}"
     with figures.curve_panels(frame, panels, experiment, "success", "success", note) as (figure, axes):
         for axis in axes:
@@ -71,13 +59,18 @@ def _(table: pd.DataFrame, tables: Frames, experiment: Experiment) -> Figure:
     return figure
 
 
-def _panels(drawn: figures.Drawn, experiment: Experiment) -> Mapping[str, figures.Drawn]:
+def _panels(drawn: figures.Drawn, experiment: Experiment) -> dict[str, figures.Drawn]:
     """Returns the learners of each declared group, by its title; those of no group are in every panel."""
     groups: dict[str, dict[str, Sequence[str]]] = {"": {}}
     for name, references in drawn.items():
         groups.setdefault(experiment.learners[name].declared.group, {})[name] = references
     everywhere = groups.pop("")
     return {title: everywhere | own for title, own in groups.items()} or {"": everywhere}
+
+
+def _compared(drawn: figures.Drawn, experiment: Experiment) -> list[str]:
+    """Lists the learners of the contrasts that are drawn, or all if there are none."""
+    return [name for name in compared_learners(experiment) if name in drawn] or [*drawn]
 
 
 @drawing(
@@ -90,36 +83,27 @@ def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
     if "curves" not in tables:
         return None
     frame = figures.labelled(tables["curves"])
-    own = figures.drawn_in(frame, experiment)
-    compared = [name for name in compared_learners(experiment) if name in own]
-    drawn = dict.fromkeys(compared or own, ())
-    shown, label = figures.rows_of(frame, drawn), "wrong PINGs\nper 1,000 steps"
+    drawn = dict.fromkeys(_compared(figures.drawn_in(frame, experiment), experiment), ())
+    most = float(figures.rows_of(frame, drawn)["wrong_pings"].max())
+    label = "wrong PINGs\nper 1,000 steps"
     with figures.curve_panels(frame, {"": drawn}, experiment, "wrong_pings", label) as (figure, axes):
         for axis in axes:
-            axis.set(ylim=(0, float(shown["wrong_pings"].max()) * 1.05))
+            axis.set(ylim=(0, most * 1.05))
     return figure
 
 
 @item(
     "steps",
     f"after how many steps success stays at or above {ENOUGH:g} to the last evaluation",
-    {
-        **CELL,
-        "n": "runs",
-        "budget": "steps of training",
-        "share": "share of runs",
-        "median_step": "median step of runs",
-        "step": "step of the mean over runs",
-        "final_success": "final mean",
-    },
-    meanings={
+    columns(f"{CELL} n budget share median_step step final_success"),
+    meanings=MEANINGS
+    | {
         "share": f"share of runs whose success stays at or above {ENOUGH:g}",
         "median_step": f"median over runs of the evaluation step from which success stays at or above "
         f"{ENOUGH:g}; inf if most never reach it",
         "step": f"evaluation step from which the mean success over runs stays at or above {ENOUGH:g}; inf if "
         "there is none",
         "below_at": "last evaluation before `step`; empty if there is none",
-        "final_success": "success after training, mean over runs",
     },
     best="-step",
 )
@@ -144,35 +128,17 @@ def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 @item(
     "cost",
     "cost of a run, measured: medians over all runs of CPU seconds, updates, parameters and peak memory",
-    {
-        **CELL,
-        "cpu_time_s": "CPU time (s)",
-        "steps_per_cpu_s": "steps per CPU second",
-        "updates": "",
-        "parameters": "",
-        "peak_memory_mb": "peak memory (MB)",
-        **EFFORT,
-    },
-    meanings={
-        **MEANINGS,
-        "cpu_time_s": "CPU seconds of training, median over runs",
-        "cpu_time_s_min": "CPU seconds of the fastest run",
-        "cpu_time_s_max": "CPU seconds of the slowest run",
-        "steps_per_cpu_s": "environment steps of training per CPU second",
-        "updates": "updates of a table, or gradient steps of a net, median over runs",
-        "parameters": "learned parameters",
-        "peak_memory_mb": "peak memory of the process in MB, median over runs",
-    },
+    columns(f"{CELL} cpu_time_s steps_per_cpu_s updates parameters peak_memory_mb {EFFORT}"),
+    meanings=MEANINGS,
     is_measured=True,
     best="-cpu_time_s",
 )
 def cost(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Computes medians over all scenarios and conditions, and the range of CPU time."""
-    for name, rows in own_rows(runs, experiment).groupby("learner", sort=False):
-        seconds, learner = rows["cpu_time_s"].to_numpy(), experiment.learners[str(name)]
+    for names, learner, rows in populations(runs, experiment, "scenario", "condition"):
+        seconds = rows["cpu_time_s"].to_numpy()
         yield {
-            "algorithm": learner.variant,
-            "observation": learner.observation,
+            **names,
             "runs": len(rows),
             "cpu_time_s": np.median(seconds),
             "cpu_time_s_min": seconds.min(),
@@ -193,10 +159,9 @@ def learning(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, pat
 
     They are the first baseline and the first net that is compared with it, or else the first of each.
     """
-    drawn = _drawn(runs, experiment)
-    first = [*reporting_of(experiment).baseline, *decisive_learners(experiment)]
-    learners = [*first, *(population.learner.name for population in drawn)]
-    rows: list[list[film.Film]] = []
+    drawn, rows = _drawn(runs, experiment), []
+    learners = [*reporting_of(experiment).baseline, *decisive_learners(experiment)]
+    learners += [population.learner.name for population in drawn]
     for family in ("tabular", "deep"):
         chosen = next((name for name in learners if experiment.learners[name].family == family), None)
         rows.append([_film(population, records) for population in drawn if population.learner.name == chosen])

@@ -1,25 +1,15 @@
 """Differences between cells, and what they come to.
 
 A row is the difference of two cells, or of two means of cells over scenarios: x minus y. Contrasts have
-verdicts, with p-values adjusted as declared; effects are exploratory.
-
-Deep RL *earns its keep* over tables if some deep learner is better than every baseline in success, and
-better than the exact random policy, and not shown to be worse than any of them in score, and if a baseline
-with a policy of the same class, greedy or stochastic, is better than the random policy, too. If all that are
-have another class, the outcome is *another class*: then it is not shown that the net makes the difference. If
-no baseline is better than the random policy, *no table learned*, and *neither learned* if no deep learner is,
-either. Deep RL *does not earn* its keep if every deep learner is worse than a baseline or equivalent to it;
-so it is of one whose mean is equivalent and that is worse by the margin in some scenario, better by it in
-none. Otherwise it is *mixed* if scenarios, or success and score, contradict each other. There is *no verdict*
-if runs are missing or too few. If baselines and deep learners have *unequal budgets*, that is the outcome,
-unless neither learned. All else is *undecided*. Contrasts that name scenarios or conditions have verdicts of
-their own, and no part in the outcome.
+verdicts, with p-values adjusted as declared; effects are exploratory. The rules of verdicts and outcomes are
+in `document.md.jinja`. Contrasts that name scenarios or conditions have verdicts of their own, and no part in
+the outcome.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import product
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -39,8 +29,9 @@ from benchmark.analysis.contrasts import (
 )
 from benchmark.analysis.intervals import LEVEL, Estimate, p_above
 from benchmark.experiments import Experiment
-from benchmark.reports.comparison.cells import cells_of, matched
+from benchmark.reports.comparison.cells import Row, cells_of
 from benchmark.reports.comparison.declared import (
+    AXES,
     Pair,
     contrasts_of,
     decisive_learners,
@@ -50,7 +41,6 @@ from benchmark.reports.comparison.declared import (
 )
 
 ENDPOINTS: Final = ("success", "score")  # in the order in which they count
-Row = dict[str, Any]
 ALPHA: Final = 1 - LEVEL
 
 
@@ -76,18 +66,16 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
     """Returns the contrasts with their verdicts: a row each, or one per scenario if nothing is pooled."""
     reporting, cells = reporting_of(experiment), cells_of(runs, experiment)
     is_pooled = reporting.pool == "scenarios"
-    cases = [
-        case
-        for pair in contrasts_of(experiment)
-        for case in _cases(cells, pair, experiment, is_pooled=is_pooled)
-    ]
+    cases: list[Case] = []
+    for pair in contrasts_of(experiment):
+        cases += _cases(cells, pair, experiment, is_pooled=is_pooled)
     if not is_pooled:
         order = [*experiment.scenarios]
         cases.sort(key=lambda case: order.index(case.x["scenario"].iloc[0]))
     rows: list[Row] = [{**case.names, **_difference(case)} for case in cases]
     allowed = [not is_partial and case.fewest_runs >= reporting.fewest_runs for case in cases]
     adjust = holm if reporting.adjust == "holm" else list
-    for key in ("p_random_x", "p_random_y") if rows else ():
+    for key in ("p_random_x", "p_random_y"):
         for row, p in zip(rows, adjust([row.pop(key) for row in rows]), strict=True):
             row[key] = p
     for endpoint in ENDPOINTS:
@@ -96,15 +84,13 @@ def contrast_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) 
         tests = [contrast(x, y, margin) for x, y in sides]
         decisions = decide(tests, is_allowed=allowed, adjust=adjust)
         for case, row, (x, y), test, decision in zip(cases, rows, sides, tests, decisions, strict=True):
-            row |= {f"{endpoint}_x": x.mean, f"{endpoint}_y": y.mean}
-            for key, value in (asdict(test) | dict(decision)).items():
+            verdict, apart = _over_scenarios(str(decision["verdict"]), x, y, margin)
+            values = {"x": x.mean, "y": y.mean, **asdict(test), **decision, "verdict": verdict}
+            values |= {"margin": margin, "largest": max(a - b for a, b in zip(x.means, y.means, strict=True))}
+            values["except"] = ", ".join(case.x["scenario"].iloc[apart])
+            for key, value in values.items():
                 ending = f"difference_{key}" if key.startswith(("low", "high")) else key
                 row[f"{endpoint}_{ending}"] = value
-            row[f"{endpoint}_margin"] = margin
-            verdict, apart = _over_scenarios(str(decision["verdict"]), x, y, margin)
-            row[f"{endpoint}_verdict"] = verdict
-            row[f"{endpoint}_largest"] = max(a - b for a, b in zip(x.means, y.means, strict=True))
-            row[f"{endpoint}_except"] = ", ".join(case.x["scenario"].iloc[apart])
     return rows
 
 
@@ -138,34 +124,37 @@ def outcome_rows(runs: pd.DataFrame, experiment: Experiment, is_partial: bool) -
     for values in product(*axes.values()):
         names = dict(zip(axes, values, strict=True))
         here = pd.DataFrame([row for row in rows if names.items() <= row.items()])
-        yield {**names, "outcome": outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
+        yield {**names, "outcome": _outcome(here, baselines, decisive, runs) if len(here) else "no verdict"}
 
 
-def outcome(rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame) -> str:
-    """Decides by contrasts of one scenario, or pooled ones; see the module's docstring.
-
-    Args:
-      rows: The contrasts of decisive learners with baselines.
-      baselines: The learners that deep learners have to beat.
-      decisive: The deep learners that are compared with all baselines.
-      runs: Rows with `learner`, `condition` and `budget`.
-    """
-    verdicts = standings(rows, baselines)
+def _outcome(
+    rows: pd.DataFrame, baselines: Sequence[str], decisive: Sequence[str], runs: pd.DataFrame
+) -> str:
+    """Decides by the contrasts of decisive learners with baselines, of one scenario or pooled."""
+    verdicts, of_x = standings(rows, baselines), rows["x"]
     if NO_VERDICT in set(verdicts) or len(verdicts) < len(decisive):
         return "no verdict"
-    if ((rows["p_random_x"] > ALPHA) & (rows["p_random_y"] > ALPHA)).all():
+    x_has_learned, y_has_learned = rows["p_random_x"] <= ALPHA, rows["p_random_y"] <= ALPHA
+    if not (x_has_learned | y_has_learned).any():
         return "neither learned"
-    if _budgets_differ(rows, runs):
+    is_compared = runs["learner"].isin([*of_x, *rows["y"]])
+    if "condition" in rows:
+        is_compared &= runs["condition"].isin(rows["condition"])
+    if runs.loc[is_compared, "budget"].nunique() > 1:
         return "unequal budgets"
-    won = _winners(rows)
-    has_learned = won["p_random_y"] <= ALPHA
-    if (has_learned & (won["policy_x"] == won["policy_y"])).any():
+    # Those are winners that are better in all of their contrasts: in success, than random, not worse in score
+    is_better = (rows["success_verdict"] == BETTER) & x_has_learned
+    is_won = (is_better & ~rows["score_verdict"].isin([WORSE, MIXED])).groupby(of_x).transform("all")
+    if (is_won & y_has_learned & (rows["policy_x"] == rows["policy_y"])).any():
         return "earns"
-    if len(won):
-        return "another class" if has_learned.any() else "no table learned"
-    is_better = (verdicts == BETTER) & (rows.groupby("x")["p_random_x"].max() <= ALPHA)
-    is_lost = verdicts.isin([WORSE, EQUIVALENT]) | _is_worse_in_some(rows).groupby(rows["x"]).any()
-    if is_better.any() or (MIXED in set(verdicts) and not is_lost.all()):
+    if is_won.any():
+        return "another class" if (is_won & y_has_learned).any() else "no table learned"
+    # Mixed although x is nowhere better by the margin: it is worse in some scenario
+    is_nowhere_better = (rows["success_largest"] < rows["success_margin"]) & (rows["success_difference"] <= 0)
+    is_worse = (rows["success_verdict"] == MIXED) & is_nowhere_better
+    is_lost = verdicts.isin([WORSE, EQUIVALENT]) | is_worse.groupby(of_x).any()
+    has_better = ((verdicts == BETTER) & x_has_learned.groupby(of_x).all()).any()
+    if has_better or (MIXED in set(verdicts) and not is_lost.all()):
         return "mixed"
     return "does not earn" if is_lost.all() else "undecided"
 
@@ -185,30 +174,14 @@ def standings(rows: pd.DataFrame, baselines: Iterable[str]) -> "pd.Series[str]":
     return pd.Series(verdicts, dtype=str)
 
 
-def _is_worse_in_some(rows: pd.DataFrame) -> pd.Series:
-    """Returns which rows are mixed although x is nowhere better by the margin: it is worse in places."""
-    is_nowhere_better = (rows["success_largest"] < rows["success_margin"]) & (rows["success_difference"] <= 0)
-    return (rows["success_verdict"] == MIXED) & is_nowhere_better
-
-
-def _winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the contrasts of each x that is better in all: in success, than random, not worse in score."""
-    is_better = (rows["success_verdict"] == BETTER) & (rows["p_random_x"] <= ALPHA)
-    is_won = is_better & ~rows["score_verdict"].isin([WORSE, MIXED])
-    return rows[is_won.groupby(rows["x"]).transform("all")]
-
-
-def _budgets_differ(rows: pd.DataFrame, runs: pd.DataFrame) -> bool:
-    """Returns whether the learners of contrasts under one condition had different budgets."""
-    is_compared = runs["learner"].isin([*rows["x"], *rows["y"]])
-    if "condition" in rows:
-        is_compared &= runs["condition"].isin(rows["condition"])
-    return bool(runs.loc[is_compared, "budget"].nunique() > 1)
-
-
 def _cases(cells: pd.DataFrame, pair: Pair, experiment: Experiment, *, is_pooled: bool) -> Iterator[Case]:
     """Yields the pairs of cells that two sides name, by what names their row."""
-    x, y = matched(cells, pair)
+    x = cells[np.logical_and.reduce([cells[axis] == name for axis, name in pair.x.items()])]
+    # The cell that differs from each of these by what the sides name, if it is there
+    known, wanted = (pd.MultiIndex.from_frame(frame[[*AXES]]) for frame in (cells, x.assign(**pair.y)))
+    others = known.get_indexer(wanted)
+    is_there = others >= 0
+    x, y = x[is_there].reset_index(drop=True), cells.iloc[others[is_there]].reset_index(drop=True)
     keys = ["scenario"] if "scenario" not in pair.x and not is_pooled else []
     keys += ["condition"] if "condition" not in pair.x and len(experiment.conditions) > 1 else []
     keys += ["algorithm", "observation"] if "learner" not in pair.x else []

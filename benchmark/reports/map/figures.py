@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from textwrap import fill
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,8 @@ from matplotlib.text import Annotation
 from benchmark.analysis.looks import EQUAL, FASTER, NEITHER, SLOWER, TOO_SHORT
 from benchmark.drawing.style import INK, figure_of, learner_style
 from benchmark.drawing.tables import two_digits
-from benchmark.experiments import Experiment, Learner
+from benchmark.experiments import Experiment
+from benchmark.reports.comparison.figures import style_of
 from benchmark.reports.item import Frames, drawing
 
 _COLOUR_MAP: Final = "PuOr_r"  # purple: y, orange: x; signs tell them apart in grey
@@ -124,12 +125,6 @@ def _lines(tables: Frames, experiment: Experiment, grid: str) -> dict[str, pd.Da
     }
 
 
-def _style(experiment: Experiment, learner: Learner) -> dict[str, Any]:
-    """Returns colour, marker and dash of a learner that is no reference."""
-    own = [other.variant for other in experiment.learners.values() if not other.reference_for]
-    return learner_style(learner.variant, learner.observation, [*dict.fromkeys(own)])
-
-
 def _draw_lines(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -> None:
     """Draws steps against the values of an axis."""
     report, solved = experiment.report, experiment.declared.solved
@@ -166,7 +161,7 @@ def _draw_lines(axis: Axes, tables: Frames, experiment: Experiment, grid: str) -
 def _curve(axis: Axes, rows: pd.DataFrame, experiment: Experiment, alpha: float) -> Annotation:
     """Draws a learner's median steps, hollow at the budget where most runs never solve; returns its label."""
     learner = experiment.learners[rows["learner"].iloc[0]]
-    style, values = _style(experiment, learner), rows["at"].to_numpy()
+    style, values = style_of(learner.name, experiment), rows["at"].to_numpy()
     shown, low, high = (
         rows[column].where(np.isfinite(rows[column]), rows["budget"]).clip(lower=_LOWEST)
         for column in ("steps", "steps_low", "steps_high")
@@ -262,7 +257,7 @@ def _draw_success(axis: Axes, tables: Frames, experiment: Experiment, grid: str)
     column = "success" if name == "permuted" else "unseen_success"
     for learner, rows in _lines(tables, experiment, grid).items():
         success, low, high = (rows[f"{column}{end}"].to_numpy() for end in ("", "_low", "_high"))
-        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **_style(experiment, experiment.learners[learner])}
+        style = {"lw": 1.6, "elinewidth": 0.8, "ms": 6, **style_of(learner, experiment)}
         ends, title = [success - low, high - success], experiment.learners[learner].title
         axis.errorbar(range(len(rows)), success, ends, label=title, **style)
     axis.set_xticks(range(len(texts)), texts)

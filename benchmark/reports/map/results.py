@@ -1,13 +1,11 @@
 """Items of the report on a map: what every population took, which learner needs fewer steps, and why."""
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from agents.hardness import Hardness, hardness
 from benchmark.analysis import looks as rules
@@ -15,14 +13,27 @@ from benchmark.analysis.frames import by_step
 from benchmark.analysis.intervals import BOOTSTRAP_SEED, RESAMPLES, Estimate, median, proportion
 from benchmark.analysis.looks import VERDICTS, Contrast
 from benchmark.experiments import Experiment, Population
-from benchmark.reports.item import item, no_rows
+from benchmark.reports.item import item, labelled_columns, no_rows
 from envs import InputError, Scenario
 from envs.observations import compile_seen
 from envs.scenario import NoisyFeedback
 
 Row = Mapping[str, object]
 
-POINT: Final = {"grid": "", "point": ""}
+_LABELS: Final = {
+    "cpu_time_s": "CPU seconds",
+    "disagreements": "median wrong PINGs",
+    "faster": "probability that x is faster",
+    "n": "runs",
+    "n_reference": "runs of y, the reference",
+    "ratio": "median steps of y / of x",
+    "solved": "share that learns",
+    "steps": "median steps",
+    "steps_reference": "median steps of y",
+    "success": "success at the end",
+    "unseen_success": "success in unseen places",
+    "verdict": "verdict on x",
+}
 _MEANINGS: Final = {
     "columns": "columns of the room",
     "contrasts": "contrasts that ended with so many pairs of runs",
@@ -58,21 +69,13 @@ _MEANINGS: Final = {
 }
 _item: Final = partial(item, meanings=_MEANINGS)
 _COUNTED: Final = dict.fromkeys(VERDICTS, "")
+_columns: Final = partial(labelled_columns, _LABELS)
 
 
 @_item(
     "cells",
     "every point and learner: the share of runs that learn, and medians of what they take",
-    {
-        **POINT,
-        "learner": "",
-        "n": "runs",
-        "solved": "share that learns",
-        "success": "success at the end",
-        "steps": "median steps",
-        "disagreements": "median wrong PINGs",
-        "unseen_success": "success in unseen places",
-    },
+    _columns("grid point learner n solved success steps disagreements unseen_success"),
     best="-steps",
 )
 def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
@@ -81,8 +84,7 @@ def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> I
     for population, took in _took(experiment, curves).items():
         is_solved = np.isfinite(took["steps"].to_numpy())
         yield {
-            **_point(population),
-            **_learner(population),
+            **_cell(population),
             "n": len(took),
             "budget": population.first.settings.budget,
             "n_solved": int(is_solved.sum()),
@@ -97,29 +99,20 @@ def cells(runs: pd.DataFrame, curves: pd.DataFrame, experiment: Experiment) -> I
 @_item(
     "cpu",
     "measured: median CPU seconds of training until a run has learned",
-    {**POINT, "learner": "", "n": "runs", "cpu_time_s": "CPU seconds"},
+    _columns("grid point learner n cpu_time_s"),
     is_measured=True,
     where=no_rows,
 )
 def cpu(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the time of training alone: no evaluation counts."""
     for population, took in _took(experiment, curves).items():
-        names, time = _point(population) | _learner(population), median(took["cpu_time_s"].to_numpy())
-        yield {**names, "n": len(took), "cpu_time_s": time}
+        yield _cell(population) | {"n": len(took), "cpu_time_s": median(took["cpu_time_s"].to_numpy())}
 
 
 @_item(
     "contrasts",
     "which learner needs fewer steps, at the first look that decides it, or at the last",
-    {
-        **POINT,
-        "x": "",
-        "y": "",
-        "n": "pairs of runs",
-        "verdict": "verdict on x",
-        "faster": "probability that x is faster",
-        "ratio": "median steps of y / of x",
-    },
+    _columns("grid point x y n verdict faster ratio") | {"n": "pairs of runs"},
 )
 def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Tabulates the declared contrasts. Intervals of `faster` hold for all contrasts and looks at once.
@@ -147,18 +140,12 @@ def contrasts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 )
 def verdicts(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Counts verdicts; a point of two grids counts in both."""
-    counts: dict[tuple[str, str, str], Counter[str]] = {}
-    for contrast in _contrasts(experiment, curves):
-        key = contrast.x.condition.axes["grid"], contrast.x.learner.name, contrast.y.learner.name
-        counts.setdefault(key, Counter()).update([contrast.decision.verdict])
-    for (grid, x, y), counted in counts.items():
-        yield {
-            "grid": grid,
-            "x": x,
-            "y": y,
-            "n": counted.total(),
-            **{name: counted[name] for name in VERDICTS},
-        }
+    decided = pd.DataFrame(
+        _name(contrast.x) | _sides(contrast) | {"verdict": contrast.decision.verdict}
+        for contrast in _contrasts(experiment, curves)
+    )
+    for (grid, x, y), ended in decided.groupby(["grid", "x", "y"], sort=False)["verdict"]:
+        yield {"grid": grid, "x": x, "y": y, "n": len(ended), **_counted([*ended])}
 
 
 @_item(
@@ -174,23 +161,14 @@ def looks(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         for contrast in _contrasts(experiment, curves)
     }
     for n in experiment.report.looks:
-        counted = Counter(decision.verdict for decision in distinct.values() if decision.n == n)
-        yield {"n": n, "contrasts": counted.total(), **{name: counted[name] for name in VERDICTS}}
+        ended = [decision.verdict for decision in distinct.values() if decision.n == n]
+        yield {"n": n, "contrasts": len(ended), **_counted(ended)}
 
 
 @_item(
     "reference",
     "exploratory: DQN and PPO of Stable-Baselines3 compared with the compiled ones",
-    {
-        **POINT,
-        "x": "",
-        "y": "reference",
-        "n": "runs of x",
-        "n_reference": "runs of the reference",
-        "steps": "median steps of x",
-        "steps_reference": "of the reference",
-        "faster": "probability that x is faster",
-    },
+    _columns("grid point x y n n_reference steps steps_reference faster"),
 )
 def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Compares runs of other seeds and other code: by pairs of one run of each, all with all."""
@@ -213,35 +191,43 @@ def reference(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
 
 
 @_item("pairs", "what every contrast uses: the steps of its pairs of runs, within one budget", where=no_rows)
-def pairs(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+def pairs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates the runs of each contrast; steps are empty where a run does not learn within that budget."""
-    for contrast in _contrasts(experiment, curves):
-        names, steps = (
-            _name(contrast.x) | _sides(contrast),
-            [_finite(took["steps"]) for took in contrast.took],
-        )
-        for i, (x, y) in enumerate(zip(*steps, strict=True)):
-            yield {**names, "run": i, "steps_x": x, "steps_y": y}
+    return _numbered(
+        (_name(contrast.x) | _sides(contrast), pd.DataFrame({"steps_x": x["steps"], "steps_y": y["steps"]}))
+        for contrast in _contrasts(experiment, curves)
+        for x, y in [contrast.took]
+    )
 
 
 @_item("runs", "every run: what it took until it had learned, within its own budget", where=no_rows)
-def runs(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+def runs(curves: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs, numbered by seed; empty where a run never solves its scenario."""
-    for population, took in _took(experiment, curves).items():
-        names = _name(population) | {"learner": population.learner.name}
-        values = (_finite(took[name]) for name in ("steps", "disagreements"))
-        for i, (steps, disagreements) in enumerate(zip(*values, strict=True)):
-            yield {**names, "run": i, "steps": steps, "disagreements": disagreements}
+    return _numbered(
+        (_name(population) | {"learner": population.learner.name}, took[["steps", "disagreements"]])
+        for population, took in _took(experiment, curves).items()
+    )
 
 
 @_item("unseen", "every run with unseen places: success in them at the end of training", where=no_rows)
-def unseen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
+def unseen(runs: pd.DataFrame, experiment: Experiment) -> pd.DataFrame | None:
     """Tabulates all runs of the points that have unseen places."""
-    for population, rows in rules.rows_of(experiment, runs).items():
-        if population.scenario.issuer.unseen:
-            for i, success in enumerate(rows["unseen_success"]):
-                names = _name(population) | {"learner": population.learner.name}
-                yield {**names, "run": i, "unseen_success": success}
+    return _numbered(
+        (_name(population) | {"learner": population.learner.name}, rows[["unseen_success"]])
+        for population, rows in rules.rows_of(experiment, runs).items()
+        if population.scenario.issuer.unseen
+    )
+
+
+def _numbered(tables: Iterable[tuple[Mapping[str, str], pd.DataFrame]]) -> pd.DataFrame | None:
+    """Returns the rows of runs as one table, with their names and numbers, and NaN for infinite values."""
+    frames = [
+        pd.DataFrame(
+            {**names, "run": range(len(rows)), **rows.reset_index(drop=True).replace(np.inf, np.nan)}
+        )
+        for names, rows in tables
+    ]
+    return pd.concat(frames, ignore_index=True) if frames else None
 
 
 @_item("measures", "measures of every point, for the places of its first run", where=no_rows)
@@ -258,13 +244,9 @@ def measures(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         if learner.reference_for or same in seen or scenario.following[0].shape[1] > 1:
             continue  # the last: what follows an action is random
         seen.add(same)
-        yield {
-            **_point(population),
-            **_learner(population),
-            "n": len(took),
-            **_hardness(scenario, learner.observation, experiment.declared.horizon)._asdict(),
-            "steps": float(np.median(took["steps"])),
-        }
+        measured = _hardness(scenario, learner.observation, experiment.declared.horizon)._asdict()
+        steps = {"steps": float(np.median(took["steps"]))}
+        yield _cell(population) | {"n": len(took)} | measured | steps
 
 
 def _took(experiment: Experiment, curves: pd.DataFrame) -> dict[Population, pd.DataFrame]:
@@ -299,7 +281,11 @@ def ratio(x: pd.DataFrame, y: pd.DataFrame, currency: str) -> Estimate:
     return Estimate(float(samples[0]), *map(float, np.nanpercentile(samples[1:], [2.5, 97.5])))
 
 
-def _name(population: Population) -> dict[str, object]:
+def _counted(ended: Sequence[str]) -> dict[str, int]:
+    return {verdict: ended.count(verdict) for verdict in VERDICTS}
+
+
+def _name(population: Population) -> dict[str, str]:
     """Returns the columns that name a point: its grid, and its name there."""
     axes = {axis: value for axis, value in population.condition.axes.items() if axis != "reading"}
     return {"grid": axes.pop("grid"), "point": ", ".join(f"{axis} {axes[axis]}" for axis in axes)}
@@ -319,17 +305,14 @@ def _point(population: Population) -> dict[str, object]:
     }
 
 
-def _learner(population: Population) -> dict[str, object]:
-    return {"algorithm": population.learner.variant, "observation": population.learner.observation}
+def _cell(population: Population) -> dict[str, object]:
+    """Returns the same, and what names the learner."""
+    learner = population.learner
+    return _point(population) | {"algorithm": learner.variant, "observation": learner.observation}
 
 
-def _sides(contrast: Contrast) -> dict[str, object]:
+def _sides(contrast: Contrast) -> dict[str, str]:
     return {"x": contrast.x.learner.name, "y": contrast.y.learner.name}
-
-
-def _finite(values: pd.Series) -> NDArray[np.float64]:
-    """Returns NaN for infinite values."""
-    return np.where(np.isinf(values), np.nan, values)
 
 
 @lru_cache(maxsize=1024)

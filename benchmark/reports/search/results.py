@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -14,14 +14,16 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
+from benchmark.analysis.contrasts import Means
 from benchmark.analysis.intervals import Estimate, combined, interval, resample
 from benchmark.analysis.search import AROUND, Areas, best_apart, chosen_by, everywhere, outcomes, settings_of
 from benchmark.drawing.maps import gallery
-from benchmark.drawing.style import figure_of, learner_style
+from benchmark.drawing.style import figure_of
 from benchmark.drawing.tables import decimals_of
 from benchmark.experiments import Experiment, Learner
-from benchmark.experiments.search import Choice, Span
-from benchmark.reports.item import Frames, drawing, entry, item, no_rows
+from benchmark.experiments.search import Choice
+from benchmark.reports.comparison.figures import style_of
+from benchmark.reports.item import Frames, drawing, entry, item, labelled_columns, no_rows
 from envs import compile_scenario
 
 Row = dict[str, object]
@@ -49,7 +51,18 @@ _MEANINGS: Final = {
     "value": "value of that setting",
     "why": "the reason for the range",
 }
+_LABELS: Final = {
+    "cpu_ms": "CPU ms per run",
+    "cpu_time_s": "CPU seconds",
+    "difference": "difference from the chosen",
+    "found": "mean on the first runs",
+    "n": "runs",
+    "per_scenario": "the best per scenario",
+    "sensitivity": "gain per scenario",
+    "steps": "environment steps",
+}
 _item: Final = partial(item, meanings=_MEANINGS)
+_columns: Final = partial(labelled_columns, _LABELS)
 _AREA: Final = "mean area under the curve of success"
 _TITLES: Final = {"tabular": "tables", "deep": "nets"}
 _TICKS: Final = (1, 2, 4, 8, 16, 32)  # of trials
@@ -60,17 +73,8 @@ _CLOSE: Final = 0.05  # areas that differ by less are close to each other
 @_item(
     "chosen",
     "the chosen settings of each learner, and its areas under the curve of success on fresh runs",
-    {
-        "learner": "",
-        "trial": "",
-        "settings": "",
-        "default": "default settings",
-        "chosen": "chosen settings",
-        "gain": "gain",
-        "per_scenario": "the best per scenario",
-        "sensitivity": "gain per scenario",
-        "found": "mean on the first runs",
-    },
+    _columns("learner trial settings default chosen gain per_scenario sensitivity found")
+    | {"default": "default settings", "chosen": "chosen settings"},
     best="chosen",
 )
 def chosen(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
@@ -105,11 +109,8 @@ def best_of(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
         low, high = interval(samples)
         for i, value in enumerate(samples[0]):
             ends = (min(low[i], value), max(high[i], value)) if i < len(areas) // 3 else (math.nan, math.nan)
-            yield _names(outcome.learner) | {
-                "trials": i + 1,
-                "steps": (i + 1) * budget * areas[0].size,
-                "expected": Estimate(value, *ends),
-            }
+            effort = {"trials": i + 1, "steps": (i + 1) * budget * areas[0].size}
+            yield _names(outcome.learner) | effort | {"expected": Estimate(value, *ends)}
 
 
 @best_of.figure("What tuning buys: the result that is expected of the best of b trials.")
@@ -122,7 +123,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
         for axis, family in zip(axes[0], panels, strict=True):
             learners = [learner for learner in experiment.learners.values() if learner.family == family]
             for i, learner in enumerate(learners):
-                rows, style = _of(frame, learner), _style(experiment, learner)
+                rows, style = _of(frame, learner), style_of(learner.name, experiment)
                 axis.plot(rows["trials"], rows["expected"], markevery=(i, 12), ms=5, lw=1.4, **style)
                 ends = rows["expected_low"], rows["expected_high"]
                 axis.fill_between(rows["trials"], *ends, color=style["color"], alpha=0.1, lw=0)
@@ -137,7 +138,8 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
                 scale.set_minor_locator(NullLocator())
             axis.set_title(_TITLES[family], fontweight="bold")
             handles = [
-                Line2D([], [], label=learner.title, **_style(experiment, learner)) for learner in learners
+                Line2D([], [], label=learner.title, **style_of(learner.name, experiment))
+                for learner in learners
             ]
             place_below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13)}
             axis.legend(handles=handles, **place_below, ncols=2, frameon=False, handlelength=3)
@@ -163,14 +165,7 @@ def _(table: pd.DataFrame) -> pd.DataFrame:
 @_item(
     "cost",
     "cost of the search, excluding the runs that vary the chosen settings",
-    {
-        "learner": "",
-        "trials": "",
-        "runs": "",
-        "steps": "environment steps",
-        "cpu_time_s": "CPU seconds",
-        "cpu_ms": "CPU ms per run",
-    },
+    _columns("learner trials runs steps cpu_time_s cpu_ms"),
     is_measured=True,
     best="-cpu_time_s",
 )
@@ -209,7 +204,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
     with figure_of(1, 1, (9.0, 0.3 * len(learners) + 1.2)) as (figure, axes):
         axis = axes[0, 0]
         for y, learner in enumerate(learners):
-            areas, style = _of(tables["trials"], learner)["area"], _style(experiment, learner)
+            areas, style = _of(tables["trials"], learner)["area"], style_of(learner.name, experiment)
             row = _of(tables["chosen"], learner).iloc[0]
             axis.plot(areas[1:], [y] * (len(areas) - 1), "|", ms=9, mew=0.9, color="0.55")
             axis.plot(row["default"], y, "x", ms=7, mew=2, color="black")
@@ -232,14 +227,7 @@ def _(tables: Frames, experiment: Experiment) -> Figure:
 @_item(
     "around",
     "one setting at a time around the chosen ones",
-    {
-        "learner": "",
-        "setting": "",
-        "value": "",
-        "n": "runs",
-        "area": "",
-        "difference": "difference from the chosen",
-    },
+    _columns("learner setting value n area difference"),
     where=no_rows,
 )
 def around(runs: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
@@ -272,8 +260,8 @@ def _(table: pd.DataFrame, experiment: Experiment) -> Figure:
             for axis in row[len(learners) :]:
                 axis.set_axis_off()
             for axis, learner in zip(row, learners, strict=False):
-                _draw_around(axis, _of(table, learner), learner, _style(experiment, learner)["color"])
-                names = [_in_words(key) for key in learner.declared.search]
+                _draw_around(axis, _of(table, learner), learner, style_of(learner.name, experiment)["color"])
+                names = [key.split(".")[-1].replace("_", " ") for key in learner.declared.search]
                 axis.set_yticks(range(len(names)), names if axis is row[0] else [])
                 axis.tick_params(labelbottom=i == len(variants) - 1, axis="x")
         figure.supxlabel(
@@ -306,7 +294,7 @@ def _draw_around(axis: Axes, rows: pd.DataFrame, learner: Learner, colour: str) 
 @item(
     "spaces",
     "the declared range of every setting, and why",
-    {"algorithm": "", "setting": "", "default": "", "range": "", "why": ""},
+    _columns("algorithm setting default range why"),
     meanings=_MEANINGS | {"default": "default value"},
 )
 def spaces(experiment: Experiment) -> Iterator[Row]:
@@ -315,35 +303,19 @@ def spaces(experiment: Experiment) -> Iterator[Row]:
     defaults = {population.learner.variant: population.first.settings for population in populations}
     for name, declared in experiment.declared.algorithms.items():
         for key, axis in declared.search.items():
-            yield {
-                "algorithm": name,
-                "setting": key,
-                "default": json.dumps(_at(defaults[name], key)),
-                "range": _range(axis),
-                "why": axis.why,
-            }
+            if isinstance(axis, Choice):
+                texts = " or ".join(map(json.dumps, axis.values))
+            else:
+                texts = f"{axis.low:g} to {axis.high:g}"
+                texts += ", logarithmic" * (axis.scale == "log") + ", whole" * axis.whole
+            default = json.dumps(_at(defaults[name], key))
+            yield {"algorithm": name, "setting": key, "default": default, "range": texts, "why": axis.why}
 
 
 @drawing("scenes", "the scenarios of the search", "The scenarios of the search.")
 def scenes(experiment: Experiment) -> Figure:
     """Draws where settings are searched for."""
     return gallery([compile_scenario(scenario) for scenario in experiment.scenarios.values()])
-
-
-def _range(axis: Span | Choice) -> str:
-    if isinstance(axis, Choice):
-        return " or ".join(map(json.dumps, axis.values))
-    return f"{axis.low:g} to {axis.high:g}{', logarithmic' * (axis.scale == 'log')}{', whole' * axis.whole}"
-
-
-def _style(experiment: Experiment, learner: Learner) -> dict[str, Any]:
-    """Returns the colour, marker and dash of a learner."""
-    return learner_style(learner.variant, learner.observation, [*experiment.declared.algorithms])
-
-
-def _in_words(key: str) -> str:
-    """Returns a setting's name as readers see it: of policy_kwargs.net_arch, net arch."""
-    return key.split(".")[-1].replace("_", " ")
 
 
 def _names(learner: Learner) -> Row:
@@ -373,10 +345,8 @@ def _text(experiment: Experiment, learner: Learner, trial: int) -> str:
 
 def mean(areas: Sequence[Areas]) -> Estimate:
     """Returns the mean over scenarios of means over runs, given the numbers in [0, 1] of each scenario."""
-    share, means = 1 / len(areas), [float(part.mean()) for part in areas]
-    return Estimate(
-        float(np.mean(means)), *combined([share] * len(areas), means, [len(part) for part in areas])
-    )
+    means = Means([float(part.mean()) for part in areas], [*map(len, areas)])
+    return Estimate(means.mean, *means.interval)
 
 
 def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
@@ -389,7 +359,7 @@ def gain(x: Sequence[Areas], y: Sequence[Areas]) -> Estimate:
     means = [float(side.mean()) for side in sides]
     if not apart:
         return Estimate(0.0, 0.0, 0.0)
-    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [len(side) for side in sides]))
+    return Estimate(float(np.dot(weights, means)), *combined(weights, means, [*map(len, sides)]))
 
 
 def expected_best(areas: Areas, weights: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,12 +1,13 @@
 """The stages of a search: who is run again, and who is chosen."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.analysis.frames import tables
+from benchmark.analysis.frames import keys_of, tables
 from benchmark.analysis.search import best_apart, chosen, finalists, outcomes, searched_areas
 from benchmark.analysis.stages import runs_of, stages
 from benchmark.execution import driver
@@ -30,19 +31,11 @@ def test_the_winner_of_a_lottery_does_not_win() -> None:
     areas = np.array(FIRST)[:, :, None].repeat(2, axis=2)
     assert finalists(areas, 2) == [1, 2]  # 0.6, 0.5; as trial 3, but declared before it
     assert best_apart(areas) == [1, 3]
-    rows = [
-        {
-            "learner": population.learner.name,
-            "trial": population.condition.axes["trial"],
-            "scenario": population.scenario.name,
-            "stage": stage,
-            "area": areas[int(population.condition.axes["trial"])][i],
-        }
-        for stage, areas in (("search", FIRST), ("fresh", FRESH))
-        for population in SMALL.populations
-        for i, name in enumerate(SMALL.scenarios)
-        if population.scenario.name == name
-    ]
+    rows = []
+    for (stage, means), population in product({"search": FIRST, "fresh": FRESH}.items(), SMALL.populations):
+        row = keys_of(population) | {"stage": stage}
+        at = [*SMALL.scenarios].index(row["scenario"])
+        rows.append(row | {"area": means[int(row["trial"])][at]})
     assert [outcome.chosen for outcome in outcomes(SMALL, pd.DataFrame(rows))] == [2, 2, 2]
 
 
@@ -73,14 +66,11 @@ def test_stages_follow_from_what_is_stored(tmp_path: Path) -> None:
     assert {run.seed for run in runs_of(fresh)} == {10, 11, 12}
 
     # Around the chosen settings, one of them changes at a time.
-    own = {
-        (group.population.learner.name, group.population.scenario.name): group
-        for group in around
-        if not group.more["setting"]
-    }
+    unchanged: dict[tuple[str, str], dict[str, object]] = {}
     for group in around:
-        names = group.population.learner.name, group.population.scenario.name
-        before, after = (each.runs[0].settings.model_dump() for each in (own[names], group))
+        key = group.population.learner.name, group.population.scenario.name
+        settings = group.runs[0].settings.model_dump()
+        own = unchanged.setdefault(key, settings)  # the first of each has the chosen settings
         assert {run.seed for run in group.runs} == {13, 14}
-        changed = {key for key in before if before[key] != after[key]}
+        changed = {name for name in own if own[name] != settings[name]}
         assert changed == {group.more["setting"].split(".")[0]} - {""}

@@ -20,37 +20,32 @@ SPACE: Space = {
     "every": Span(low=10, high=1000, scale="log", whole=True, why="-"),
     "policy_kwargs.net_arch": Choice(values=([8], [8, 8]), why="-"),
 }
-SEARCH = """
+BASE = """
 description = "A table in a scene."
 scenarios = ["FarCorner"]
 horizon = 50
 evaluation_every = 100
 map_every = 200
 settings = { budget = 200 }
-search = { trials = 4, finalists = 2, first_seed = 10, seeds = 3 }
+"""
+SEARCH = f"""{BASE}
+search = {{ trials = 4, finalists = 2, first_seed = 10, seeds = 3 }}
 
 [algorithms.q_learning]
 algorithm = "q_learning"
 observations = ["index", "offset"]
 seeds = 2
-settings = { discount = 0.8 }
-search = { learning_rate = { low = 0.03, high = 1.0, scale = "log", why = "-" } }
+settings = {{ discount = 0.8 }}
+search = {{ learning_rate = {{ low = 0.03, high = 1.0, scale = "log", why = "-" }} }}
 """
-TUNED = """
-description = "The same table in another scene."
-scenarios = ["S1"]
-horizon = 50
-evaluation_every = 100
-map_every = 200
-settings = { budget = 200 }
-
+TUNED = f"""{BASE.replace("FarCorner", "S1")}
 [algorithms.mine]
 algorithm = "q_learning"
 observations = ["index", "offset"]
 seeds = 2
 first_seed = 100
 tuned_by = "PATH:q_learning"
-settings = { epsilon = 0.3 }
+settings = {{ epsilon = 0.3 }}
 
 [algorithms.plain]
 algorithm = "q_learning_plain"
@@ -83,11 +78,6 @@ def tuned(tmp_path: Path, *changes: tuple[str, str]) -> Experiment:
         assert old in text
         text = text.replace(old, new)
     return experiment_of(tmp_path / "tuned.toml", text)
-
-
-def forget() -> None:
-    """Lets searches be read again, which a process does once."""
-    choices._search.cache_clear()
 
 
 def test_trials_stay_the_same_when_a_search_is_lengthened() -> None:
@@ -132,7 +122,6 @@ def test_learners_take_what_was_chosen_for_their_observation(tmp_path: Path) -> 
         ("description", 'stream = "search"\ndescription', "its stream is that of the search"),
         (":q_learning", ":dqn", "unknown variant of .* dqn; accepted: q_learning"),
         ('"index", "offset"', '"index", "one_hot"', "unknown observation for q_learning one_hot"),
-        ("PATH:q_learning", "reproduce:q_learning", "reproduce has no table .search."),
         ("PATH:q_learning", "q_learning", 'accepted: "EXPERIMENT:VARIANT"'),
     ],
 )  # fmt: skip
@@ -162,24 +151,25 @@ def test_a_scene_under_another_name_is_refused(tmp_path: Path, start: str, issue
 
 
 def test_no_scene_of_the_search_is_reported() -> None:
-    scenarios = load_experiment("tuning").scenarios
-    seen = {choices.essence_of(scenario) for scenario in scenarios.values()}
-    assert len(seen) == 4
-    others = [name for name in scenario_names() if name not in scenarios]
-    assert [name for name in others if choices.essence_of(load_scenario(name)) in seen] == []
+    seen = {
+        name: choices.essence_of(scenario) for name, scenario in load_experiment("tuning").scenarios.items()
+    }
+    assert len({*seen.values()}) == 4
+    others = {*scenario_names()} - {*seen}
+    assert [name for name in others if choices.essence_of(load_scenario(name)) in seen.values()] == []
 
 
 @pytest.mark.usefixtures("search")
 def test_a_changed_search_is_run_again(tmp_path: Path) -> None:
     path = tmp_path / "search.toml"
     path.write_text(path.read_text().replace('why = "-"', 'why = "Another text."'))
-    forget()
+    choices._search.cache_clear()  # a process reads a search once
     tuned(tmp_path)
     for old, new in (("low = 0.03", "low = 0.05"), ("FarCorner", f"{tmp_path / 'FarCorner.toml'}")):
         scene = (SCENARIO_DIRECTORY / "FarCorner.toml").read_text(encoding="utf-8")
         (tmp_path / "FarCorner.toml").write_text(scene.replace("[9, 11]", "[9, 10]"))
         path.write_text(SEARCH.replace(old, new))
-        forget()
+        choices._search.cache_clear()  # a process reads a search once
         with pytest.raises(InputError, match=r"was made by another version of the search"):
             tuned(tmp_path)
 
@@ -203,9 +193,6 @@ def test_missing_and_damaged_choices_are_refused(tmp_path: Path, text: str | Non
     [
         ("low = 0.03", "low = 3.0", "low = 3.0: accepted: less than high = 1.0"),
         ("low = 0.03", "low = 0.0", "low = 0.0: accepted: above 0, or scale"),
-        ('why = "-"', 'why = ""', 'why = "": accepted: at least 1'),
-        ("learning_rate = {", "speed = {", "unknown key speed"),
-        ("high = 1.0", "high = 2.0", "less than or equal to 1"),
         ('low = 0.03, high = 1.0, scale = "log"', "low = 0, high = 1", "= 0.0: .* greater than 0"),
         ("low = 0.03", "whole = true, low = 0.03", "accepted: whole numbers, both"),
         ("seeds = 2\n", "seeds = 1\n", "seeds = 1: accepted: at least 2 in a search"),

@@ -21,7 +21,6 @@ from benchmark.analysis.records import Records
 from benchmark.drawing.tables import write_csv
 from benchmark.experiments import Experiment, Learner, Population, Reporting
 from benchmark.experiments.schema import Variant
-from benchmark.experiments.search import Chosen
 from benchmark.reports.comparison import REPORT
 from benchmark.reports.data import Data
 from benchmark.reports.document import Document
@@ -68,10 +67,8 @@ class Cell(NamedTuple):
     budget: int = BUDGET
     score: ArrayLike | None = None  # by default as success
     condition: str = "default"
-    observation: str = "index"
     reference_for: str = ""
     wrong_pings: ArrayLike = 0  # (N, T) of training, since its start
-    runs: Mapping[str, Sequence[float]] = MappingProxyType({})  # further columns of the table `runs`
 
 
 def over_training(final: ArrayLike) -> NDArray[np.float64]:
@@ -93,22 +90,15 @@ def data_of(
     baseline: Sequence[str] = (),
     *,
     is_partial: bool = False,
-    chosen: Mapping[str, Chosen] = MappingProxyType({}),
     records: Mapping[str, Records] = MappingProxyType({}),
     **reporting: Any,
 ) -> Data:
     """Returns a comparison of cells.
 
-    Args:
-      cells: In any order.
-      contrasts: Pairs of sides; learners that see the index are named without it.
-      baseline: Learners.
-      is_partial: Whether runs are missing.
-      chosen: What a search has chosen, by variant.
-      records: Those of a scenario, whoever is asked for.
-      reporting: Other keys of `[report]`.
+    Sides of contrasts name learners without their observation. Records are those of a scenario, whoever is
+    asked for; further keys are those of `[report]`.
     """
-    learners = {f"{cell.name}, {cell.observation}": _learner(cell, chosen.get(cell.name)) for cell in cells}
+    learners = {f"{cell.name}, index": _learner(cell) for cell in cells}
 
     def side(name: str) -> str:
         parts = [f"{part}, index" if f"{part}, index" in learners else part for part in name.split(" @ ")]
@@ -118,31 +108,26 @@ def data_of(
     pairs, tables = [(side(x), side(y)) for x, y in contrasts], [side(name) for name in baseline]
     report = Reporting(kind="comparison", contrasts=tuple(pairs), baseline=tuple(tables), **reporting)
     conditions = {cell.condition: SimpleNamespace(name=cell.condition, axes={}) for cell in cells}
-    declared = SimpleNamespace(
-        name="made", argument="made", horizon=200, report=report, conditions=conditions
-    )
+    texts = {"name": "made", "argument": "made"}
+    declared = SimpleNamespace(**texts, horizon=200, report=report, conditions=conditions)
     scenarios = {cell.scenario: load_scenario(cell.scenario) for cell in cells}
     runs, curves, populations = [], [], []
     for cell in cells:
         success = over_training(cell.success)
         score = success if cell.score is None else over_training(cell.score)
-        wrong = np.broadcast_to(np.asarray(cell.wrong_pings), success.shape)
         seeds, steps = range(len(success)), np.linspace(0, cell.budget, success.shape[1], dtype=int)
-        learner, condition = learners[f"{cell.name}, {cell.observation}"], conditions[cell.condition]
+        learner, condition = learners[f"{cell.name}, index"], conditions[cell.condition]
         made: Any = (condition, scenarios[cell.scenario], learner, None, seeds)
         populations.append(Population(*made))
-        ends = {"success": success, "score": score.clip(0, 1), "unbounded_score": score}
-        about = {
-            "policy": cell.policy,
-            "budget": cell.budget,
-            "random_success": random_success(cell.scenario),
-        }
-        columns = dict.fromkeys(_COLUMNS, 0) | about | {"diverged_at": np.inf, "seed": seeds}
-        columns |= {name: values[:, -1] for name, values in ends.items()}
-        columns |= {"training_wrong_pings": wrong[:, -1], **cell.runs}
+        over_time = {"success": success, "score": score.clip(0, 1), "unbounded_score": score}
+        over_time["training_wrong_pings"] = np.broadcast_to(np.asarray(cell.wrong_pings), success.shape)
+        columns: dict[str, Any] = dict.fromkeys(_COLUMNS, 0)
+        columns |= {"policy": cell.policy, "budget": cell.budget, "diverged_at": np.inf, "seed": seeds}
+        columns |= {name: values[:, -1] for name, values in over_time.items()}
+        columns["random_success"] = random_success(cell.scenario)
         runs.append(pd.DataFrame(keys_of(populations[-1]) | columns))
         over = {"seed": np.repeat(seeds, len(steps)), "step": np.tile(steps, len(seeds))}
-        over |= {name: values.ravel() for name, values in (ends | {"training_wrong_pings": wrong}).items()}
+        over |= {name: values.ravel() for name, values in over_time.items()}
         curves.append(pd.DataFrame(keys_of(populations[-1]) | over))
     experiment = Experiment(cast(Any, declared), Path("made.toml"), learners, scenarios, populations)
     made = {
@@ -155,16 +140,16 @@ def data_of(
     return cast(Data, SimpleNamespace(**made))
 
 
-def _learner(cell: Cell, chosen: Chosen | None) -> Learner:
+def _learner(cell: Cell) -> Learner:
+    name = _ALGORITHMS[cell.family]
     declared = Variant(
-        algorithm=_ALGORITHMS[cell.family],
-        observations=(cell.observation,),
+        algorithm=name,
+        observations=("index",),
         seeds=len(np.asarray(cell.success)),
         policy=cast(Any, cell.policy),
         reference_for=cell.reference_for,
     )
-    algorithm = load_algorithm(_ALGORITHMS[cell.family])
-    return Learner(cell.name, cell.observation, declared, algorithm, cell.family, chosen)
+    return Learner(cell.name, "index", declared, load_algorithm(name), cell.family, None)
 
 
 def compared(
@@ -212,17 +197,12 @@ def folder_of(path: Path, data: Data, *names: str) -> Document:
         about = learner.declared.model_dump(mode="json", include={"title", "policy", "tuned_by", "seeds"})
         about |= {"family": learner.family, "runs": about.pop("seeds"), "settings": {}, "changed": []}
         algorithms.setdefault(learner.variant, about)["settings"][learner.observation] = {}
-    texts = dict.fromkeys(("description", "note", "command", "partial", "search"), "")
     manifest = {
-        **texts,
-        "experiment": "made",
-        "argument": "made",
+        **dict.fromkeys(("description", "note", "command", "partial", "search"), ""),
+        **{"experiment": "made", "argument": "made", "horizon": 200, "runs": len(data.runs), "looks": []},
         "report": experiment.report.model_dump(mode="json"),
         "scenarios": {name: {} for name in experiment.scenarios},
         "algorithms": algorithms,
-        "horizon": 200,
-        "runs": len(data.runs),
-        "looks": [],
     }
     (path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     return Document(path)

@@ -1,13 +1,11 @@
 """What a comparison declares, what follows if it declares none, and what is refused."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from benchmark.experiments import Experiment, load_experiment
 from benchmark.reports.comparison.declared import (
-    check,
     contrasts_of,
     decisive_learners,
     effects_of,
@@ -39,32 +37,15 @@ def declared(tmp_path: Path, reporting: str = "") -> Experiment:
     return experiment_of(tmp_path / "mine.toml", f'{BASE}\n[report]\nkind = "comparison"\n{reporting}\n')
 
 
-def test_figures_that_would_be_too_high_are_refused_before_the_runs(tmp_path: Path) -> None:
-    """Four contrasts that are not pooled, each a row in every scenario and condition: 250 of them."""
-    text = f"""
-    pool = "none"
-    baseline = "table, index"
-    contrasts = [{CONTRAST}, ["net, coordinates", "table, index"], ["table, index", "other, index"],
-                 ["net, one_hot", "net, coordinates"]]
-    """
-    experiment = declared(tmp_path, text)
-    scenario = experiment.scenarios["S1"]
-    check(replace(experiment, scenarios={str(i): scenario for i in range(125)}))  # times two conditions
-    with pytest.raises(InputError, match=r"126 scenarios under 2 .* at most 250 scenarios"):
-        check(replace(experiment, scenarios={str(i): scenario for i in range(126)}))
-
-
-def of_nets(path: Path, algorithm: str, forms: list[str], rest: str) -> Experiment:
-    text = """
+NETS_OF_ONE = """
 description = "Nets with and without hidden layers."
 scenarios = ["S1"]
 horizon = 50
 evaluation_every = 100
 map_every = 100
-settings.budget = 2048
+settings = { budget = 2048, policy_kwargs.net_arch = LAYERS }
+algorithms.x = { algorithm = "ALGORITHM", observations = FORMS, seeds = 2 }
 """
-    declared = f"algorithms.x = {{ algorithm = '{algorithm}', observations = {forms}, seeds = 2 }}"
-    return experiment_of(path / "nets.toml", f"{text}{declared}\n{rest}")
 
 
 @pytest.mark.parametrize(
@@ -73,22 +54,23 @@ settings.budget = 2048
         ("compiled_ppo", ["one_hot"], [8, 8], "deep"),
         ("compiled_ppo", ["one_hot", "offset_one_hot"], [], "tabular"),
         ("stable_baselines3:DQN", ["one_hot"], [], "tabular"),
-        ("compiled_dqn", ["coordinates"], [], "deep"),
         ("compiled_dqn", ["one_hot", "coordinates"], [], "deep"),
     ],
 )
 def test_a_net_without_hidden_layers_over_one_hot_cells_is_a_table(
     tmp_path: Path, algorithm: str, forms: list[str], layers: list[int], family: str
 ) -> None:
-    experiment = of_nets(tmp_path, algorithm, forms, f"settings.policy_kwargs.net_arch = {layers}")
+    text = NETS_OF_ONE.replace("LAYERS", str(layers)).replace("ALGORITHM", algorithm)
+    experiment = experiment_of(tmp_path / "nets.toml", text.replace("FORMS", str(forms)))
     assert {learner.family for learner in experiment.learners.values()} == {family}
 
 
 def test_no_condition_makes_a_table_of_a_net(tmp_path: Path) -> None:
-    sweep = "sweep.layers = { two = {}, zero = { settings = { 'policy_kwargs.net_arch' = [] } } }"
-    of_nets(tmp_path, "compiled_dqn", ["coordinates"], sweep)
+    text = NETS_OF_ONE.replace("LAYERS", "[8]").replace("ALGORITHM", "compiled_dqn")
+    text += "sweep.layers = { two = {}, zero = { settings = { 'policy_kwargs.net_arch' = [] } } }"
+    experiment_of(tmp_path / "nets.toml", text.replace("FORMS", '["coordinates"]'))
     with pytest.raises(InputError, match=r"x: on one_hot, it is deep under .*two and tabular under .*zero"):
-        of_nets(tmp_path, "compiled_dqn", ["one_hot"], sweep)
+        experiment_of(tmp_path / "nets.toml", text.replace("FORMS", '["one_hot"]'))
 
 
 def test_by_default_every_deep_learner_is_compared_with_the_first_table(tmp_path: Path) -> None:
@@ -136,9 +118,7 @@ def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
         ('effects = [["S1", "S2", "a"], ["S2", "S1", "a"]]', ["report.effects", '"a"']),
         ('contrasts = [["S1 @ S2", "S2 @ S1"]]', ["report.contrasts.0", "at most one scenario"]),
         ('contrasts = [["net, one_hot", "net, one_hot"]]', ["report.contrasts.0", "net, one_hot"]),
-        ('contrasts = [["net, one_hot", "S1"]]', ["report.contrasts.0", "S1"]),
         ('contrasts = [["net, one_hot @ S1", "table, index"]]', ["report.contrasts.0"]),
-        (f"contrasts = [{CONTRAST}, {CONTRAST}]", ["report.contrasts.1", "twice"]),
         (f'contrasts = [{CONTRAST}, ["table, index", "net, one_hot"]]', ["report.contrasts.1", "twice"]),
         (f'baseline = "net, one_hot"\ncontrasts = [{CONTRAST}]', ["report.baseline", "net, one_hot"]),
         (f'baseline = "tables, index"\ncontrasts = [{CONTRAST}]', ["report.baseline", "table, index"]),
@@ -149,16 +129,12 @@ def test_sides_are_columns_with_values(tmp_path: Path, baseline: str) -> None:
             f'baseline = ["table, index", "table, index"]\ncontrasts = [{CONTRAST}]',
             ["report.baseline", "twice"],
         ),
-        (f'baseline = ["table, index", "tables"]\ncontrasts = [{CONTRAST}]', ["report.baseline", "tables"]),
-        (f'baseline = ["table, index", 1]\ncontrasts = [{CONTRAST}]', ["report.baseline.1"]),
         (f"baseline = 1\ncontrasts = [{CONTRAST}]", ["report.baseline"]),
         (
             f'baseline = ["other, index", "table, index"]\ncontrasts = [{CONTRAST}]',
             ["report.contrasts", "net, one_hot", "other, index"],
         ),
-        ("fewest_runs = 9", ["report.fewest_runs", "9"]),
         ("margins = { success = 0.0 }", ["report.margins.success", "0.0"]),
-        ("margin = 0.1", ["margin"]),
     ],
 )
 def test_mistakes_get_one_sentence_before_any_run(tmp_path: Path, reporting: str, names: list[str]) -> None:

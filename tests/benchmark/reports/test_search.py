@@ -21,14 +21,9 @@ from tests.support import ROOT, mistyped_columns
 PUBLISHED = ROOT / "results" / "tuning"
 TUNING = load_experiment("tuning")
 PLANNER = """
+extends = "tuning_smoke"
 description = "A search for the settings of a planner."
-scenarios = ["FarCorner"]
-horizon = 50
-evaluation_every = 100
-map_every = 200
-search = { trials = 1, finalists = 1, first_seed = 10 }
-
-[algorithms.mine]
+[changes."algorithms.mine"]
 algorithm = "memoryless"
 observations = ["index"]
 seeds = 2
@@ -49,13 +44,6 @@ def test_expected_best_of_all_draws(b: int) -> None:
     assert expected_best(areas, weights)[b - 1] == pytest.approx(np.mean(found))
 
 
-def test_luck_does_not_count() -> None:
-    """Of many trials of equal worth, the best by luck is worth no more than any other."""
-    areas = np.random.default_rng(2).random((500, 4, 6))
-    assert expected_best(areas, np.ones(500))[-1] == pytest.approx(0.5, abs=0.1)
-    assert areas.mean(axis=(1, 2)).max() > 0.65
-
-
 def test_means_are_over_scenarios() -> None:
     x, y = [np.ones(10), np.zeros(20)], [np.zeros(10), np.zeros(20)]
     assert mean(x).value == gain(x, y).value == 0.5
@@ -74,9 +62,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_what_does_not_learn_has_no_search(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"mine\.algorithm = memoryless: it is a planner, which learns nothing"
-    ):
+    with pytest.raises(InputError, match=r"mine\.algorithm = memoryless: it is a planner, which learns"):
         check(experiment_of(tmp_path / "planner.toml", PLANNER))
 
 
@@ -86,10 +72,7 @@ def test_a_policy_that_training_does_not_return_is_refused(
     path, policy = tmp_path / "mine.toml", '"algorithms.q_learning.policy" = "stochastic"'
     path.write_text(f'extends = "tuning_smoke"\ndescription = "-"\n[changes]\n{policy}\n')
     assert main(["run", str(path), "--results", str(tmp_path / "results"), "--report"]) == 2
-    assert (
-        "policy = stochastic: its training returns no such policy; accepted: greedy"
-        in capsys.readouterr().err
-    )
+    assert "policy = stochastic: its training returns no such policy" in capsys.readouterr().err
 
 
 def test_everything_of_a_search_is_published(folder: Path) -> None:
@@ -124,24 +107,22 @@ def test_published_trials_are_the_declared_ones() -> None:
 def test_experiments_take_what_is_published() -> None:
     """The file that experiments read says what the published table says."""
     published = pd.read_csv(PUBLISHED / "chosen.csv")
-    path = ROOT / "benchmark" / "experiments" / "tuning.toml"
-    chosen = read_chosen(path, "here").learners
-    names = published["algorithm"] + ", " + published["observation"]
-    assert [*chosen] == [*names]
-    for name, (_, row) in zip(names, published.iterrows(), strict=True):
-        assert chosen[name].trial == row["trial"]
-        assert chosen[name].score == pytest.approx(row["chosen"], abs=1e-5)
+    chosen = read_chosen(ROOT / "benchmark" / "experiments" / "tuning.toml", "here").learners
+    assert [*chosen] == [*(published["algorithm"] + ", " + published["observation"])]
+    assert [found.trial for found in chosen.values()] == published["trial"].tolist()
+    scores = [found.score for found in chosen.values()]
+    assert scores == pytest.approx(published["chosen"], abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["compare_deep", "beyond"])
 def test_baselines_are_the_best_tables_of_the_search(name: str) -> None:
     experiment = load_experiment(name)
-    assert experiment.report is not None
     best: dict[str, tuple[float, str]] = {}
     for learner in experiment.learners.values():
         if learner.chosen is not None and learner.family == "tabular" and not learner.reference_for:
-            found, policy = (learner.chosen.score, learner.name), learner.declared.policy
-            best[policy] = max(best.get(policy, (0.0, "")), found)
+            policy = learner.declared.policy
+            best[policy] = max(best.get(policy, (0.0, "")), (learner.chosen.score, learner.name))
+    assert experiment.report is not None
     assert {*experiment.report.baseline} == {name for _, name in best.values()}
 
 

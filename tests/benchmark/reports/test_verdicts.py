@@ -35,43 +35,30 @@ def headline(path: Path, data: Data) -> str:
 
 CASES: list[tuple[dict[str, Made], str]] = [
     ({"table": WEAK, "net": WINNER}, "earns"),
-    ({"table": WEAK, "net": WINNER, "other": LOSER}, "earns"),
     ({"table": Made("tabular", 0.0), "net": WINNER}, "no table learned"),
     ({"table": TABLE, "net": LOSER}, "does not earn"),
     ({"table": TABLE, "net": LOSER, "other": EQUAL}, "does not earn"),
     ({"table": TABLE, "net": EQUAL}, "does not earn"),  # equivalent: nothing is gained
     ({"table": TABLE, "net": EQUAL._replace(n=12)}, "undecided"),
-    ({"table": TABLE, "net": LOSER, "other": EQUAL._replace(n=12)}, "undecided"),
     ({"table": WEAK, "net": WINNER._replace(n=9)}, "no verdict"),
-    ({"table": WEAK._replace(n=9), "net": WINNER}, "no verdict"),
     ({"table": WEAK, "net": WINNER, "other": LOSER._replace(n=2)}, "no verdict"),
     ({"table": Made("tabular", 0.0), "net": Made("deep", 0.0)}, "neither learned"),
     # A reference wins, but no verdict rests on references.
     ({"table": TABLE, "net": LOSER, "net_sb3": WINNER._replace(reference_for="net")}, "does not earn"),
     # Better in success, worse in score: not "earns".
     ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.5)}, "mixed"),
-    ({"table": WEAK._replace(score=0.9), "net": WINNER._replace(score=0.9)}, "earns"),
     # The random policy has to be beaten in success alone.
     ({"table": WEAK._replace(score=0.0), "net": WINNER._replace(score=0.0)}, "earns"),
     # One net is better in success and worse in score, another is better in both.
     ({"table": WEAK, "other": WINNER._replace(score=0.0), "net": WINNER}, "earns"),
     # It is enough to be worse in one scenario and better in none.
     ({"table": Made("tabular", 1.0), "net": Made("deep", (1.0, 0.85, 1.0))}, "does not earn"),
-    (
-        {
-            "table": Made("tabular", 1.0),
-            "net": Made("deep", (1.0, 0.85, 1.0)),
-            "other": Made("deep", (0.95, 1.0, 1.0)),
-        },
-        "does not earn",
-    ),
     # In the mean, differences must not cancel.
     ({"table": Made("tabular", (0.7, 1.0, 1.0)), "net": Made("deep", (1.0, 0.85, 0.85))}, "mixed"),
     # A table at 0.92 leaves less room than the margin, and can still be beaten.
     ({"table": Made("tabular", 0.92), "net": WINNER}, "earns"),
     ({"table": WEAK._replace(policy="stochastic"), "net": WINNER}, "another class"),
     ({"table": WEAK._replace(budget=800), "net": WINNER}, "unequal budgets"),
-    ({"table": WEAK, "net": WINNER._replace(budget=800)}, "unequal budgets"),
     ({"table": TABLE, "net": LOSER._replace(budget=800)}, "unequal budgets"),
 ]
 
@@ -88,15 +75,11 @@ UNTRAINED = Made("tabular", random_success("S1"), policy="stochastic", every_run
 NOTHING = WEAK._replace(success=0.0)
 TWO: list[tuple[dict[str, Made], str]] = [
     ({"net": WINNER}, "earns"),
-    ({"net": WINNER._replace(policy="stochastic")}, "earns"),
     ({"soft": WEAK, "net": WINNER._replace(policy="stochastic")}, "another class"),
     ({"table": NOTHING, "net": WINNER}, "another class"),
     ({"table": NOTHING, "soft": UNTRAINED, "net": WINNER}, "no table learned"),
-    ({"soft": SOFT._replace(success=1.0), "net": WINNER}, "does not earn"),
     ({"soft": SOFT._replace(success=1.0), "net": Made("deep", 0.6)}, "does not earn"),
     ({"soft": SOFT._replace(success=1.0, n=12), "net": WINNER}, "undecided"),
-    ({"soft": SOFT._replace(n=9), "net": WINNER}, "no verdict"),
-    ({"soft": SOFT._replace(score=0.9), "net": WINNER._replace(score=0.5)}, "mixed"),
     ({"table": NOTHING, "soft": SOFT._replace(success=0.0), "net": Made("deep", 0.0)}, "neither learned"),
     ({"table": NOTHING, "net": Made("deep", 0.0)}, "does not earn"),
     # A winner is enough, whatever another net does.
@@ -108,16 +91,6 @@ TWO: list[tuple[dict[str, Made], str]] = [
 def test_deep_rl_has_to_beat_every_baseline(learners: dict[str, Made], expected: str) -> None:
     data = compared({"table": WEAK, "soft": SOFT} | learners, baseline=["table", "soft"])
     assert outcomes(data) == [expected]
-
-
-def test_every_scenario_is_decided_against_both_baselines() -> None:
-    learners = {
-        "table": Made("tabular", 0.3),
-        "soft": Made("tabular", (0.3, 1.0, 0.3), policy="stochastic"),
-        "net": Made("deep", (1.0, 1.0, 0.0)),
-    }
-    found = table("outcomes", compared(learners, baseline=["table", "soft"], pool="none"))
-    assert found.to_numpy().tolist() == [["S1", "earns"], ["S2", "does not earn"], ["S3", "does not earn"]]
 
 
 @pytest.mark.parametrize(
@@ -163,20 +136,6 @@ def test_a_net_at_the_random_policy_does_not_earn_its_keep_over_a_greedy_table_a
         assert outcomes(data) == ["no table learned"]
 
 
-def test_two_learners_at_the_random_policy_decide_nothing() -> None:
-    """After four steps in AnyStart: equivalent, and neither has learned anything."""
-    random = random_success("AnyStart")
-    learners = {
-        "table": Made("tabular", random, 200, every_run=True),
-        "net": Made("deep", random, 200, every_run=True),
-    }
-    data = compared(learners, baseline=["table"], scenarios=["AnyStart"])
-    assert contrasts(data)[0]["success_verdict"] == "equivalent"
-    assert outcomes(data) == ["neither learned"]
-    learners["table"] = Made("tabular", 1.0, 200)
-    assert outcomes(compared(learners, baseline=["table"], scenarios=["AnyStart"])) == ["does not earn"]
-
-
 def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
     random = random_success("S1")
     learners = {"x": Made("deep", 0.4, 20), "y": Made("tabular", 0.05, 20)}
@@ -195,12 +154,10 @@ def test_the_random_policy_is_beaten_by_an_exact_binomial_test() -> None:
         ((1.0, 0.85, 0.85), (0.7, 1.0, 1.0), "mixed", "S1, S2, S3"),  # the same on average
         ((1.0, 0.85, 1.0), (1.0, 1.0, 1.0), "mixed", "S2"),
         ((1.0, 1.0, 0.7), (0.2, 0.2, 0.9), "mixed", "S3"),  # better on average, and worse in one by 0.2
-        ((0.2, 0.2, 0.9), (1.0, 1.0, 0.7), "mixed", "S3"),
         ((1.0, 1.0, 0.85), (0.2, 0.2, 0.9), "better", "S3"),  # in S3 it may be worse by more than 0.1
         ((0.2, 0.2, 0.9), (1.0, 1.0, 0.85), "worse", "S3"),
         ((1.0, 1.0, 1.0), (0.2, 0.2, 0.9), "better", ""),
         ((1.0, 1.0, 0.95), (1.0, 1.0, 1.0), "equivalent", "S3"),
-        ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0), "equivalent", ""),
     ],
 )
 def test_scenarios_that_stand_apart_are_named(
