@@ -13,7 +13,6 @@ The search knows the model. Its budget counts steps, half of them from each of t
 
 import math
 import time
-from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
@@ -67,7 +66,6 @@ class Memoryless(SequentialAlgorithm):
         observation: str,  # noqa: ARG002
         seed: SeedSequence,
         schedule: Schedule,
-        log: Path | None,  # noqa: ARG002
     ) -> Fields:
         """Searches from two policies, see the module."""
         guide = _guide(model, settings.time_limit)

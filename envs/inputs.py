@@ -51,7 +51,6 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "docs": ("pdoc",),
     "cluster": ("distributed",),
     "render": ("pygame",),
-    "tensorboard": ("tensorboard",),
 }  # fmt: skip
 # Names of packages that differ from those of their modules.
 PACKAGES: Final[Mapping[str, str]] = {

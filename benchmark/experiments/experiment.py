@@ -485,4 +485,8 @@ def interleaved(listed: Iterable[tuple[Population, Sequence[RunSpecification]]])
     """
     by_reading = sorted(listed, key=lambda each: each[0].condition.axes["reading"] != DEFAULT_CONDITION)
     every = chain.from_iterable(zip_longest(*(runs for _, runs in by_reading)))
-    return [*{run.digest: run for run in every if run is not None}.values()]
+    first: dict[str, RunSpecification] = {}
+    for run in every:
+        if run is not None:
+            first.setdefault(run.digest, run)
+    return [*first.values()]
