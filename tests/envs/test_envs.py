@@ -1,6 +1,5 @@
 """The Gymnasium env, as its users would use it."""
 
-import pickle
 import subprocess
 import sys
 import warnings
@@ -44,17 +43,6 @@ def test_step_returns_python_values() -> None:
     assert reward == info["grid_reward"] + info["issuer_reward"]
 
 
-def test_pickle_goes_on_where_the_env_was() -> None:
-    env = ProxemicEnv("S2", "one_hot", {"issuer.position": [8, 6]})
-    env.reset(seed=5)
-    env.step(1)
-    copied = pickle.loads(pickle.dumps(env))
-    for action in (4, 1, 4):
-        expected, found = env.step(action), copied.step(action)
-        assert np.array_equal(found[0], expected[0])
-        assert found[1:] == expected[1:]
-
-
 @pytest.mark.parametrize("kind", ["path", "scenario", "mapping"])
 def test_spec_is_json_for_every_kind_of_scenario(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "corridor.toml"
@@ -80,21 +68,6 @@ def test_image_rendering_shows_the_agent_where_it_is() -> None:
     env.step(3)
     changed = np.argwhere((np.asarray(env.render()) != before).any(axis=2))
     assert {(y // 40, x // 40) for y, x in changed} == {(0, 0), (0, 1)}
-
-
-def test_window_shows_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
-    pygame = pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    with pytest.warns(UserWarning, match="HumanRendering wrapper"):
-        env = gymnasium.make("envs:Proxemic/S1-v0", render_mode="human")
-    env.reset()
-    env.step(1)
-    shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
-    image = gymnasium.make("envs:Proxemic/S1-v0", render_mode="rgb_array")
-    image.reset()
-    image.step(1)
-    assert (shown == image.render()).all()
-    env.close()
 
 
 @pytest.mark.parametrize(
