@@ -3,17 +3,14 @@
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
-from envs import OBSERVATIONS, InputError, ProxemicEnv, load_scenario, scenario_names
-from envs.scenario import SCENARIO_DIRECTORY
+from envs import OBSERVATIONS, InputError, ProxemicEnv, scenario_names
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -41,22 +38,6 @@ def test_step_returns_python_values() -> None:
     assert found == [int, float, bool, bool, int, int, int, float, float]
     assert [*info] == ["event", "zone", "wrong_pings", "grid_reward", "issuer_reward"]
     assert reward == info["grid_reward"] + info["issuer_reward"]
-
-
-@pytest.mark.parametrize("kind", ["path", "scenario", "mapping"])
-def test_spec_is_json_for_every_kind_of_scenario(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / "corridor.toml"
-    path.write_text((SCENARIO_DIRECTORY / "S2.toml").read_text().replace("rows = 10", "rows = 20"))
-    scenario = load_scenario(path)
-    given: dict[str, Any] = {"path": path, "scenario": scenario, "mapping": scenario.model_dump()}
-    env = gymnasium.make("envs:Proxemic/S1-v0", scenario=given[kind], overrides={"ping_limit": 3})
-    assert env.spec is not None
-    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
-    model = again.unwrapped.model  # type: ignore[attr-defined]
-    assert model is env.unwrapped.model  # type: ignore[attr-defined]
-    assert (model.scenario.name, model.scenario.grid.rows, model.scenario.ping_limit) == ("corridor", 20, 3)
-    assert again.spec is not None
-    assert again.spec.to_json() == env.spec.to_json()
 
 
 def test_image_rendering_shows_the_agent_where_it_is() -> None:
