@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from agents.policy import ALL_ACTIONS
-from envs import Model
+from envs import ACTIONS, Model
 from envs.inputs import Table
 
 
@@ -48,7 +48,7 @@ class Schedule:
     def __post_init__(self) -> None:
         """Checks the steps; raises a ValueError."""
         steps, map_steps = list(self.evaluation_steps), set(self.map_steps)
-        if steps != sorted(set(steps)) or (steps and not 0 <= steps[0] <= steps[-1] <= self.budget):
+        if steps != sorted(step for step in set(steps) if 0 <= step <= self.budget):
             raise ValueError(f"evaluation_steps: must rise, from at least 0 to at most {self.budget}.")
         if list(self.map_steps) != [step for step in steps if step in map_steps]:
             raise ValueError("map_steps: must be among the evaluation steps, and rise.")
@@ -68,11 +68,10 @@ class Training:
     q: NDArray[np.float64]
     """(N, O, A) final action values, NaN if the agent diverged; (N, 0, A) if the algorithm learns none."""
     stochastic: NDArray[np.float64]
-    """(N, T, O, A) probabilities of the policy that the algorithm acts by and improves, if that is neither
-    greedy nor greedy with a fixed share of exploration; else (N, 0, O, A)."""
+    """(N, T, O, A) probabilities of a policy that is improved by itself, not by action values; else
+    (N, 0, O, A)."""
     values: NDArray[np.float32]
-    """(N, V, O, A) at the map steps: probabilities if there are any, else action values; NaN after
-    divergence."""
+    """(N, V, O, A) at the map steps: probabilities, else action values; NaN after divergence."""
     disagreements: NDArray[np.int64]
     """(N, T) wrong PINGs so far."""
     cpu_time_s: NDArray[np.float64]
@@ -82,8 +81,7 @@ class Training:
     parameters: NDArray[np.int64]
     """(N,) learned parameters."""
     diverged_at: NDArray[np.int64]
-    """(N,) the first evaluation step whose policy was not finite, or -1. From that step on the policy counts
-    as the uniform random one."""
+    """(N,) the first evaluation step whose policy was not finite, or -1; it then counts as random."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -138,11 +136,8 @@ class Algorithm(ABC):
           model: Compiled scenario.
           settings: An instance of `settings`, the same for all agents.
           observation: One of `observations`.
-          seeds: One per agent, at least one; equal seeds give equal agents.
-          schedule: When to keep policies and values.
-
-        Raises:
-          ValueError: There are no seeds, or the schedule is for another budget.
+          seeds: One per agent, at least one, else a ValueError is raised; equal seeds give equal agents.
+          schedule: When to keep policies and values; for the budget of the settings, else a ValueError.
         """
 
 
@@ -183,7 +178,7 @@ class SequentialAlgorithm(Algorithm):
 def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool) -> Fields:
     """Returns the fields of `Training` that say what an agent's policy was, without the axis N.
 
-    The tables (T, O, A) have action values or probabilities, NaN from where the agent diverged.
+    The tables (T, O, A) hold action values or probabilities, NaN from where the agent diverged.
     """
     is_lost = np.asarray(np.isnan(tables).any(axis=(1, 2)))
     # As in Stable-Baselines3, the first of several best actions is greedy.
@@ -199,18 +194,18 @@ def snapshots(tables: NDArray[np.float64], schedule: Schedule, *, is_value: bool
 def check_training(training: Training, model: Model, n_agents: int, schedule: Schedule) -> None:
     """Refuses, by a ValueError, other shapes than those of `Training`, and a training without policies."""
     n_steps, n_maps = len(schedule.evaluation_steps), len(schedule.map_steps)
-    table = n_observations, n_actions = model.n_observations, model.next_state.shape[1]
-    accepted: dict[str, list[tuple[int, ...]]] = {
-        "greedy": [(n_agents, n_steps, n_observations)],
-        "q": [(n_agents, *table), (n_agents, 0, n_actions)],
-        "stochastic": [(n_agents, n_steps, *table), (n_agents, 0, *table)],
-        "values": [(n_agents, n_maps, *table)],
-        **{key: [(n_agents, n_steps)] for key in ("disagreements", "cpu_time_s")},
-        **{key: [(n_agents,)] for key in ("updates", "parameters", "diverged_at")},
+    table = n_observations, n_actions = model.n_observations, len(ACTIONS)
+    accepted: dict[str, list[tuple[int, ...]]] = {  # without the axis N
+        "greedy": [(n_steps, n_observations)],
+        "q": [table, (0, n_actions)],
+        "stochastic": [(n_steps, *table), (0, *table)],
+        "values": [(n_maps, *table)],
+        **{key: [(n_steps,)] for key in ("disagreements", "cpu_time_s")},
+        **{key: [()] for key in ("updates", "parameters", "diverged_at")},
     }
     for field in fields(training):
         shape = getattr(training, field.name).shape
-        shapes = accepted.get(field.name, [(n_agents, *shape[1:])])
+        shapes = [(n_agents, *rest) for rest in accepted.get(field.name, [shape[1:]])]
         if shape not in shapes:
             raise ValueError(f"{field.name}: shape {shape}; accepted: {' or '.join(map(str, shapes))}.")
     if training.q.shape[1] == 0 and training.stochastic.shape[1] == 0 and n_steps:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from agents.compiled import compiled
 from agents.policy import Policy
-from envs.model import EVENTS, Model
+from envs.model import ACTIONS, EVENTS, Model
 from envs.regions import ZONES
 
 VERSION: Final = 2  # part of every run's identity: raise it when a change alters an evaluation
@@ -47,22 +47,20 @@ class Solution(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """Where episodes start, place by place, since no episode leaves the states of its place.
+    """Where episodes start, place by place: no episode leaves the n_block states of its place.
 
-    Place g has the starts first[g] to first[g + 1] - 1, all among the states g * n_block to
-    (g + 1) * n_block - 1. Sweeps go through the places one by one, which keeps what they read in the caches.
+    Sweeps go through the places one by one, which keeps what they read in the caches.
     """
 
     state: NDArray[np.int64]  # those with a probability above 0, rising
     probability: NDArray[np.float64]  # of each
-    first: NDArray[np.int64]  # (places + 1,)
+    first: NDArray[np.int64]  # (places + 1,) index of the first start of each place
     n_block: int  # states of a place
 
 
 def starts_of(model: Model, start: NDArray[np.float64]) -> Starts:
     """Returns the starts of a distribution over states, (S,)."""
-    states = np.flatnonzero(start)
-    n_block = len(start) // model.n_places
+    states, n_block = np.flatnonzero(start), len(start) // model.n_places
     first = np.searchsorted(states, n_block * np.arange(model.n_places + 1))
     return Starts(states, start[states], first, n_block)
 
@@ -78,10 +76,7 @@ def from_starts(model: Model) -> NDArray[np.float64]:
 
 
 def every_cell(model: Model) -> NDArray[np.float64]:
-    """Returns the uniform distribution, (S,), over all states in which the agent may be before any PING.
-
-    In S1 to S3 these are all cells but the issuer's.
-    """
+    """Returns the uniform distribution, (S,), over all states in which the agent may be before any PING."""
     return _uniform(model, model.fresh_state[~model.is_over[model.fresh_state]])
 
 
@@ -102,7 +97,7 @@ def evaluate(
     """Computes the expected return of a policy under a time limit, and other expectations.
 
     Args:
-      model: Compiled scenario; O observations, A actions.
+      model: Compiled scenario.
       policy: Action probabilities, (..., O, A); leading axes are a batch of policies.
       horizon: Steps until truncation, at least 1.
       start: Probability of starting in each state, (S,); by default that of the model.
@@ -110,7 +105,7 @@ def evaluate(
     Raises:
       ValueError: An argument is not as described.
     """
-    shape = (model.n_observations, model.next_state.shape[1])
+    shape = model.n_observations, len(ACTIONS)
     policy = np.asarray(policy, dtype=np.float64)
     if policy.shape[-2:] != shape:
         raise ValueError(f"policy: shape {policy.shape}; this model takes (..., {shape[0]}, {shape[1]}).")
@@ -118,9 +113,7 @@ def evaluate(
         raise ValueError("policy: rows must be probabilities that sum to one.")
     if horizon < 1:
         raise ValueError(f"horizon = {horizon}; at least 1.")
-    if start is None:
-        start = from_starts(model)
-    is_over = model.is_over
+    start, is_over = from_starts(model) if start is None else start, model.is_over
     if start.shape != is_over.shape or start.min() < 0 or abs(start.sum() - 1) > 1e-9 or start[is_over].any():
         raise ValueError("start: accepted: probabilities of states in which the episode goes on.")
     batch = np.ascontiguousarray(policy.reshape(-1, *shape))
@@ -163,8 +156,8 @@ def _sweep(
 ) -> None:
     """Carries the state distribution of each policy forward and writes its expectations into `sums`.
 
-    First it finds the states that the policy can reach, few for a greedy one, and lists the transitions
-    between them, ordered by target. Then every step is a pass over that list.
+    It lists the transitions between the states that the policy can reach, ordered by target. Then every step
+    is a pass over that list.
     """
     next_state, outcome, terminated, observation = dynamics
     start_states, start_probability, group, n_block = starts
@@ -252,20 +245,26 @@ def solve(
 ) -> Solution:
     """Computes the optimal values of a model for an agent that knows its state, by value iteration.
 
-    They are upper bounds for an agent from which something is hidden; see also `agents.memoryless`.
-
-    Args:
-      model: Compiled scenario.
-      discount: In [0, 1]; below 1 if there is no horizon.
-      horizon: Steps until truncation; None for no time limit.
-      issuer_rewards: Whether the issuer's mean rewards are added to the grid's.
-
-    Raises:
-      ValueError: There is no horizon, and the discount is not in [0, 1).
+    They are upper bounds for an agent from which something is hidden; see also `agents.memoryless`. Without
+    `issuer_rewards`, the grid's rewards count alone. A horizon of None means no time limit; the discount must
+    then be below 1, else a ValueError is raised.
     """
     if horizon is None and not 0 <= discount < 1:
         raise ValueError(f"discount = {discount}; without a horizon it must lie in [0, 1).")
     reward = model.grid_reward + model.issuer_reward if issuer_rewards else model.grid_reward
+    return _iterate(model, reward, discount, horizon)
+
+
+def largest_success(model: Model, horizon: int) -> float:
+    """Returns how often an agent that knows the state succeeds, at most, in episodes from the model's starts.
+
+    It is the optimal value if a correct PING alone has a reward, of 1.
+    """
+    is_success = (model.event == EVENTS.index("target_ping")).astype(np.float64)
+    return float(from_starts(model) @ _iterate(model, is_success, 1.0, horizon).value)
+
+
+def _iterate(model: Model, reward: NDArray[np.float64], discount: float, horizon: int | None) -> Solution:
     value = np.zeros(len(model.observation))
     q = np.zeros_like(reward)
     step = 0
@@ -280,21 +279,6 @@ def solve(
         if unchanged or (converged and discount < 1):
             break
     return Solution(q=q, value=value)
-
-
-def largest_success(model: Model, horizon: int) -> float:
-    """Returns how often an agent that knows the state succeeds, at most, in episodes from the model's starts.
-
-    It is the optimal value (Sutton & Barto 2018, section 4.4) if a correct PING alone has a reward, of 1.
-    """
-    is_success = (model.event == EVENTS.index("target_ping")).astype(np.float64)
-    value = np.zeros(len(model.observation))
-    for _ in range(horizon):
-        before = value
-        value = (is_success + np.where(model.terminated, 0.0, expected(model, value))).max(axis=1)
-        if np.array_equal(value, before):
-            break
-    return float(from_starts(model) @ value)
 
 
 def expected(model: Model, value: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,16 +1,14 @@
 """The best memoryless policy found: a search where part of the state is hidden.
 
-If part of the state is hidden, the best policy over observations is hard to find: without memory the problem
-is NP-hard (Littman 1994, "Memoryless policies: theoretical limitations and practical results"), and the
-policy may have to be stochastic (Singh, Jaakkola and Jordan 1994). The search starts from two policies that
-follow the optimal values, averaged over the states of an observation, one loosely and one closely, plus
-noise. From each it computes the exact gradient of the expected return under the time limit (Sutton & Barto
-2018, equation 13.5, without sampling) and makes steps of natural policy gradient (Kakade 2001), which for a
-table adds advantages to logits. A step that does not improve the return is tried again at 0.3 of its length.
-The better of the two policies is the result: a lower bound of what is possible.
+Without memory, finding the best policy is NP-hard (Littman 1994, "Memoryless policies: theoretical
+limitations and practical results"), and it may have to be stochastic (Singh, Jaakkola and Jordan 1994). The
+search starts from two policies that follow the optimal values, averaged over the states of an observation,
+one loosely and one closely, plus noise. From each it makes steps of natural policy gradient (Kakade 2001),
+which for a table adds advantages to logits, with the exact gradient (Sutton & Barto 2018, equation 13.5). A
+step that does not improve the return is tried again at 0.3 of its length. The better of the two policies is
+the result: a lower bound of what is possible.
 
-The search knows the model. A run is a restart, and its budget counts steps of the search, half of them from
-each of the two policies.
+The search knows the model. Its budget counts steps, half of them from each of the two policies.
 """
 
 import math
@@ -69,14 +67,12 @@ class Memoryless(SequentialAlgorithm):
         seed: SeedSequence,
         schedule: Schedule,
     ) -> Fields:
-        """Searches, see `agents.contract.SequentialAlgorithm`."""
+        """Searches from two policies, see the module."""
         guide = _guide(model, settings.time_limit)
         started_s = time.thread_time()
         first = settings.noise * np.random.default_rng(seed).standard_normal(guide.shape)
-        searches = [
-            Search(model, weight * guide + first, settings.time_limit)
-            for weight in (settings.guidance, _MOST_GUIDANCE)
-        ]
+        weights = settings.guidance, _MOST_GUIDANCE
+        searches = [Search(model, weight * guide + first, settings.time_limit) for weight in weights]
         policies = np.empty((len(schedule.evaluation_steps), *guide.shape))
         cpu_time_s = np.empty(len(policies))
         for t, until in enumerate(schedule.evaluation_steps):
@@ -99,7 +95,6 @@ class Search:
     """A climb of the expected return, from a policy's logits (O, A)."""
 
     def __init__(self, model: Model, logits: NDArray[np.float64], horizon: int) -> None:
-        """Evaluates the first policy."""
         self._model = model
         self._horizon = horizon
         self._logits = logits - logits.max(axis=1, keepdims=True)
@@ -129,12 +124,10 @@ class Search:
 
 
 def gradient(model: Model, policy: Policy, horizon: int) -> tuple[float, NDArray[np.float64]]:
-    """Computes the expected return of a policy (O, A), and the advantage of every action.
+    """Computes the expected sum of the grid's rewards of a policy, (O, A), and every action's advantage.
 
-    Returns:
-      The expected sum of the grid's rewards; and (O, A) what an action gains on the policy, averaged over the
-      visits of the observation: the derivative of the return by the action's logit, divided by the action's
-      probability and the expected number of these visits; 0 where there are none.
+    The advantage, (O, A), is what the action gains on the policy, averaged over the visits of the
+    observation; 0 where there are none.
     """
     gains, visits = np.zeros(policy.shape), np.zeros(len(policy))
     starts = starts_of(model, from_starts(model))
@@ -213,7 +206,7 @@ def _softmax(logits: NDArray[np.float64]) -> Policy:
 
 
 def _guide(model: Model, horizon: int) -> NDArray[np.float64]:
-    """Returns the optimal values of an agent that knows the state, averaged over the fresh states, (O, A)."""
+    """Returns the optimal values, averaged over the fresh states of each observation, (O, A)."""
     q = solve(model, 1.0, horizon, issuer_rewards=False).q
     fresh = model.fresh_state[~model.is_over[model.fresh_state]]
     sums, counts = np.zeros((model.n_observations, q.shape[1])), np.zeros(model.n_observations)

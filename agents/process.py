@@ -17,23 +17,20 @@ from envs.model import ACTIONS, Model, draw_issuer_reward
 
 U = np.uint64
 N_ACTIONS: Final = len(ACTIONS)
-
 Stream = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 # What follows an action. Outcomes hold changes of state and observation, which many states share. So their
 # table is small and stays in the nearest cache; with a row per state, the loop would wait for memory.
-OUTCOME: Final = np.dtype(
-    [
-        ("reward", np.float64),  # mean
-        ("state_change", np.int32),
-        ("observation_change", np.int32),
-        ("terminates", np.bool_),
-        ("is_wrong_ping", np.bool_),
-        ("noise", np.float64),  # half-width of the uniform noise of the reward
-        ("probability_up_to", np.float64),  # sum over the outcomes up to this one; infinite at the last
-    ],
-    align=True,
-)
+_OUTCOME_FIELDS: Final = {
+    "reward": np.float64,  # mean
+    "state_change": np.int32,
+    "observation_change": np.int32,
+    "terminates": np.bool_,
+    "is_wrong_ping": np.bool_,
+    "noise": np.float64,  # half-width of the uniform noise of the reward
+    "probability_up_to": np.float64,  # sum over the outcomes up to this one; infinite at the last
+}
+OUTCOME: Final = np.dtype([*_OUTCOME_FIELDS.items()], align=True)
 
 
 class Process(NamedTuple):
@@ -110,10 +107,7 @@ def draw_step(
     action: np.uint64,
     stream: Stream,
 ) -> tuple[float, np.uint64, Stream]:
-    """Returns the reward of an action, the index of its outcome, and the stream that follows.
-
-    The reward takes a draw if it is noisy, and the outcome if there are several.
-    """
+    """Returns the reward of an action, the index of its outcome, and the stream that follows."""
     i = U(first[state]) + action * U(n_outcomes)
     reward = outcomes[i].reward
     if is_noisy and outcomes[i].noise > 0.0:

@@ -16,7 +16,6 @@ from envs.model import ACTIONS, EVENTS, Model, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
-from envs.specs import JsonSpec
 
 Observation = int | NDArray[np.float32]
 _INFO: Final = ("event", "zone", "wrong_pings", "grid_reward", "issuer_reward")
@@ -92,7 +91,6 @@ class ProxemicEnv(gymnasium.Env[Observation, int]):
     """
 
     metadata = {"render_modes": list(render.MODES), "render_fps": render.FRAMES_PER_SECOND}  # noqa: RUF012
-    spec = JsonSpec()
 
     def __init__(
         self,

@@ -19,7 +19,6 @@ from envs.model import ACTIONS, PING, draw_issuer_reward
 from envs.observations import compile_seen, observation_space, observation_table
 from envs.scenario import ScenarioLike, load_scenario
 from envs.scene import scene_of
-from envs.specs import JsonSpec
 
 _INFO: Final = {
     "event": np.int64,
@@ -41,8 +40,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
     `gymnasium.make_vec("envs:Proxemic/S1-v0", num_envs=8)` makes one. It returns what
     `gymnasium.vector.SyncVectorEnv` returns for the same seeds and actions, in all three autoreset modes.
     """
-
-    spec = JsonSpec()
 
     def __init__(
         self,
@@ -251,19 +248,17 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
         return _with_masks({"final_obs": final_obs, "final_info": _with_masks(final_info, ended)}, ended)
 
     def _begin(self, envs: NDArray[np.intp], info: Info) -> None:
-        """Starts episodes in these envs, and replaces their info by that after a reset."""
         self.restart(envs, lambda: self._draw(envs)[envs])
         for name in _INFO:
             info[name][envs] = 0
         info["zone"][envs] = self._zone[self._state[envs]]
 
     def _checked_mask(self, mask: object) -> NDArray[np.bool_]:
-        if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            given = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
-            raise InputError(f"reset_mask: {given}; accepted: a bool array of shape ({self.num_envs},).")
-        if not mask.any():
-            raise InputError("reset_mask: no env is selected; accepted: at least one.")
-        return mask
+        given = np.asarray(mask)
+        if given.shape != (self.num_envs,) or given.dtype != np.bool_ or not given.any():
+            accepted = f"a bool array of shape ({self.num_envs},) that selects an env"
+            raise InputError(f"reset_mask: {given.dtype} {given.shape}; accepted: {accepted}.")
+        return given
 
     def _seeds(self, seed: int | np.integer | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:
@@ -276,7 +271,6 @@ class ProxemicVectorEnv(VectorEnv[Observations, Actions, Observations]):
 
 
 def _positive(name: str, value: SupportsIndex | None, accepted: str) -> int:
-    """Returns a whole number from 1 as a Python integer."""
     try:
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:

@@ -123,7 +123,7 @@ class Chaos:
         time.sleep(self.rng.uniform(0.2, self.duration))
         return int(process.poll() is None)
 
-    # What can happen. Each returns how many processes were killed.
+    # What can happen; each returns how many processes were killed
 
     def driver_killed(self, number: int = signal.SIGKILL) -> int:
         """A driver is killed at some moment, with all it has started, or by itself."""

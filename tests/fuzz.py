@@ -32,6 +32,7 @@ from benchmark.__main__ import main as benchmark
 from benchmark.commands import watch
 from benchmark.execution import driver
 from benchmark.execution.provenance import peak_memory_mb
+from envs import scenario_names
 from envs.inputs import read_toml
 from envs.scenario import SCENARIO_DIRECTORY
 
@@ -99,12 +100,7 @@ scenario = { "grid.rows" = 11 }
 scenario = { "grid.rows" = 12 }
 """
 # What is left out of it, since a report takes some of it alone, or none.
-WITHOUT: Final = (
-    ("readings", "sweep"),
-    ("readings",),
-    ("report",),
-    ("report", "readings"),
-)
+WITHOUT: Final = (("readings", "sweep"), ("readings",), ("report",), ("report", "readings"))
 EXTENSION: Final = """
 extends = "reproduce_smoke"
 description = "Another budget."
@@ -114,9 +110,6 @@ horizon = 100
 "algorithms.q_learning.settings.budget" = 300
 "readings.default.seeds" = 4
 """
-SCENARIOS: Final = (
-    "S1", "S2", "S3", "Walls", "TwoPeople", "Walking", "Moody", "Turning", "Egg", "Hall", "YesNo",
-)  # fmt: skip
 COMMANDS: Final[dict[str, list[str]]] = {
     "run": ["--seeds", "--jobs", "--report", "--executor", "--results"],
     "report": ["--seeds", "--partial", "--results"],
@@ -158,13 +151,12 @@ class Input(NamedTuple):
 
 
 def draw(seed: int, number: int) -> Input:
-    """Returns an input."""
     rng = np.random.default_rng([seed, number])
     kind = rng.random()
     if kind < 0.1:
         return _command_line(rng)
     if kind < 0.55:
-        data: Any = read_toml(SCENARIO_DIRECTORY / f"{_one(rng, SCENARIOS)}.toml")
+        data: Any = read_toml(SCENARIO_DIRECTORY / f"{_one(rng, scenario_names())}.toml")
         observation = _one(rng, ("index", "one_hot", "coordinates"))
         arguments = ["assess", "--agent", "tests.fuzz:up", "--observation", observation]
         arguments += ["--scenario", "{}/mine.toml", "--results", "{}/results"]
@@ -188,11 +180,7 @@ def up(observation: object) -> int:  # noqa: ARG001
 
 
 def check(given: Input) -> tuple[str, str]:
-    """Gives an input to the command line.
-
-    Returns:
-      `"accepted"`, `"refused"` or `"failed"`; and what is wrong, or the message.
-    """
+    """Returns whether an input is "accepted", "refused" or "failed"; and what is wrong, or the message."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         (Path(folder) / "mine.toml").write_bytes(given.text)
         arguments = [argument.replace("{}", folder) for argument in given.arguments]
@@ -215,17 +203,16 @@ def check(given: Input) -> tuple[str, str]:
         if (peak_memory_mb() or 0) > MOST_MEMORY_MB:
             return "failed", f"takes more than {MOST_MEMORY_MB} MB"
         lines = message.splitlines(keepends=True)
-        is_error = [
-            each[:7] == "error: " and each[-1] == "\n" and len(each) <= LONGEST_LINE for each in lines
-        ]
-        is_line = 1 <= len(lines) <= MOST_LINES and all(is_error)
+        is_line = 1 <= len(lines) <= MOST_LINES and all(
+            line.startswith("error: ") and line.endswith("\n") and len(line) <= LONGEST_LINE for line in lines
+        )
         if code == 0:
             return "accepted", ""
         return ("refused" if is_line and code == 2 else "failed"), f"exit code {code}: {message}"
 
 
 def check_many(seed: int, numbers: range) -> tuple[Counter[str], list[str]]:
-    """Checks inputs by their numbers; returns how many have which outcome, and says what failed."""
+    """Returns how many inputs have which outcome, and what failed."""
     _limit()
     counts: Counter[str] = Counter()
     failures = []
@@ -260,7 +247,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _limit() -> None:
-    """Limits this process's memory, and its time for an input."""
 
     def stop(*_: object) -> None:
         raise TooLongError
@@ -272,7 +258,6 @@ def _limit() -> None:
 
 @contextlib.contextmanager
 def _nothing_trained() -> Iterator[None]:
-    """Ends a command where runs would begin."""
 
     def begin(*_: object, **__: object) -> list[str]:
         raise AcceptedError
@@ -282,7 +267,6 @@ def _nothing_trained() -> Iterator[None]:
 
 
 def _command_line(rng: np.random.Generator) -> Input:
-    """Returns a command with drawn arguments."""
     command = _one(rng, list(COMMANDS))
     arguments = [command]
     for _ in range(int(rng.integers(0, 5))):
@@ -296,7 +280,6 @@ def _command_line(rng: np.random.Generator) -> Input:
 
 
 def _mutate(rng: np.random.Generator, data: dict[str, Any]) -> None:
-    """Changes something in nested tables."""
     places: list[tuple[Any, Any]] = []
 
     def walk(table: Any) -> None:
@@ -321,11 +304,10 @@ def _mutate(rng: np.random.Generator, data: dict[str, Any]) -> None:
 
 
 def _nudged(rng: np.random.Generator, value: Any) -> Any:
-    """Returns another value of the same kind."""
     if isinstance(value, bool):
         return not value
     if isinstance(value, int):
-        return _one(rng, (value + 1, value - 1, value * 2, value * 10, value // 2, -value))
+        return _one(rng, (value + 1, value - 1, value * 10, value // 2, -value))
     if isinstance(value, float):
         return _one(rng, (value / 3, value * 3, -value, value + 1, 0.0))
     if isinstance(value, str):
@@ -334,7 +316,6 @@ def _nudged(rng: np.random.Generator, value: Any) -> Any:
 
 
 def _add(rng: np.random.Generator, table: Any, value: Any) -> None:
-    """Adds a value to a table under a drawn name, or to a list."""
     if isinstance(table, dict):
         names = [text for text in NASTY if isinstance(text, str)]
         table[_one(rng, [*names, "kind", "seeds", "settings", "observe", "phases", "others", "walk"])] = value
@@ -343,7 +324,6 @@ def _add(rng: np.random.Generator, table: Any, value: Any) -> None:
 
 
 def _garble(rng: np.random.Generator, text: bytes) -> bytes:
-    """Returns a file with some of its bytes changed."""
     start = int(rng.integers(len(text) + 1))
     stop = min(start + int(rng.integers(0, 20)), len(text))
     pieces = (
@@ -356,7 +336,6 @@ def _garble(rng: np.random.Generator, text: bytes) -> bytes:
 
 
 def _toml(value: Any) -> str:
-    """Returns a value as TOML."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int):
@@ -371,12 +350,10 @@ def _toml(value: Any) -> str:
 
 
 def _key(key: str) -> str:
-    """Returns a key as TOML."""
     return json.dumps(key, ensure_ascii=False)
 
 
 def _one(rng: np.random.Generator, values: Any) -> Any:
-    """Returns one of some values."""
     return values[int(rng.integers(len(values)))]
 
 

@@ -68,7 +68,6 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     ("text", "expected"),
     [
         (f"a = {'[' * 500}{']' * 500}", "nested too deeply"),
-        (f"[{'.'.join('a' * 3000)}]", "nested too deeply"),
         (
             f"extends = 'reproduce'\ndescription = 'x'\n[changes]\n'{'.'.join('a' * 3000)}' = 1",
             "nested too deeply",
@@ -84,17 +83,12 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
             )
             for algorithm, settings, expected in (
                 # By hand: 4 bytes for each of the 10^12 weights of a square matrix, and little else.
-                ("dqn", NET_ARCH, "policy_kwargs.net_arch = [1000000]: 4,004 GB of memory"),
                 ("compiled_dqn", NET_ARCH, "policy_kwargs.net_arch = [1000000]: 4,004 GB of memory"),
-                ("compiled_dqn", "batch_size = 1000000", "batch_size = 1000000: 3 GB of memory"),
-                ("dqn", "batch_size = 1000000000", "batch_size = 1000000000: 3,088 GB of memory"),
                 ("dqn", "buffer_size = 1000000000", "buffer_size = 1000000000: 1,000 GB of memory"),
-                ("compiled_ppo", ROLLOUT, "n_steps = 1000000000 with n_envs = 1: 40 GB of memory"),
                 ("ppo", ROLLOUT, "n_steps = 1000000000 with n_envs = 1: 1,000 GB of memory"),
             )
         ),
         (f"description = '{'x' * 1_000_001}'", "larger than 1,000,000 bytes"),
-        (EXPERIMENT.replace("map_every", "x" * 5000), "unknown key xxxxx"),
         (EXPERIMENT.replace('"S1"', f'"{"S" * 5000}"'), "unknown scenario SSSSS"),
         (LONG.replace("= 500", "= 1"), "evaluation_every = 1 with budget = 1000000000: 1,000,000,001 evalu"),
         # By hand: 120 observations, 50,001 times 1 byte of greedy actions and 5 values of 4 bytes.
@@ -170,11 +164,6 @@ def test_scores_that_are_undefined(tmp_path: Path, capsys: pytest.CaptureFixture
     for arguments in (["run", f"{tmp_path}/mine.toml"], ["assess", *flat]):
         assert "so scores" in refused(capsys, *arguments, "--results", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_many_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    line = refused(capsys, "run", "reproduce", "--seeds", "0-99999", "--results", tmp_path)
-    assert "2,700,000 runs; accepted: at most 500,000" in line
 
 
 @pytest.mark.parametrize(

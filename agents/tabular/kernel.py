@@ -6,9 +6,7 @@ A step takes one 64-bit word. Its upper half decides whether to explore; its low
 candidates to take: all actions when exploring, else the greedy ones. Then follow, each only where there is
 something to draw: a word for the reward of a noisy issuer, at each PING; one for the outcome of the action;
 one for the table that a rule with two tables updates; and, when the episode is over, one for the next start.
-The first start takes the first word. An on-policy rule draws the next step's word before the update. That
-leaves the words in order, but where the time limit truncates it takes one word more, for an action that is
-not taken.
+An on-policy rule draws the next step's word before the update, also where the time limit then truncates.
 
 Axis letters: N agents, S states, O observations, A actions, K outcomes, B starts, T evaluation steps, V map
 steps, R records.
@@ -31,15 +29,14 @@ from agents.policy import ALL_ACTIONS, contains
 from agents.process import N_ACTIONS, Process, U, draw_start, draw_step, draw_word
 from agents.tabular.updates import Q_LEARNING, Successor, UpdateRule
 
-PLACES: Final = 60
+N_CHOICES: Final = 60
 LEAST_TRACE: Final = 1e-3  # below this weight a trace is dropped
 
-# (32, 60). Row m lists the actions of mask m, evenly over 60 places: 60 is divisible by every possible count,
-# so one draw from 0..59, made before the mask is known, picks each member with equal probability.
-CHOICES: Final = np.zeros((ALL_ACTIONS + 1, PLACES), dtype=np.uint8)
+# (32, 60). Row m lists the actions of mask m, each equally often, since 60 is divisible by every count.
+CHOICES: Final = np.zeros((ALL_ACTIONS + 1, N_CHOICES), dtype=np.uint8)
 for _mask in range(1, ALL_ACTIONS + 1):
     _members = np.flatnonzero(contains(np.array(_mask, dtype=np.uint8)))
-    CHOICES[_mask] = _members[np.arange(PLACES) * len(_members) // PLACES]
+    CHOICES[_mask] = _members[np.arange(N_CHOICES) * len(_members) // N_CHOICES]
 
 
 class Constants(NamedTuple):
@@ -86,7 +83,7 @@ def choose_action(word: np.uint64, explore_below: np.uint64, greedy: int) -> np.
     draw = word & U(0xFFFFFFFF)
     if (word >> U(32)) < explore_below:  # what CHOICES has for all actions, without waiting for the mask
         return (draw * U(N_ACTIONS)) >> U(32)
-    return U(CHOICES[U(greedy), (draw * U(PLACES)) >> U(32)])
+    return U(CHOICES[U(greedy), (draw * U(N_CHOICES)) >> U(32)])
 
 
 @numba.njit
@@ -109,7 +106,6 @@ def _take_snapshot(
     greedy: NDArray[np.int64],
     disagreements: int,
 ) -> None:
-    """Keeps the state of agent n at evaluation step i, which is map step i_map, or none if that is -1."""
     results.disagreements[n, i] = disagreements
     results.greedy[n, i] = greedy
     if i_map >= 0:
@@ -118,10 +114,7 @@ def _take_snapshot(
 
 @numba.njit
 def _new_tree(n_observations: int, value: float) -> NDArray[np.float64]:
-    """Returns a tournament tree over observations whose largest values are all the same.
-
-    Each inner node is the larger of its two children, so node 1 is the largest value of the table.
-    """
+    """Returns a tree in which each inner node is the larger of its two children, the largest at node 1."""
     leaves = 1
     while leaves < n_observations:
         leaves *= 2
@@ -133,7 +126,6 @@ def _new_tree(n_observations: int, value: float) -> NDArray[np.float64]:
 
 @numba.njit
 def _update_tree(tree: NDArray[np.float64], o: np.uint64, best: float) -> None:
-    """Sets the largest value of an observation and carries it up the tree."""
     node = len(tree) // 2 + int(o)
     tree[node] = best
     while node > 1:
@@ -170,10 +162,7 @@ _HAS_TRACES = Q_LEARNING.has_traces
 def _train(
     process: Process, constants: Constants, plan: Plan, streams: NDArray[np.uint64], results: Results
 ) -> None:
-    """Trains N agents from streams (N, 4).
-
-    Indices are unsigned, which spares numba's test for negative ones: a fifth of the time.
-    """
+    """Trains N agents from streams (N, 4); unsigned indices spare numba's test for negative ones."""
     # Arrays are taken out of their tuples before the loop: inside, numba would count references to them.
     first, outcomes, n_outcomes, n_observations, observation, starts, is_noisy = process
     learning_rate, discount, epsilon, initial_value, trace_decay, takes_lowest, time_limit = constants
@@ -290,8 +279,8 @@ def _train(
 def compile_kernel(update: UpdateRule) -> Kernel:
     """Returns the kernel of an update rule, compiled when it is first called.
 
-    The kernel is a copy of `_train` whose globals hold the rule. Compiled code is kept on disk by the name of
-    the function. So the copy's name contains a digest of the rule and of the text of the rule's file.
+    The kernel is a copy of `_train` whose globals hold the rule. Since compiled code is kept on disk by the
+    function's name, that contains a digest of the rule and of the text of the rule's file.
     """
     flags = {
         "_IS_ON_POLICY": update.is_on_policy,

@@ -58,10 +58,8 @@ class Settings(LearnerSettings):
     @model_validator(mode="after")
     def _settings_fit(self) -> Self:
         if self.budget > MOST_RECORDS * self.record_every:
-            raise ValueError(
-                f"record_every = {self.record_every} with budget = {self.budget}: accepted: at most "
-                f"{MOST_RECORDS:,} records"
-            )
+            where = f"record_every = {self.record_every} with budget = {self.budget}"
+            raise ValueError(f"{where}: accepted: at most {MOST_RECORDS:,} records")
         if self.budget_unit == "episodes" and self.epsilon == 0 and self.time_limit is None:
             raise ValueError('budget_unit = "episodes" with epsilon = 0 may never end; set time_limit')
         return self
@@ -78,8 +76,7 @@ class TraceSettings(Settings):
 class TabularTraining(Training):
     """What training N agents returns in addition to the fields that every algorithm has; R records."""
 
-    # (N, R) max_a Q(o_t, a) of the visited o_t before its update; with a budget of episodes, the
-    # largest of the episode.
+    # (N, R) max_a Q(o_t, a) of the visited o_t before its update; of an episode, the largest
     max_q: NDArray[np.float64]
     table_max_q: NDArray[np.float64]  # (N, R) the largest Q of the table then; R = 0 if it is not recorded
     steps_taken: NDArray[np.int64]  # (N,)
@@ -98,17 +95,12 @@ def train(
 ) -> TabularTraining:
     """Trains one agent per seed, see `agents.contract.Algorithm.train`.
 
-    With `record_table`, the largest value of the whole table is recorded, too. No result depends on the
-    number of threads.
-
-    Raises:
-      ValueError: No seed or thread, a schedule for another budget, or traces without their settings.
+    With `record_table`, the largest value of the whole table is recorded, too. A ValueError is raised if a
+    rule with traces is given other settings than `TraceSettings`.
     """
     check_request(settings, seeds, schedule)
     if update.has_traces and not isinstance(settings, TraceSettings):
         raise ValueError("settings: the rule has traces; accepted: TraceSettings.")
-    if threads < 1:
-        raise ValueError(f"threads = {threads}; at least 1.")
     n_agents, n_observations, n_actions = len(seeds), model.n_observations, len(ACTIONS)
     n_records = math.ceil(settings.budget / settings.record_every)
     n_steps = len(schedule.evaluation_steps)
@@ -171,14 +163,13 @@ def train(
 
 
 class TabularAlgorithm(Algorithm):
-    """An algorithm that learns a table by an update rule."""
+    """An algorithm that learns a table by an update rule, which has its settings and version."""
 
     packages = ("numba",)
     batch_size = 25
     placement = "thread"
 
     def __init__(self, update: UpdateRule) -> None:
-        """Takes settings and version from the rule."""
         self.update = update
         self.settings = TraceSettings if update.has_traces else Settings
         self.version = VERSION + update.version
@@ -191,7 +182,7 @@ class TabularAlgorithm(Algorithm):
         seeds: Sequence[SeedSequence],
         schedule: Schedule,
     ) -> TabularTraining:
-        """Trains by `train`; the table's maximum is recorded if there is more than one record."""
+        """Trains by `train`, and records the table's maximum if there is more than one record."""
         record_table = settings.record_every < settings.budget
         return train(model, settings, seeds, schedule, self.update, record_table=record_table)
 

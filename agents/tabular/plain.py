@@ -1,7 +1,4 @@
-"""Q-learning in plain Python: a second implementation, which checks the compiled one and shows what it saves.
-
-Tables are lists of lists, random numbers are Python's own, and no array is touched between two evaluations.
-"""
+"""Q-learning in plain Python: a second implementation, which checks the compiled one."""
 
 import random
 import time

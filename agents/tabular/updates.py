@@ -35,14 +35,12 @@ class Successor(NamedTuple):
 class UpdateRule:
     """A way to update a table of action values.
 
-    `bootstrap` is a plain function that numba can compile. The functions and constants that it refers to
-    belong in its module: cached code is compiled again when that file has changed, but not when another has.
+    `bootstrap` is a plain function that numba can compile. What it refers to belongs in its module: cached
+    code is compiled again when that file has changed, but not when another has.
     """
 
     bootstrap: Callable[[Successor], float]
-    # Whether it needs the next action. That action is then drawn before the update, and taken after it
-    # unless the time limit has ended the episode.
-    is_on_policy: bool = False
+    is_on_policy: bool = False  # whether it needs the next action, which is then drawn before the update
     # Whether it learns two tables, of which each update moves one at random. The agent acts by their mean.
     has_two_tables: bool = False
     # Whether it also moves the values of earlier actions of the episode, as far as every later action was
@@ -84,11 +82,9 @@ Q_LEARNING: Final = UpdateRule(greatest_value)
 SARSA: Final = UpdateRule(next_value, is_on_policy=True)
 # Ibid., section 6.6
 EXPECTED_SARSA: Final = UpdateRule(expected_value)
-# van Hasselt (2010). The maximum of noisy estimates is on average too high. With two tables that learn from
-# different steps, the errors of choice and value are independent, and this bias disappears.
+# van Hasselt (2010): the maximum of noisy estimates is too high; two tables have independent errors.
 DOUBLE_Q_LEARNING: Final = UpdateRule(other_value, has_two_tables=True)
-# Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996): an action
-# has a trace of 1 when it is taken, even if it had one already. Every step multiplies a trace by discount *
-# lambda, and drops it below `agents.tabular.kernel.LEAST_TRACE`. An action that is not greedy drops all
-# traces of earlier ones, because the values of greedy actions do not depend on what follows it.
+# Watkins (1989); Sutton & Barto (2018), section 12.10; with replacing traces (Singh & Sutton 1996), which are
+# 1 when an action is taken, fade by discount * lambda in every step, and end at `kernel.LEAST_TRACE`, or at
+# an action that is not greedy.
 WATKINS_Q_LAMBDA: Final = UpdateRule(greatest_value, has_traces=True)

@@ -31,15 +31,10 @@ TRAINING = Training(
         ("q_lerning", r"mine.toml: unknown algorithm q_lerning \(did you mean q_learning\?\)"),
         ("dnq", r"unknown algorithm dnq \(did you mean dqn\?\); accepted: .*, or module:attribute\.$"),
         (
-            "no.such:THING",
-            "algorithm no.such:THING cannot be imported: No module named 'no'; accepted: a module",
-        ),
-        (
             "stable_baselines:PPO",
             r"'stable_baselines' \(did you mean stable_baselines3\?\); accepted: a module",
         ),
         ("agents.policy:mask_polcy", r"no attribute 'mask_polcy' \(did you mean mask_policy\?\)\.$"),
-        ("agents.policy:NOTHING", "cannot be imported"),
         ("agents.policy:greedy_masks", "is not an algorithm"),
     ],
 )

@@ -7,14 +7,12 @@ import pytest
 from numpy.random import SeedSequence
 
 from agents import Schedule, load_algorithm
-from agents.dynamic_programming import evaluate
-from agents.policy import contains, greedy_masks, mask_policy
+from agents.policy import contains, greedy_masks
 from agents.process import draw_word
 from agents.tabular.kernel import choose_action
 from agents.tabular.learner import Settings, TabularTraining, train
 from envs import InputError, compile_scenario, load_scenario
 from envs.inputs import parse
-from envs.observations import compile_seen
 from tests.agents.words import textbook, xoshiro
 
 
@@ -132,14 +130,3 @@ def test_wrong_settings_get_one_sentence(change: dict[str, Any], expected: str) 
         parse(Settings, change, "mine.toml")
     assert expected in str(caught.value)
     assert str(caught.value).startswith("mine.toml: ")
-
-
-def test_a_table_of_offsets_learns_what_one_of_pairs_of_cells_has_not_visited() -> None:
-    settings = Settings(budget=40_000, learning_rate=0.2, discount=0.9, record_every=40_000)
-    seeds, schedule = [SeedSequence(i) for i in range(5)], Schedule(settings.budget, (settings.budget,))
-    success = {}
-    for form in ("index", "offset"):
-        model = compile_seen(load_scenario("Anywhere"), form)
-        greedy = train(model, settings, seeds, schedule).greedy[:, -1]
-        success[form] = np.median(evaluate(model, mask_policy(greedy), 200).success)
-    assert success["index"] < 0.5 < 0.9 < success["offset"]

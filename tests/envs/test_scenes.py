@@ -91,28 +91,6 @@ def test_the_walker_waits_for_the_agent_and_bumps_into_nobody() -> None:
     assert (model.zone[following] != ZONES.index("issuer")).all()
 
 
-def test_the_nearest_person_answers() -> None:
-    other = {"position": [0, 11], "feedback": {"kind": "uniform", "low": 0.0, "high": 1.0}}
-    model = compiled({"others": [other | {"regions": SHY}]}, "S3")
-    # From the start, the issuer of S3 is 14 and the other person 11 steps away.
-    assert (model.issuer_reward[0, PING], model.issuer_noise[0, PING]) == (0.5, 0.5)
-    # Cell [3, 8]: three steps from the issuer, six from the other.
-    assert model.issuer_reward[cell(3, 8), PING] == pytest.approx(-3 / 14)
-    assert not model.issuer_noise[cell(3, 8), PING]
-    # Equally near, in [4, 9] with 2 + 1 = 3 and a person in [2, 8]: the issuer, who is declared first.
-    tied = compiled({"others": [other | {"position": [2, 8], "regions": SHY}]}, "S3")
-    assert not tied.issuer_noise[cell(4, 9), PING]
-    assert tied.issuer_noise[cell(3, 9), PING] == 0.5
-
-
-def test_delayed_feedback_comes_with_the_next_action() -> None:
-    env = ProxemicEnv("Delayed")
-    env.reset()
-    found = [env.step(action)[4]["issuer_reward"] for action in (PING, RIGHT, PING, PING, LEFT, LEFT)]
-    # At the start, 14 steps away, feedback is -1; one cell to the right, it is -13 / 14.
-    assert found == pytest.approx([0, -1, 0, -13 / 14, -13 / 14, 0])
-
-
 def test_feedback_is_relative_to_the_farthest_start_of_the_same_place() -> None:
     model = compiled({"grid.start": [[0, 0], [9, 0]], "issuer.position": [[6, 8], [2, 3]]}, "S3")
     per_place = model.issuer_reward.reshape(2, 5, 120, 5)[:, 0, :, PING]
@@ -140,12 +118,3 @@ def test_text_shows_agent_walls_people_and_phase() -> None:
         lines = text("Moody", phase * 600)
         assert lines[-2:] == [f"phase: {name}", "event: none"]
         assert lines[6].endswith(line)
-
-
-def test_image_shows_walls() -> None:
-    env = ProxemicEnv("Walls", render_mode="rgb_array")
-    env.reset()
-    image = np.asarray(env.render())
-    wall = image[2 * 40 + 20, 4 * 40 + 20].tolist()
-    walls = [(r, c) for r in range(10) for c in range(12) if image[r * 40 + 20, c * 40 + 20].tolist() == wall]
-    assert [r * 12 + c for r, c in walls] == np.flatnonzero(env.model.scenario.grid.is_wall).tolist()

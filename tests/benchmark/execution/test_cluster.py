@@ -194,7 +194,7 @@ def test_workers_that_differ_are_refused(
     (job, *_) = plan(all_specifications(load_experiment(mixed)))
     for package in ("agents", "benchmark", "envs"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    with (tmp_path / "envs" / "specs.py").open("a") as file:
+    with (tmp_path / "envs" / "words.py").open("a") as file:
         file.write("# changed\n")
     executor = Cluster(pair.address, {job[0].algorithm})
     others = [
