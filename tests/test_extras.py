@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from envs.inputs import EXTRAS, PACKAGES, needed_by
@@ -166,14 +165,6 @@ def test_extras_are_those_of_pyproject() -> None:
     for extra, modules in EXTRAS.items():
         packages = {canonicalize_name(PACKAGES.get(module, module)) for module in modules}
         assert packages == requirements(extra) - (BOUNDED if extra == "deep" else set()), extra
-
-
-def test_dev_brings_everything() -> None:
-    """By itself, or as deep brings reproduce."""
-    extras = PROJECT["optional-dependencies"]
-    lines = map(Requirement, extras["dev"] + extras["deep"])
-    brought = {extra for line in lines if line.name == PROJECT["name"] for extra in line.extras}
-    assert brought == {*extras} - {"dev"}
 
 
 def third_party(layers: Iterable[str]) -> set[str]:

@@ -47,13 +47,6 @@ class Constants(NamedTuple):
     max_grad_norm: float
 
 
-class Target(NamedTuple):
-    """The target net."""
-
-    parameters: Numbers  # (P,)
-    values: Values  # since the last synchronisation
-
-
 class Batch(NamedTuple):
     """Room for a mini-batch."""
 
@@ -71,7 +64,8 @@ class Dqn(NamedTuple):
     constants: Constants
     net: Net
     parameters: Parameters
-    target: Target
+    target: Numbers  # (P,) the parameters of the target net
+    target_values: Values  # its outputs since the last synchronisation
     replay: Steps  # (C * E,) as in Stable-Baselines3, a row per step of the envs
     batch: Batch
     walk: Walk
@@ -100,7 +94,8 @@ class DqnAgent(Agent):
             constants=Constants(**same | changed),
             net=q_net,
             parameters=self.parameters,
-            target=Target(self.parameters.values.copy(), net.values_of(n_observations, kind)),
+            target=self.parameters.values.copy(),
+            target_values=net.values_of(n_observations, kind),
             replay=room_for_steps(n_rows * n_envs),
             batch=Batch(*batch, distinct=net.distinct_of(n_observations, q_net.n_rows)),  # type: ignore[arg-type,misc]
             walk=self.walk,
@@ -134,7 +129,7 @@ def _advance(agent: Dqn, until: int) -> None:
         for _ in range(constants.train_freq):
             _act(agent)
             if walk.taken[0] // len(walk.state) % constants.synchronised_every == 0:
-                _synchronise(agent.parameters.values, agent.target, constants.tau)
+                _synchronise(agent)
         if walk.taken[0] > constants.learning_starts:
             for _ in range(constants.gradient_steps):
                 _draw_batch(agent)
@@ -165,12 +160,13 @@ def _act(agent: Dqn) -> None:
 
 
 @inlined
-def _synchronise(values: Numbers, target: Target, tau: float) -> None:
+def _synchronise(agent: Dqn) -> None:
     """Moves the target net towards the net by a share."""
+    values, target, tau = agent.parameters.values, agent.target, agent.constants.tau
     kept, share = like(values, 1.0 - tau), like(values, tau)
     for i in range(len(values)):
-        target.parameters[i] = kept * target.parameters[i] + share * values[i]
-    target.values.is_known[:] = False
+        target[i] = kept * target[i] + share * values[i]
+    agent.target_values.is_known[:] = False
 
 
 @inlined
@@ -206,10 +202,10 @@ def _draw_batch(agent: Dqn) -> None:
 def _update(agent: Dqn) -> None:
     """Adds what follows on the returns, by the target net, and makes a gradient step by the Huber loss."""
     q_net, parameters, batch, distinct = agent.net, agent.parameters, agent.batch, agent.batch.distinct
-    net.compute_values(q_net, agent.target.parameters, batch.next_observed, agent.target.values)
+    net.compute_values(q_net, agent.target, batch.next_observed, agent.target_values)
     for b in range(len(batch.target)):
         if batch.next_observed[b] != agent.walk.process.n_observations:
-            batch.target[b] += batch.discount[b] * agent.target.values.largest[batch.next_observed[b]]
+            batch.target[b] += batch.discount[b] * agent.target_values.largest[batch.next_observed[b]]
     n_distinct = net.list_distinct(batch.observed, distinct)
     at = net.forward(q_net, parameters.values, distinct.observed, n_distinct)
     one, share = like(batch.target, 1), like(batch.target, 1.0 / len(batch.observed))

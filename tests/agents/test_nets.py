@@ -85,12 +85,11 @@ def trained(
     seeds: Any = range(N_AGENTS),
     model: Model = S1,
     points: tuple[int, ...] = (0, 200, 400),
-    make: Callable[..., Any] | None = None,
     **changes: Any,
 ) -> Any:
     settings = settings_of(name, **changes)
     schedule = Schedule(settings.budget, points, points[::2])
-    algorithm = NetAlgorithm(make or AGENTS[name], type(settings))
+    algorithm = NetAlgorithm(AGENTS[name], type(settings))
     return algorithm.train(model, settings, observation, sequences(seeds), schedule)
 
 
@@ -197,17 +196,6 @@ def check_weights(parts: list[torch.Tensor], values: list[NDArray[Any]]) -> None
         assert np.linalg.norm(value.T - theirs) <= 1e-8 * np.linalg.norm(theirs)
 
 
-def check_float32(
-    name: str, observation: str, model: Model, ours: Any, budget: int, changes: dict[str, Any]
-) -> None:
-    """Trains in float32: the same code, rounded otherwise. Its bits are the same on every processor."""
-    rounded = agent_of(name, observation, model, np.float32, **changes)
-    first = [part.copy() for part in rounded.weights()]
-    rounded.advance(budget)
-    for part, exact, start in zip(rounded.weights(), ours.weights(), first, strict=True):
-        assert np.linalg.norm(part - exact) <= 0.05 * np.linalg.norm(exact - start)
-
-
 def in_turn(*cases: tuple[str, dict[str, Any]]) -> list[tuple[str, str, dict[str, Any]]]:
     """Gives the cases the two forms of observation by turns."""
     return [(OBSERVATIONS[i % 2], *case) for i, case in enumerate(cases)]
@@ -220,17 +208,12 @@ DQN_CASES: list[tuple[str, dict[str, Any]]] = [
             "train_freq": 4, "gradient_steps": 3}),
     ("S1", {"buffer_size": 150, "batch_size": 50, "policy_kwargs": {"net_arch": (128, 128)},
             "exploration_initial_eps": 0.9, "exploration_final_eps": 0.2, "exploration_fraction": 0.3}),
-    ("S1", {"n_envs": 4, "train_freq": 5, "gradient_steps": -1, "buffer_size": 203}),
-    ("S1", {"n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "gradient_steps": 2}),
+    ("S1", {"n_steps": 4, "n_envs": 2, "max_grad_norm": 0.01, "time_limit": None, "train_freq": 5,
+            "gradient_steps": -1, "buffer_size": 203}),
     # More envs than rows of a mini-batch, and a single row of the buffer; the first step is greedy.
     ("S1", {"n_envs": 40, "batch_size": 8, "buffer_size": 20, "tau": 0.0, "train_freq": 1,
             "gradient_steps": 20, "learning_starts": 0}),
-    # Greedy from the start.
-    ("S1", {"exploration_initial_eps": 0.0, "exploration_final_eps": 0.0, "learning_starts": 0, "n_envs": 3,
-            "train_freq": 1, "target_update_interval": 2, "batch_size": 40, "buffer_size": 60}),
-    ("moods", {"n_envs": 2, "n_steps": 3, "gamma": 0.5, "time_limit": 11, "buffer_size": 90,
-               "gradient_steps": 2}),
-    ("noisy moods", {"n_envs": 3, "gradient_steps": 3, "batch_size": 17}),
+    ("noisy moods", {"n_envs": 3, "n_steps": 3, "gamma": 0.5, "time_limit": 11, "gradient_steps": 3}),
     ("anywhere", {"tau": 0.3, "target_update_interval": 7, "batch_size": 90}),
 ]  # fmt: skip
 
@@ -282,7 +265,6 @@ def test_dqn_is_stable_baselines3s(
     assert n_updates == ours.parameters.n_steps[0] >= 200
     assert stock.env.disagreements == ours.walk.disagreements[0]
     check_weights(linear_layers(stock.q_net), ours.weights())
-    check_float32("compiled_dqn", observation, model, ours, 600, changes)
 
 
 PPO_CASES: list[tuple[str, dict[str, Any]]] = [
@@ -291,11 +273,9 @@ PPO_CASES: list[tuple[str, dict[str, Any]]] = [
     ("S1", {"batch_size": 40, "ent_coef": 0.05, "n_epochs": 20, "policy_kwargs": {"net_arch": (128, 128)}}),
     ("S1", {"batch_size": 17, "gae_lambda": 0.5, "vf_coef": 1.5, "normalize_advantage": False,
             "max_grad_norm": 0.05, "time_limit": 7}),
-    ("S1", {"batch_size": 13, "clip_range": 0.02, "learning_rate": 3e-3}),
-    ("S1", {"n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None}),
+    ("S1", {"n_envs": 1, "n_steps": 40, "batch_size": 39, "time_limit": None, "clip_range": 0.02}),
     ("S1", {"batch_size": 64, "n_epochs": 20}),  # more than a rollout has
     ("moods", {"target_kl": 0.004, "learning_rate": 3e-3, "n_envs": 4, "n_steps": 5, "time_limit": 7}),
-    ("noisy moods", {"n_envs": 5, "n_steps": 8, "time_limit": 9}),
     ("anywhere", {"clip_range_vf": 0.05, "n_envs": 5, "n_steps": 8, "time_limit": 7}),
 ]  # fmt: skip
 
@@ -333,7 +313,6 @@ def test_ppo_is_stable_baselines3s(
     assert 20 < n_steps < whole if settings.target_kl else n_steps == whole >= 200
     assert stock.env.disagreements == ours.walk.disagreements[0]
     check_weights(linear_layers(*nets), ours.weights())
-    check_float32("compiled_ppo", observation, model, ours, 400, changes)
 
 
 # First weights

@@ -94,28 +94,6 @@ def test_vec_env_steps_as_stable_baselines3s_own_does(
     assert all(map(np.array_equal, *pair) for pair in kept)  # what was returned is not written over
 
 
-def test_a_batch_has_a_single_generator() -> None:
-    """The published runs' noise: n draws per step from the generator of the seed, whatever has ended."""
-    n, seed = 5, 2**65 + 1
-    env, model = vec_env(n, "S2", limit=9), compile_scenario(load_scenario("S2"))
-    env.seed(seed)
-    env.reset()
-    draws, actions = np.random.default_rng(seed), np.random.default_rng(2)
-    state, steps, n_ends = np.full(n, model.start), np.zeros(n, dtype=int), 0
-    for _ in range(300):
-        action = actions.choice(5, size=n, p=[0.12, 0.28, 0.12, 0.33, 0.15])  # towards the issuer
-        _, rewards, dones, _ = env.step(action)
-        noise = model.issuer_noise[state, action] * (2 * draws.random(n) - 1)
-        assert (rewards == (model.grid_reward[state, action] + noise).astype(np.float32)).all()
-        steps += 1
-        over = model.terminated[state, action] | (steps == 9)
-        assert (dones == over).all()
-        state = np.where(over, model.start, model.next_state[state, action, 0])
-        steps[over] = 0
-        n_ends += over.sum()
-    assert n_ends > 100
-
-
 # Settings
 
 

@@ -53,7 +53,7 @@ class Cluster:
             answers = self._answers(here)
             for worker, answer in answers.items():
                 if isinstance(answer, Exception):
-                    answer = f"worker {worker} does not have this project's code: {answer}."
+                    answer = f"worker {worker} does not have this project's code, or has died: {answer}."
                 if answer is not None:
                     raise InputError(f"--cluster: {answer}")
         except BaseException as error:
@@ -89,12 +89,7 @@ class Cluster:
         except TimeoutError:
             advice = f"dask worker {self._address} --nthreads 1 starts one"
             raise InputError(f"{where}: there is no worker; {advice}.") from None
-        answers = self._client.run(refusal, here, folders=SEARCHED, on_error="return")
-        # A worker whose connection breaks has died meanwhile.
-        alive = {worker: answer for worker, answer in answers.items() if not isinstance(answer, OSError)}
-        if not alive:
-            raise InputError(f"{where}: its workers die when they are asked; their output may say why.")
-        return alive
+        return dict(self._client.run(refusal, here, folders=SEARCHED, on_error="return"))
 
     async def _execute(self, job: Job) -> list[Record]:
         name = job[0].algorithm
