@@ -150,8 +150,6 @@ def _parser() -> argparse.ArgumentParser:
     _add_experiment(run)
     _add_jobs(run, "; with --cluster: twice the workers at the start, so that each has its next job waiting")
     run.add_argument("--report", action="store_true", help="then draw tables and figures, as 'report' does")
-    about = "write TensorBoard logs of deep learners to DIR; results do not depend on it, only times do"
-    run.add_argument("--tensorboard", type=Path, metavar="DIR", help=about)
     where = run.add_mutually_exclusive_group()
     about = "run all jobs in this executor: process, thread, or MODULE:ATTRIBUTE of another (default: each "
     about += "algorithm's placement, thread or process)"
@@ -211,8 +209,6 @@ def _parser() -> argparse.ArgumentParser:
     about = "; then its time, memory and disk are estimated, from stored runs"
     _add_experiment(doctor, about, draws=False)
     _add_jobs(doctor)
-    about = "also examine the workers of the Dask scheduler at this address; estimates are for this machine"
-    doctor.add_argument("--cluster", metavar="tcp://HOST:PORT", help=about)
 
     speed = command("speed", "measure speed, each row relative to a common alternative in the same run")
     about = "measure very little, into speed_smoke; the numbers mean nothing"

@@ -239,7 +239,7 @@ class Reporting(Table):
     adjust: Literal["holm", "none"] = "holm"
     """How p-values are adjusted for the number of contrasts."""
     margins: Margins = Margins()
-    """Differences that are too small to matter."""
+    """Differences between x and y that are too small to matter."""
     fewest_runs: Annotated[int, Field(ge=10)] = 10
     """Runs per scenario and learner below which there is no verdict."""
     contrasts: tuple[tuple[str, str], ...] = ()

@@ -378,6 +378,22 @@ def scores(runs: pd.DataFrame, experiment: Experiment, path: Path) -> None:
     write_csv(own_rows(runs, experiment)[[name for name in names if name in runs]], path)
 
 
+scores.meanings = {
+    "policy": "the evaluated policy, greedy or stochastic",
+    "seed": "seed of the run",
+    "steps": "expected steps of an episode after training",
+    "wrong_pings": "expected wrong PINGs of an episode after training",
+    "uncomfortable_steps": "expected steps of an episode in the uncomfortable region",
+    "greedy_success": "success of the greedy policy, whichever policy counts",
+    "cells_marked": "cells in which the action value of PING is above 0, or, of a stochastic policy, in which "
+    "PING is its likeliest action",
+    "target_cells_marked": "marked cells that are in the target region",
+    "region_overlap": "cells both marked and in the target region, per cell that is either",
+    "training_wrong_pings": "wrong PINGs of the whole training",
+    "diverged_at": "first evaluation step at which the policy was no longer finite; inf if it always was",
+}
+
+
 # The answer in a sentence: what is said of scenarios by their outcome, in this order
 _OUTCOMES: Final[Mapping[str, str]] = {
     "earns": "deep RL earns its keep",

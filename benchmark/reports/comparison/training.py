@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from benchmark.analysis.frames import RecordsOf, by_step, learned
 from benchmark.analysis.intervals import proportion, student
 from benchmark.drawing import film
 from benchmark.experiments import Experiment, Population
+from benchmark.reports import explorer
 from benchmark.reports.comparison import figures
 from benchmark.reports.comparison.cells import (
     CELL,
@@ -28,7 +28,7 @@ from benchmark.reports.comparison.declared import (
     reporting_of,
 )
 from benchmark.reports.comparison.verdicts import Row
-from benchmark.reports.explorer import FILE, Shown, compressed, packed, typical_agent
+from benchmark.reports.explorer import explorer_item, typical_agent
 from benchmark.reports.item import Frames, drawing, expanded, item, no_rows, writing
 
 ENOUGH: Final = 0.9  # a success by which a scenario counts as learned
@@ -126,9 +126,9 @@ def wrong_pings(tables: Frames, experiment: Experiment) -> Figure | None:
 def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
     """Computes when runs, and the mean over runs, have learned."""
     for names, _, rows in populations(curves, experiment):
-        success, when = by_step(rows, "success"), np.array([*rows["step"].unique(), np.inf])
-        mean, indices = success.mean(axis=0), _learned(rows)
-        first = int(learned(mean[None], when[:-1].tolist(), ENOUGH)[0])
+        success, evaluations = by_step(rows, "success"), rows["step"].unique().tolist()
+        mean, indices = success.mean(axis=0), learned(success, evaluations, ENOUGH)
+        first, when = int(learned(mean[None], evaluations, ENOUGH)[0]), np.array([*evaluations, np.inf])
         yield {
             **names,
             "n": len(success),
@@ -139,11 +139,6 @@ def steps(curves: pd.DataFrame, experiment: Experiment) -> Iterator[Row]:
             "below_at": float(when[first - 1]) if first > 0 else np.nan,
             "final_success": float(mean[-1]),
         }
-
-
-def _learned(curves: pd.DataFrame) -> NDArray[np.int_]:
-    """Returns the index of the evaluation from which each run has learned, (N,); T if it never has."""
-    return learned(by_step(curves, "success"), curves["step"].unique().tolist(), ENOUGH)
 
 
 @item(
@@ -216,16 +211,10 @@ def _film(population: Population, records: RecordsOf) -> film.Film:
     return film.film_of(title, own, agent)
 
 
-@writing(
-    "agents", "what the explorer on the page shows: values, policies and scenarios, as compressed JSON", FILE
-)
+@explorer_item
 def agents(runs: pd.DataFrame, experiment: Experiment, records: RecordsOf, path: Path) -> None:
     """Writes what all learners know, but for reference implementations."""
-    shown = [
-        Shown(population.learner.variant, population.learner.observation, records(population))
-        for population in _drawn(runs, experiment)
-    ]
-    path.write_bytes(compressed(packed(shown)))
+    explorer.write([records(population) for population in _drawn(runs, experiment)], path)
 
 
 def _drawn(runs: pd.DataFrame, experiment: Experiment) -> list[Population]:

@@ -3,12 +3,21 @@
 from pathlib import Path
 from typing import Final
 
-from benchmark.reports.explorer import Shown, explorer_item
+from benchmark.analysis.frames import RecordsOf
+from benchmark.experiments import Experiment
+from benchmark.reports import explorer
 from benchmark.reports.item import Report
 from benchmark.reports.replication import learned, verdicts
 from benchmark.reports.replication.agents import check, few_agents
 
 __all__ = ["REPORT"]
+
+
+@explorer.explorer_item
+def agents(experiment: Experiment, records: RecordsOf, path: Path) -> None:
+    """Writes what some of the agents know."""
+    explorer.write([*few_agents(experiment, records).values()], path)
+
 
 REPORT: Final = Report(
     name="replication",
@@ -23,12 +32,7 @@ REPORT: Final = Report(
         learned.learning,
         learned.optimal,
         learned.q_values,
-        explorer_item(
-            lambda experiment, records: [
-                Shown(agents.run.variant, agents.run.observation, agents)
-                for agents in few_agents(experiment, records).values()
-            ]
-        ),
+        agents,
     ),
     document=Path(__file__).parent / "document.md.jinja",
     headline=verdicts.headline,
