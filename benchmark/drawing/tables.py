@@ -6,7 +6,7 @@ structure, is escaped here.
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterable
 from pathlib import Path
 from typing import IO, Final
 
@@ -177,19 +177,22 @@ def _clean(value: float) -> float:
 def link(text: str, table: str, *rows: pd.Series | pd.DataFrame) -> str:
     """Returns a Markdown link from a text to rows of a table, numbered as in RFC 7111: 1 is the header.
 
-    The rows, one or more, have the index of the frame from which the CSV file was written.
+    The rows have the index of the frame from which the CSV file was written; without any there is no link.
 
     >>> frame = pd.DataFrame({"score": [0.5, 0.6, 0.7, 0.8]})
     >>> link("0.6", "summary", frame.iloc[1]), link("high", "summary", frame.iloc[[0, 2, 3]])
     ('[0.6](summary.csv#row=3)', '[high](summary.csv#row=2;4-5)')
     """
-    indices = (
-        index for row in rows for index in (row.index if isinstance(row, pd.DataFrame) else [row.name])
-    )
-    numbers = np.unique([int(str(index)) + 2 for index in indices])
+    numbers = np.unique([int(str(i)) + 2 for row in rows for i in _indices(row)])
+    if not numbers.size:
+        return text
     ranges = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     ends = (f"{lines[0]}-{lines[-1]}" if len(lines) > 1 else f"{lines[0]}" for lines in ranges)
     return f"[{text}]({table}.csv#row={';'.join(ends)})"
+
+
+def _indices(rows: pd.Series | pd.DataFrame) -> Iterable[Hashable]:
+    return rows.index if isinstance(rows, pd.DataFrame) else [rows.name]
 
 
 def plain(text: str) -> str:

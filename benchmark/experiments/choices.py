@@ -110,10 +110,10 @@ def essence_of(scenario: Scenario) -> str:
     for view in (cells, cells[::-1], cells[:, ::-1], cells[::-1, ::-1]):
         shown = view.ravel()  # the cell at each index
         index = shown.argsort()
-        positions = [
-            [zone[:, shown].tolist(), sorted([int(t), int(index[c])] for i, t, c in scenario.starts if i == j)]
-            for j, zone in enumerate(scenario.zone)
-        ]
+        positions = []
+        for j, zone in enumerate(scenario.zone):
+            starts = sorted([int(t), int(index[c])] for i, t, c in scenario.starts if i == j)
+            positions.append([zone[:, shown].tolist(), starts])
         rooms.append(json.dumps([scenario.grid.is_wall[shown].tolist(), sorted(positions)]))
     apart = {"name", "description", "grid", "issuer", "regions", "others", "phases"}
     rest = scenario.model_dump(mode="json", exclude=apart)

@@ -286,11 +286,11 @@ def publish(folder: Path, scores: str, **changes: Any) -> None:
         "partial": "",
         "scenarios": {"S1": load_scenario("S1").model_dump(mode="json")},
         "algorithms": {
-            variant: {"reference_for": of, "family": family, "title": title}
-            for variant, of, family, title in (
-                ("table", "", "tabular", "Q-learning table"),
-                ("net", "", "deep", ""),
-                ("same", "net", "deep", ""),
+            variant: {"reference_for": of, "family": family, "title": title, "settings": dict.fromkeys(forms)}
+            for variant, of, family, title, *forms in (
+                ("table", "", "tabular", "Q-learning table", "index"),
+                ("net", "", "deep", "", "one_hot", "coordinates"),
+                ("same", "net", "deep", "", "one_hot"),
             )
         },
     }
