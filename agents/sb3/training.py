@@ -6,7 +6,6 @@ evaluation step one batched forward pass turns the net into a table over all obs
 """
 
 import hashlib
-import os
 import time
 import warnings
 from collections.abc import Iterator
@@ -14,7 +13,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding
 import numpy as np
 import torch
 from numpy.random import SeedSequence
@@ -32,12 +30,6 @@ from agents.sb3.vec_env import SB3VecEnv
 from envs import InputError, Model, ProxemicVectorEnv
 from envs.model import ACTIONS
 from envs.observations import observation_table
-
-# With AVX-512, sums of MKL have another order for another number of rows, and torch takes another code. Both
-# look at these when they are first used.
-if llvmlite.binding.get_host_cpu_features().get("avx2"):
-    os.environ.setdefault("MKL_CBWR", "AVX2")
-    os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")
 
 
 class _DivergedError(Exception):
