@@ -3,8 +3,8 @@
 import os
 from contextlib import suppress
 
-# With AVX-512, sums of MKL have another order for another number of rows, and torch takes another code. Both look
-# at these when they are first used, in training or before: so they are set when `agents` is imported.
+# With AVX-512, sums of MKL have another order for another number of rows, and torch takes another code. Both
+# look at these when they are first used, in training or before: so they are set when `agents` is imported.
 with suppress(ModuleNotFoundError):  # without numba, nothing is trained
     import llvmlite.binding
 
